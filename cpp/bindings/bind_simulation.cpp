@@ -1,0 +1,136 @@
+#include <atomic>
+
+#include "bindings/bindings.hpp"
+#include "simulation/simulation.hpp"
+
+namespace clothsim {
+namespace {
+
+// A Simulation that refuses a second caller while one is inside: the lock of the interpreter is not held
+// while the core works.
+class SharedSimulation {
+public:
+    SharedSimulation(const std::vector<Plan>& plans, double time) : simulation_(plans, time) {}
+
+    class Use {
+    public:
+        explicit Use(SharedSimulation& shared) : shared_(shared) {
+            if (shared_.busy_.exchange(true))
+                throw std::runtime_error("this state is being advanced by another thread; give each thread a Stepper of its own");
+        }
+        ~Use() { shared_.busy_ = false; }
+        Simulation* operator->() { return &shared_.simulation_; }
+
+    private:
+        SharedSimulation& shared_;
+    };
+    Use use() { return Use(*this); }
+
+private:
+    Simulation simulation_;
+    std::atomic<bool> busy_{false};
+};
+
+bool signal_pending() {
+    py::gil_scoped_acquire gil;
+    return PyErr_CheckSignals() != 0;
+}
+
+template <class T>
+void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
+    auto simulation = shared.use();
+    const std::size_t size = std::size_t(x.size()) / simulation->size();
+    for (std::size_t i = 0; i < simulation->size(); ++i)
+        simulation->member(i).load(x.data() + i * size, v.data() + i * size);
+}
+
+template <class T>
+void store(SharedSimulation& shared, Array<T>& x, Array<T>& v) {
+    auto simulation = shared.use();
+    const std::size_t size = std::size_t(x.size()) / simulation->size();
+    T* const px = x.mutable_data();
+    T* const pv = v.mutable_data();
+    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(px + i * size, pv + i * size);
+}
+
+py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
+    auto simulation = shared.use();
+    Outcome outcome;
+    {
+        py::gil_scoped_release release;
+        outcome = simulation->advance(steps, dt, threads, signal_pending);
+    }
+    if (outcome.interrupted) throw py::error_already_set();
+    py::dict result;
+    result["steps"] = outcome.steps;
+    if (outcome.unstable) {
+        result["member"] = outcome.unstable->member;
+        result["point"] = outcome.unstable->point;
+        result["step"] = outcome.unstable->step;
+        result["time"] = outcome.unstable->time;
+    }
+    return result;
+}
+
+void accelerations(SharedSimulation& shared, Array<double>& a, int threads) {
+    auto simulation = shared.use();
+    const std::size_t size = std::size_t(a.size()) / simulation->size();
+    double* const out = a.mutable_data();
+    py::gil_scoped_release release;
+    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).accelerations(out + i * size, threads);
+}
+
+py::tuple snapshot(SharedSimulation& shared) {
+    auto simulation = shared.use();
+    py::list members;
+    for (std::size_t i = 0; i < simulation->size(); ++i) {
+        const std::vector<double> raw = simulation->member(i).raw_state();
+        members.append(py::make_tuple(py::array_t<double>(py::ssize_t(raw.size()), raw.data()),
+                                      simulation->member(i).contact_energy));
+    }
+    const Clock& clock = simulation->clock;
+    return py::make_tuple(clock.origin, clock.steps, clock.dt, members);
+}
+
+void restore(SharedSimulation& shared, double origin, std::int64_t steps, double dt,
+             const std::vector<std::pair<std::vector<double>, double>>& members) {
+    auto simulation = shared.use();
+    if (members.size() != simulation->size()) throw std::invalid_argument("snapshot is of another batch");
+    for (std::size_t i = 0; i < members.size(); ++i)
+        if (members[i].first.size() != simulation->member(i).raw_state().size())
+            throw std::invalid_argument("snapshot is of another shape or precision");
+    simulation->clock = {origin, steps, dt};
+    for (std::size_t i = 0; i < members.size(); ++i) {
+        simulation->member(i).set_raw_state(members[i].first);
+        simulation->member(i).contact_energy = members[i].second;
+    }
+}
+
+}  // namespace
+
+void bind_simulation(py::module_& m) {
+    using S = SharedSimulation;
+    py::class_<S>(m, "Simulation")
+        .def(py::init<const std::vector<Plan>&, double>())
+        .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
+        .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
+        .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())
+        .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
+        .def("advance", &advance)
+        .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("snapshot", &snapshot)
+        .def("restore", &restore)
+        .def("set_track_contact_energy", [](S& s, bool on) {
+            auto simulation = s.use();
+            for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).track_contact_energy = on;
+        })
+        .def_property_readonly("contact_energy", [](S& s) {
+            auto simulation = s.use();
+            std::vector<double> energy;
+            for (std::size_t i = 0; i < simulation->size(); ++i) energy.push_back(simulation->member(i).contact_energy);
+            return energy;
+        })
+        .def_property_readonly("time", [](S& s) { return s.use()->clock.now(); });
+}
+
+}  // namespace clothsim

@@ -1,0 +1,22 @@
+// Python meets the core here and nowhere else.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+namespace py = pybind11;
+
+namespace clothsim {
+
+// Arrays arrive checked by the Python layer: C order, aligned, the very dtype.
+template <class T>
+using Array = py::array_t<T, py::array::c_style>;
+
+void bind_build(py::module_& m);
+void bind_model(py::module_& m);
+void bind_simulation(py::module_& m);
+void bind_diagnostics(py::module_& m);
+void bind_reference(py::module_& m);
+
+}  // namespace clothsim

@@ -1,0 +1,61 @@
+// What one RK4 stage of the gather kernel reads and writes. Plain data: this header is shared by the
+// portable files and the per-instruction-set files, so it holds no code.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "model/cloth.hpp"
+
+namespace clothsim {
+
+// Classic RK4 on (x, v) together, in Nystroem form: with a1..a4 the accelerations at the stages,
+//   x2 = x + h/2 v           v2 = v + h/2 a1
+//   x3 = x + h/2 v2          v3 = v + h/2 a2
+//   x4 = x + h v3            v4 = v + h a3
+//   x' = x + h v + h^2/6 (a1 + a2 + a3)
+//   v' = v + h/6 (a1 + 2 (a2 + a3) + a4)
+// which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
+enum class Stage : int { first, second, third, fourth, evaluate };
+
+// One value per column (padded like a row), so that a neighbour that does not exist has coefficient 0
+// and costs no test. Scaled by 1/mass where the mass is uniform.
+template <class Real>
+struct SpringCoefficients {
+    const Real* stiffness;
+    const Real* rest_length;
+    const Real* damping;
+};
+
+template <class Real>
+struct GatherArguments {
+    std::ptrdiff_t stride;  // elements from row to row
+    std::ptrdiff_t plane;   // elements from component to component
+    int rows, columns;
+    Stage stage;
+    SpringCoefficients<Real> spring[neighbour_count];
+    Real gravity[3];
+    Real half_h, h, h2_6, h_6;
+    Real point_damping;           // divided by mass where it is uniform; 0: none
+    const Real* inverse_mass;     // null: uniform
+    const Real* free;             // one plane, 0 for pinned and padding points, else 1
+    const std::uint8_t* row_has_fixed;
+    // Six planes each (x, y, z, vx, vy, vz).
+    const Real* source;     // state at which this stage looks
+    Real* state;            // x_n, v_n; stage four writes the new state here
+    Real* target;           // state for the next stage
+    Real* compensation;     // what rounding took from x and v; null: not compensated
+    // Three planes each.
+    Real* first_acceleration;
+    Real* acceleration_sum;  // a2 + a3
+};
+
+template <class Real>
+struct SphereTest {
+    std::ptrdiff_t stride, plane;
+    const Real* position;
+    Real center[3];
+    Real radius_squared;
+};
+
+}  // namespace clothsim

@@ -1,0 +1,202 @@
+// The gather kernel: one lane is one thread of the compute shader, one thread one mass point.
+//
+// A lane looks at its neighbours in the order of `neighbours` (model/cloth.hpp), sums the spring forces
+// on its own point and finishes its own point's Runge-Kutta stage. Nothing is written for anybody else, so
+// any number of threads gives the same bits.
+//
+//   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
+//   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
+//
+// Rows are padded: where a row has no neighbour the coefficients are 0 and the padding holds a far, finite
+// point, so that no lane branches. A whole row that lacks its upper or lower neighbour skips it.
+#pragma once
+
+#include <limits>
+
+#include "kernels/kernel_table.hpp"
+#include "kernels/lanes.hpp"
+
+namespace clothsim {
+namespace {
+
+constexpr bool wants(Features features, Family family) {
+    return family == structural ? features.structural : family == shear ? features.shear : features.bend;
+}
+
+template <class V>
+struct Vector3 {
+    V x, y, z;
+};
+
+template <class V, class Real>
+CLOTHSIM_INLINE Vector3<V> load3(const Real* p, std::ptrdiff_t plane) {
+    return {V::load_unaligned(p), V::load_unaligned(p + plane), V::load_unaligned(p + 2 * plane)};
+}
+
+template <Arithmetic A, class V>
+CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
+    return multiply_add<A>(a.z, b.z, multiply_add<A>(a.y, b.y, a.x * b.x));
+}
+
+template <Arithmetic A, bool damped, class V, class Real>
+CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* other,
+                                std::ptrdiff_t plane, const SpringCoefficients<Real>& spring,
+                                std::ptrdiff_t column) {
+    const Vector3<V> xj = load3<V>(other, plane);
+    const Vector3<V> d{xj.x - x.x, xj.y - x.y, xj.z - x.z};
+    // Coincident points: a spring without direction gives no force instead of a NaN.
+    const V l2 = xsimd::max(dot<A>(d, d), V(std::numeric_limits<Real>::min()));
+    const V stiffness = V::load_unaligned(spring.stiffness + column);
+    const V rest_length = V::load_unaligned(spring.rest_length + column);
+    V r, scale;
+    if constexpr (A == Arithmetic::strict) {
+        const V l = xsimd::sqrt(l2);
+        r = V(Real(1)) / l;
+        scale = stiffness * (l - rest_length);
+    } else {
+        r = reciprocal_root(l2);
+        scale = stiffness * xsimd::fms(l2, r, rest_length);
+    }
+    if constexpr (damped) {
+        const Vector3<V> vj = load3<V>(other + 3 * plane, plane);
+        const Vector3<V> w{vj.x - v.x, vj.y - v.y, vj.z - v.z};
+        const V damping = V::load_unaligned(spring.damping + column);
+        scale = multiply_add<A>(damping * dot<A>(w, d), r, scale);
+    }
+    scale = scale * r;
+    force.x = multiply_add<A>(scale, d.x, force.x);
+    force.y = multiply_add<A>(scale, d.y, force.y);
+    force.z = multiply_add<A>(scale, d.z, force.z);
+}
+
+template <Arithmetic A, int index, class V, class Real>
+CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* point,
+                                 const GatherArguments<Real>& g, int row, int column) {
+    constexpr Features features = Features::from_index(index);
+#pragma GCC unroll 12
+    for (int n = 0; n < neighbour_count; ++n) {
+        const Neighbour neighbour = neighbours[n];
+        if (!wants(features, neighbour.family)) continue;
+        if (row + neighbour.row < 0 || row + neighbour.row >= g.rows) continue;
+        add_spring<A, features.spring_damping>(force, x, v, point + neighbour.row * g.stride + neighbour.column,
+                                               g.plane, g.spring[n], column);
+    }
+}
+
+// x' and v' of stage four: the increment is summed first, then added once, with what rounding takes
+// kept for the next step (Kahan 1965; Higham, Accuracy and Stability, 4.3) where compensation is on.
+template <class V, class Real>
+CLOTHSIM_INLINE void add_increment(Real* state, Real* compensation, V increment) {
+    const V old = V::load_unaligned(state);
+    if (compensation) {
+        increment = increment + V::load_unaligned(compensation);
+        const V next = old + increment;
+        (increment - (next - old)).store_unaligned(compensation);
+        next.store_unaligned(state);
+    } else {
+        (old + increment).store_unaligned(state);
+    }
+}
+
+template <Arithmetic A, class V, class Real>
+CLOTHSIM_INLINE void finish_component(const GatherArguments<Real>& g, std::ptrdiff_t at, V v_here, V a) {
+    Real* const x = g.state + at;
+    Real* const v = x + 3 * g.plane;
+    Real* const a1 = g.first_acceleration + at;
+    Real* const sum = g.acceleration_sum + at;
+    const auto advance = [&](V step) {
+        multiply_add<A>(step, v_here, V::load_unaligned(x)).store_unaligned(g.target + at);
+        multiply_add<A>(step, a, V::load_unaligned(v)).store_unaligned(g.target + at + 3 * g.plane);
+    };
+    switch (g.stage) {
+        case Stage::evaluate:
+            a.store_unaligned(a1);
+            break;
+        case Stage::first:
+            advance(V(g.half_h));
+            a.store_unaligned(a1);
+            break;
+        case Stage::second:
+            advance(V(g.half_h));
+            a.store_unaligned(sum);
+            break;
+        case Stage::third:
+            advance(V(g.h));
+            (V::load_unaligned(sum) + a).store_unaligned(sum);
+            break;
+        case Stage::fourth: {
+            const V first = V::load_unaligned(a1);
+            const V middle = V::load_unaligned(sum);
+            const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
+            const V dv = V(g.h_6) * ((first + a) + (middle + middle));
+            Real* const c = g.compensation ? g.compensation + at : nullptr;
+            add_increment(x, c, dx);
+            add_increment(v, c ? c + 3 * g.plane : nullptr, dv);
+            break;
+        }
+    }
+}
+
+template <class Arch, class Real, Arithmetic A, int index>
+void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
+    using V = Lanes<Real, Arch>;
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
+            const std::ptrdiff_t at = row * g.stride + column;
+            const Real* const point = g.source + at;
+            const Vector3<V> x = load3<V>(point, g.plane);
+            const Vector3<V> v = load3<V>(point + 3 * g.plane, g.plane);
+            Vector3<V> a{V(Real(0)), V(Real(0)), V(Real(0))};
+            add_springs<A, index>(a, x, v, point, g, row, column);
+            if (g.point_damping != 0) {
+                const V c(g.point_damping);
+                a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
+            }
+            if (g.inverse_mass) {
+                const V w = V::load_unaligned(g.inverse_mass + at);
+                a = {a.x * w, a.y * w, a.z * w};
+            }
+            a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
+            if (g.row_has_fixed[row]) {
+                const V zero(Real(0));
+                const auto moves = V::load_unaligned(g.free + at) != zero;
+                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero),
+                     xsimd::select(moves, a.z, zero)};
+            }
+            finish_component<A>(g, at, v.x, a.x);
+            finish_component<A>(g, at + g.plane, v.y, a.y);
+            finish_component<A>(g, at + 2 * g.plane, v.z, a.z);
+        }
+    }
+}
+
+// Section 5.1 of Kim et al. a vector at a time; the rare point inside is answered in double by the caller.
+template <class Arch, class Real>
+void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit, void* context) {
+    using V = Lanes<Real, Arch>;
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
+            const Vector3<V> x = load3<V>(test.position + row * test.stride + column, test.plane);
+            const Vector3<V> m{x.x - V(test.center[0]), x.y - V(test.center[1]), x.z - V(test.center[2])};
+            const auto inside = dot<Arithmetic::strict>(m, m) < V(test.radius_squared);
+            if (__builtin_expect(xsimd::none(inside), 1)) continue;
+            for (std::uint64_t mask = inside.mask(); mask != 0; mask &= mask - 1)
+                hit(context, row, column + __builtin_ctzll(mask));
+        }
+    }
+}
+
+template <class Arch, class Real, Arithmetic A, int... index>
+constexpr std::array<GatherKernel<Real>, Features::count> gather_table(std::integer_sequence<int, index...>) {
+    return {&gather_tile<Arch, Real, A, index>...};
+}
+
+template <class Arch, class Real>
+constexpr RealKernels<Real> real_kernels() {
+    constexpr auto all = std::make_integer_sequence<int, Features::count>{};
+    return {gather_table<Arch, Real, Arithmetic::fused>(all), gather_table<Arch, Real, Arithmetic::strict>(all),
+            &sphere_tile<Arch, Real>, int(Lanes<Real, Arch>::size)};
+}
+
+}  // namespace
+}  // namespace clothsim

@@ -1,0 +1,51 @@
+// The kernels of one instruction set: tables of function pointers, filled in one small file each.
+#pragma once
+
+#include <array>
+#include <string_view>
+
+#include "kernels/gather_arguments.hpp"
+
+namespace clothsim {
+
+// What a scene needs from the force loop. Everything absent is compiled out.
+struct Features {
+    bool structural, shear, bend, spring_damping;
+    constexpr int index() const { return structural | shear << 1 | bend << 2 | spring_damping << 3; }
+    static constexpr Features from_index(int i) {
+        return {bool(i & 1), bool(i & 2), bool(i & 4), bool(i & 8)};
+    }
+    static constexpr int count = 16;
+};
+
+template <class Real>
+using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
+
+// Calls `hit(context, row, column)` for every point of the tile closer than the radius.
+using HitCallback = void (*)(void* context, int row, int column);
+template <class Real>
+using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
+
+template <class Real>
+struct RealKernels {
+    std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
+    std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
+    SphereKernel<Real> sphere;
+    int lanes;
+};
+
+struct KernelTable {
+    std::string_view name;   // "sse2", "avx2", "avx512"
+    std::string_view flags;  // compiler flags of its file
+    bool (*supported)();
+    RealKernels<float> single;
+    RealKernels<double> double_;
+
+    template <class Real>
+    const RealKernels<Real>& of() const {
+        if constexpr (sizeof(Real) == 4) return single;
+        else return double_;
+    }
+};
+
+}  // namespace clothsim

@@ -1,0 +1,18 @@
+#include "kernels/gather_impl.hpp"
+
+namespace clothsim {
+namespace {
+using Arch = xsimd::avx512bw;
+
+bool supported() {
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+}
+}  // namespace
+
+extern const KernelTable kernels_avx512;
+const KernelTable kernels_avx512{"avx512", CLOTHSIM_ISA_FLAGS, &supported, real_kernels<Arch, float>(),
+                               real_kernels<Arch, double>()};
+
+}  // namespace clothsim

@@ -1,0 +1,17 @@
+#include "kernels/gather_impl.hpp"
+
+namespace clothsim {
+namespace {
+using Arch = xsimd::sse2;
+
+bool supported() {
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("sse2") != 0;
+}
+}  // namespace
+
+extern const KernelTable kernels_sse2;
+const KernelTable kernels_sse2{"sse2", CLOTHSIM_ISA_FLAGS, &supported, real_kernels<Arch, float>(),
+                               real_kernels<Arch, double>()};
+
+}  // namespace clothsim

@@ -1,0 +1,31 @@
+// Measures of a state: energies and penetration depth. Always in double, from plain arrays.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "model/cloth.hpp"
+#include "model/sphere.hpp"
+
+namespace clothsim {
+
+using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+using PointsView = Eigen::Map<const Points>;
+
+struct Energy {
+    double kinetic, elastic, gravity;  // J
+};
+Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
+
+// Deepest depth below the sphere's true radius [m], never negative.
+struct Penetration {
+    double points, triangles;
+};
+Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius);
+
+// The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column).
+Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns);
+
+// The point of triangle (a, b, c) that is closest to p.
+Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
+
+}  // namespace clothsim

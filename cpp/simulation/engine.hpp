@@ -1,0 +1,61 @@
+// One cloth's state inside the core, and the loop that advances it.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "simulation/plan.hpp"
+
+namespace clothsim {
+
+// Time of step k counted from an origin, so that rounding does not pile up over many steps.
+struct Clock {
+    double origin = 0;
+    std::int64_t steps = 0;
+    double dt = 0;
+
+    double at(std::int64_t further) const { return origin + static_cast<double>(steps + further) * dt; }
+    double now() const { return at(0); }
+    void set_step(double new_dt) {
+        if (new_dt == dt) return;
+        origin = now();
+        steps = 0;
+        dt = new_dt;
+    }
+};
+
+class Engine {
+public:
+    virtual ~Engine() = default;
+
+    // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0.
+    virtual void load(const float* x, const float* v) = 0;
+    virtual void load(const double* x, const double* v) = 0;
+    virtual void store(float* x, float* v) const = 0;
+    virtual void store(double* x, double* v) const = 0;
+
+    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k).
+    virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
+    virtual void accelerations(double* a, int threads) = 0;
+
+    // Index of the first mass point whose state is not finite, or -1.
+    virtual std::int64_t first_non_finite() const = 0;
+
+    // The whole state including what compensation holds; restoring it continues bit for bit.
+    virtual std::vector<double> raw_state() const = 0;
+    virtual void set_raw_state(const std::vector<double>& raw) = 0;
+
+    // The same for the core's own use, without copies through double.
+    virtual void save_checkpoint() = 0;
+    virtual void restore_checkpoint() = 0;
+
+    // Energy that the collision passes have added so far [J]; counted only when asked for, because the
+    // pass is then done by one thread.
+    bool track_contact_energy = false;
+    double contact_energy = 0;
+};
+
+std::unique_ptr<Engine> make_engine(const Plan& plan);
+
+}  // namespace clothsim

@@ -1,0 +1,27 @@
+// A scene compiled for the core: what has to be computed, in which precision, by which kernels.
+#pragma once
+
+#include <vector>
+
+#include "kernels/dispatch.hpp"
+#include "model/cloth.hpp"
+#include "model/sphere.hpp"
+
+namespace clothsim {
+
+enum class Precision { single, double_ };
+
+struct Plan {
+    Cloth cloth;
+    Vec3 gravity = Vec3::Zero();
+    std::vector<Sphere> spheres;
+    Precision precision = Precision::double_;
+    bool strict = false;
+    const KernelTable* kernels = nullptr;
+
+    Features features() const {
+        return {cloth.present[structural], cloth.present[shear], cloth.present[bend], cloth.has_spring_damping()};
+    }
+};
+
+}  // namespace clothsim

@@ -1,0 +1,93 @@
+#include "simulation/simulation.hpp"
+
+#include <algorithm>
+#include <chrono>
+
+namespace clothsim {
+namespace {
+
+using std::chrono::steady_clock;
+
+// Steps between two looks at the clock and at the state: the state of an unstable run is caught within
+// this many steps of its first non-finite value, then the exact step is found by going back.
+constexpr std::int64_t most_steps_unchecked = 64;
+constexpr double seconds_between_polls = 0.01;
+
+double seconds_since(steady_clock::time_point start) {
+    return std::chrono::duration<double>(steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+Simulation::Simulation(const std::vector<Plan>& plans, double time) {
+    members_.reserve(plans.size());
+    for (const Plan& plan : plans) members_.push_back(make_engine(plan));
+    clock.origin = time;
+}
+
+void Simulation::advance_members(std::int64_t steps, int threads) {
+    const std::int64_t count = std::int64_t(members_.size());
+    if (count == 1) {
+        members_[0]->advance(steps, clock, threads);
+        return;
+    }
+    const int team = int(std::min<std::int64_t>(threads, count));
+#pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
+    for (std::int64_t i = 0; i < count; ++i) members_[std::size_t(i)]->advance(steps, clock, 1);
+}
+
+std::int64_t Simulation::first_bad_member() const {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (members_[i]->first_non_finite() >= 0) return std::int64_t(i);
+    return -1;
+}
+
+Outcome::Unstable Simulation::rewind_to_last_finite(std::int64_t steps, int threads) {
+    for (auto& member : members_) member->restore_checkpoint();
+    for (std::int64_t k = 0; k < steps; ++k) {
+        for (auto& member : members_) member->save_checkpoint();
+        advance_members(1, threads);
+        const std::int64_t bad = first_bad_member();
+        if (bad >= 0) {
+            const std::int64_t point = members_[std::size_t(bad)]->first_non_finite();
+            for (auto& member : members_) member->restore_checkpoint();
+            return {bad, point, k + 1, clock.at(1)};
+        }
+        clock.steps += 1;
+    }
+    return {0, 0, steps, clock.now()};  // not reached: the same steps give the same bits
+}
+
+Outcome Simulation::advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted) {
+    clock.set_step(dt);
+    Outcome outcome;
+    std::int64_t chunk = 1;
+    auto last_poll = steady_clock::now();
+    while (outcome.steps < steps) {
+        const std::int64_t n = std::min(chunk, steps - outcome.steps);
+        for (auto& member : members_) member->save_checkpoint();
+        const auto start = steady_clock::now();
+        advance_members(n, threads);
+        if (first_bad_member() >= 0) {
+            outcome.unstable = rewind_to_last_finite(n, threads);
+            outcome.unstable->step += outcome.steps;
+            outcome.steps = outcome.unstable->step - 1;
+            return outcome;
+        }
+        clock.steps += n;
+        outcome.steps += n;
+        const double per_step = seconds_since(start) / double(n);
+        chunk = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
+                           most_steps_unchecked);
+        if (seconds_since(last_poll) > seconds_between_polls) {
+            if (interrupted()) {
+                outcome.interrupted = true;
+                return outcome;
+            }
+            last_poll = steady_clock::now();
+        }
+    }
+    return outcome;
+}
+
+}  // namespace clothsim

@@ -1,0 +1,44 @@
+// One cloth, or a batch of cloths of one shape, advanced together.
+#pragma once
+
+#include <functional>
+#include <optional>
+
+#include "simulation/engine.hpp"
+
+namespace clothsim {
+
+// How a call of `advance` ended. The state is at a whole step in every case.
+struct Outcome {
+    std::int64_t steps = 0;  // done
+    bool interrupted = false;
+    struct Unstable {
+        std::int64_t member, point;
+        std::int64_t step;  // of this call, the first whose result is not finite
+        double time;
+    };
+    std::optional<Unstable> unstable;  // state: the last finite one, one step before
+};
+
+class Simulation {
+public:
+    explicit Simulation(const std::vector<Plan>& plans, double time);
+
+    std::size_t size() const { return members_.size(); }
+    Engine& member(std::size_t i) { return *members_[i]; }
+    const Engine& member(std::size_t i) const { return *members_[i]; }
+
+    Clock clock;
+
+    // `interrupted` is asked about every 10 ms, between steps.
+    Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
+
+private:
+    void advance_members(std::int64_t steps, int threads);
+    std::int64_t first_bad_member() const;
+    Outcome::Unstable rewind_to_last_finite(std::int64_t steps, int threads);
+
+    std::vector<std::unique_ptr<Engine>> members_;
+};
+
+}  // namespace clothsim

@@ -1,0 +1,136 @@
+"""What the model's value types have in common: equality, copies and plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from . import _validate as check
+
+Self = TypeVar("Self", bound="Record")
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return type(a) is type(b) and np.array_equal(a, b)
+    return bool(a == b)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Record):
+        return value.to_dict()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return value
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """`array` itself, made read-only."""
+    array.flags.writeable = False
+    return array
+
+
+class Record:
+    """Base of the frozen dataclasses of the model: equal by value, arrays included."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine, theirs = self._values(), other._values()
+        return all(_same(mine[name], theirs[name]) for name in mine)
+
+    # Arrays have no hash, so a type that is compared by them has none either.
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor, so that a copy's arrays are read-only again.
+        return partial(type(self), **self._open_values()), ()
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value!r}" for name, value in self._open_values().items())
+        return f"{type(self).__name__}({values})"
+
+    def _values(self) -> dict[str, Any]:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return {field.name: getattr(self, field.name) for field in fields}
+
+    def _open_values(self) -> dict[str, Any]:
+        """The arguments, with plain dicts in place of read-only views of them."""
+        return {
+            name: dict(value) if isinstance(value, MappingProxyType) else value
+            for name, value in self._values().items()
+        }
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self: Self, **changes: Any) -> Self:
+        """A copy with the named arguments changed; the original stays as it is.
+
+        Parameters
+        ----------
+        **changes
+            Any argument of the constructor, by its name.
+
+        Returns
+        -------
+        same type as the original
+
+        Raises
+        ------
+        TypeError
+            For a name that the constructor does not have.
+        """
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
+
+        Returns
+        -------
+        dict
+            One key per argument of the constructor; arguments that are None are left out, as
+            TOML has no None. ``from_dict`` makes an equal object of it.
+        """
+        return {name: _plain(value) for name, value in self._values().items() if value is not None}
+
+    @classmethod
+    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
+        """The object that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            Arguments of the constructor; what is missing takes its default.
+
+        Returns
+        -------
+        instance of this class
+
+        Raises
+        ------
+        ValueError
+            For an unknown key (the nearest known one is named), a missing one without default,
+            or a value that the constructor refuses.
+        TypeError
+            If `data` is no mapping.
+        """
+        return cls(**cls._arguments(data))
+
+    @classmethod
+    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+        """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
+        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+        known = [*more, *(f.name for f in fields)]
+        required = [*more, *(f.name for f in fields if f.default is dataclasses.MISSING)]
+        return check.keys(cls.__name__, data, known, required)

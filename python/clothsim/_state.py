@@ -1,0 +1,170 @@
+"""Arrays in, arrays out: the state of one cloth or a batch, and a core simulation around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from . import _validate as check
+from .errors import UnstableError
+from .plan import check_options, choose_threads, core_plan
+from .scene import Scene
+
+FloatArray = npt.NDArray[np.floating[Any]]
+
+
+def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
+    """`scene` as a list of scenes of one shape."""
+    if isinstance(scene, Scene):
+        return [scene]
+    accepted = "a Scene or a non-empty sequence of Scene of one shape"
+    if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
+        raise TypeError(f"scene must be {accepted}, got {scene!r} ({type(scene).__name__})")
+    for k, one in enumerate(scene):
+        if not isinstance(one, Scene):
+            raise TypeError(f"scene must be {accepted}, got {type(one).__name__} at index {k}")
+    shapes = {one.cloth.shape for one in scene}
+    if len(shapes) != 1:
+        raise ValueError(f"scene must be {accepted}, got the shapes {sorted(shapes)}")
+    return list(scene)
+
+
+def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
+    """`value` as a finite float32 or float64 array, C-contiguous, not copied where it is one.
+
+    Its shape is (rows, columns, 3), or (B, rows, columns, 3): B is the number of scenes if they
+    came as a sequence (`batched`), else free.
+    """
+    shape = (*scenes[0].cloth.shape, 3)
+    if batched:
+        shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)"
+    else:
+        shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
+    accepted = f"an array of shape {shapes} of finite numbers"
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
+    fits = given.shape[-3:] == shape and (
+        given.ndim == 4 and given.shape[0] == len(scenes) if batched else
+        given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
+    )
+    if not fits:
+        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
+    dtype = np.float32 if given.dtype == np.float32 else np.float64
+    result = np.require(given, dtype, ("C", "A"))
+    check.check_all(name, result, np.isfinite(result), accepted)
+    return result
+
+
+def state_arrays(
+    x: Any, v: Any, scenes: list[Scene], batched: bool
+) -> tuple[FloatArray, FloatArray]:
+    """`x` and `v` checked, of one shape and dtype (the wider of the two)."""
+    x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
+    if x.shape != v.shape:
+        raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
+    dtype = np.result_type(x, v)
+    return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
+
+
+def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`out` checked to be two arrays that can hold results like `x`; new ones where it is None."""
+    if out is None:
+        return np.empty_like(x), np.empty_like(x)
+    arrays = check.items("out", out, 2, "arrays (x, v)")
+    for name, array in zip(("out[0]", "out[1]"), arrays):
+        out_array(name, array, x)
+    if np.shares_memory(*arrays):
+        raise ValueError("out must be two arrays that share no memory")
+    return arrays[0], arrays[1]
+
+
+def out_array(name: str, array: Any, like: FloatArray) -> None:
+    """Check that `array` can be written to in place of a new array like `like`."""
+    accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
+    if not isinstance(array, np.ndarray):
+        raise TypeError(f"{name} must be {accepted}, got {array!r} ({type(array).__name__})")
+    flags = array.flags
+    if array.dtype != like.dtype or array.shape != like.shape:
+        raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
+    if not (flags.writeable and flags.c_contiguous and flags.aligned):
+        raise ValueError(f"{name} must be {accepted}, got one that is not")
+
+
+class State:
+    """A core simulation of checked arguments that turns its outcomes into results and errors."""
+
+    def __init__(
+        self,
+        scene: Scene | Sequence[Scene],
+        x: Any,
+        v: Any,
+        *,
+        t: float,
+        integrator: str,
+        precision: str,
+        threads: int | None,
+        kernel: str,
+        strict: bool,
+    ) -> None:
+        scenes = scenes_of(scene)
+        batched = not isinstance(scene, Scene)
+        check_options(precision, kernel, strict, integrator)
+        if x is None:
+            x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
+        if v is None:
+            v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
+            v = np.broadcast_to(v, np.shape(x))
+        x, v = state_arrays(x, v, scenes, batched)
+        self.batched = x.ndim == 4
+        members = len(x) if self.batched else 1
+        self.scenes = scenes * members if not batched else scenes
+        self.shape, self.dtype = x.shape, x.dtype
+        self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
+        plans = [core_plan(s, precision, strict) for s in scenes]
+        self.instruction_set = plans[0].instruction_set
+        self.core = _core.Simulation(
+            plans * members if not batched else plans, check.number("t", t)
+        )
+        self.core.load(x, v)
+
+    def advance(self, steps: Any, dt: Any) -> None:
+        """Advance all members; see `Stepper.advance`."""
+        steps = check.integer("steps", steps, minimum=0)
+        dt = check.number("dt", dt, minimum=0, exclusive=True)
+        outcome = self.core.advance(steps, dt, self.threads)
+        if "point" in outcome:
+            self._raise_unstable(outcome, dt)
+
+    def _raise_unstable(self, outcome: dict[str, Any], dt: float) -> None:
+        x, v = np.empty(self.shape), np.empty(self.shape)
+        self.core.store(x, v)
+        member = outcome["member"]
+        scene = self.scenes[member]
+        raise UnstableError(
+            step=outcome["step"],
+            time=outcome["time"],
+            point=divmod(outcome["point"], scene.cloth.columns),
+            dt=dt,
+            max_stable_dt=max_stable_dt_of(scene),
+            x=x[member] if self.batched else x,
+            v=v[member] if self.batched else v,
+            member=member if self.batched else None,
+        )
+
+    def store(self, x: FloatArray, v: FloatArray) -> None:
+        self.core.store(x, v)
+
+
+def max_stable_dt_of(scene: Scene) -> float:
+    """The guarantee that `max_stable_dt` gives."""
+    from .plan import core_cloth
+
+    return float(core_cloth(scene).rk4_stable_dt())

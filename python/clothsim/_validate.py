@@ -1,0 +1,187 @@
+"""Argument checks shared by all modules.
+
+Each returns the value in the one form the package works with, or raises an error that names the
+argument, what is accepted and what came: ``TypeError`` for what is no number, array or name at
+all, ``ValueError`` for the rest. A ``bool`` is no number; a NumPy scalar is.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import reprlib
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of shape {value.shape} and dtype {value.dtype}"
+    return f"{reprlib.repr(value)} ({type(value).__name__})"
+
+
+def _wrong(name: str, accepted: str, value: Any) -> str:
+    return f"{name} must be {accepted}, got {_shown(value)}"
+
+
+def _listed(options: Collection[str]) -> str:
+    return ", ".join(repr(option) for option in options) or "none"
+
+
+def _nearest(value: Any, options: Collection[str]) -> str:
+    close = difflib.get_close_matches(str(value), options, n=1, cutoff=0.5)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def _range(minimum: float | None, exclusive: bool, maximum: float | None) -> str:
+    low = "" if minimum is None else f" {'>' if exclusive else '>='} {minimum:g}"
+    high = "" if maximum is None else f" <= {maximum:g}"
+    return f"{low}{' and' if low and high else ''}{high}"
+
+
+def is_number(value: Any) -> bool:
+    """Whether `value` is one real number: no bool, no string, a 0-d array of numbers is one."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    minimum: float | None = None,
+    exclusive: bool = False,
+    maximum: float | None = None,
+) -> float:
+    """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
+    accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
+    if not is_number(value):
+        raise TypeError(_wrong(name, accepted, value))
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
+    too_low = minimum is not None and (result <= minimum if exclusive else result < minimum)
+    too_high = maximum is not None and result > maximum
+    if not math.isfinite(result) or too_low or too_high:
+        raise ValueError(_wrong(name, accepted, value))
+    return result
+
+
+def integer(
+    name: str, value: Any, *, minimum: int | None = None, maximum: int | None = None
+) -> int:
+    """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
+    low = "" if minimum is None else f" >= {minimum}"
+    high = "" if maximum is None else f" <= {maximum}"
+    accepted = f"an integer{low}{' and' if low and high else ''}{high}"
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool):
+        raise TypeError(_wrong(name, accepted, value))
+    result = int(value)
+    if (minimum is not None and result < minimum) or (maximum is not None and result > maximum):
+        raise ValueError(_wrong(name, accepted, value))
+    return result
+
+
+def boolean(name: str, value: Any) -> bool:
+    """`value` as a bool; 0 and 1 are none."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(_wrong(name, "True or False", value))
+    return bool(value)
+
+
+def size(name: str, value: Any, accepted: str = "a sequence of finite numbers") -> int:
+    """The number of entries of an ordered sequence or one-dimensional array."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
+        raise TypeError(_wrong(name, accepted, value))
+    if isinstance(value, np.ndarray) and value.ndim != 1:
+        raise ValueError(_wrong(name, accepted, value))
+    return len(value)
+
+
+def items(name: str, value: Any, count: int, what: str) -> list[Any]:
+    """The entries of an ordered sequence or one-dimensional array that has `count` of them."""
+    accepted = f"a sequence of {count} {what}"
+    if size(name, value, accepted) != count:
+        raise ValueError(_wrong(name, accepted, value))
+    return list(value)
+
+
+def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
+    """`value` as a tuple of `length` finite floats."""
+    entries = items(name, value, length, "finite numbers")
+    return tuple(number(f"{name}[{k}]", entry) for k, entry in enumerate(entries))
+
+
+def choice(name: str, value: Any, options: Collection[str]) -> str:
+    """`value` if it is one of the names in `options`."""
+    accepted = f"one of {_listed(options)}"
+    if not isinstance(value, str):
+        raise TypeError(_wrong(name, accepted, value))
+    if value not in options:
+        hint = _nearest(value, options)
+        raise ValueError(f"{name} must be {accepted}, got {value!r}{hint}")
+    return str(value)
+
+
+def keys(
+    name: str, value: Any, known: Collection[str], required: Collection[str] = ()
+) -> dict[str, Any]:
+    """A plain copy of the mapping `value`, whose keys are all `known` and none `required` lacks."""
+    if not isinstance(value, Mapping):
+        raise TypeError(_wrong(name, f"a mapping with the keys {_listed(known)}", value))
+    for key in value:
+        if key not in known:
+            raise ValueError(
+                f"{name} has the unknown key {key!r}{_nearest(key, known)}; "
+                f"accepted: {_listed(known)}"
+            )
+    missing = [key for key in required if key not in value]
+    if missing:
+        raise ValueError(
+            f"{name} lacks the key {_listed(missing)}; it has {_listed([*value])}, "
+            f"needed: {_listed(required)}"
+        )
+    return dict(value)
+
+
+def array(
+    name: str, value: Any, shape: tuple[int, ...], what: str = "finite numbers"
+) -> npt.NDArray[np.float64]:
+    """A C-contiguous float64 copy of `value`, which has exactly `shape` and is finite."""
+    accepted = f"an array of shape {shape} of {what}"
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+    if given.dtype.kind not in "iuf" and given.size:
+        raise TypeError(_wrong(name, accepted, value) + f" with entries of dtype {given.dtype}")
+    if given.shape != shape:
+        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
+    # Overflow on the way from a wider float gives inf, which the next check reports.
+    with np.errstate(over="ignore"):
+        result = np.array(given, dtype=np.float64, order="C")
+    check_all(name, result, np.isfinite(result), accepted)
+    return result
+
+
+def check_all(name: str, values: np.ndarray, good: np.ndarray, accepted: str) -> None:
+    """Raise a ValueError that names the first entry of `values` where `good` is False."""
+    if not good.all():
+        at = tuple(int(k) for k in np.argwhere(~good)[0])
+        raise ValueError(f"{name} must be {accepted}, got {float(values[at])!r} at index {at}")
+
+
+def points(name: str, value: Any, shape: tuple[int, int]) -> npt.NDArray[np.float64]:
+    """A C-contiguous float64 copy of one vector per mass point.
+
+    `shape` is the cloth's (rows, columns); `value` has shape (rows, columns, 3) and is finite.
+    """
+    return array(name, value, (*shape, 3))

@@ -1,0 +1,55 @@
+"""What several subcommands share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+
+def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
+    """A subparser that calls `function` with the parsed arguments; it takes --json."""
+    command: argparse.ArgumentParser = subparsers.add_parser(name, help=text, description=text)
+    command.set_defaults(run=function, command=name)
+    command.add_argument("--json", action="store_true", help="print JSON instead of text")
+    return command
+
+
+def count(text: str) -> int:
+    """An argument that is a whole number >= 1."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number >= 1, got {text!r}")
+    return value
+
+
+def as_json(data: Any) -> str:
+    """`data` as indented JSON; NumPy arrays and scalars become lists and numbers."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return dict(value)
+        if isinstance(value, (np.ndarray, np.generic)):
+            return value.tolist()
+        return str(value)
+
+    return json.dumps(data, indent=1, default=plain)
+
+
+def as_text(data: Mapping[str, Any], indent: str = "") -> str:
+    """One `name: value` line per entry, the values aligned; mappings inside are indented."""
+    width = max(map(len, data), default=0)
+    lines = []
+    for name, value in data.items():
+        if isinstance(value, Mapping):
+            lines += [f"{indent}{name}:", as_text(value, indent + "  ")]
+        else:
+            shown = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else value
+            lines.append(f"{indent}{name + ':':<{width + 1}} {shown}")
+    return "\n".join(lines)

@@ -1,0 +1,44 @@
+"""`clothsim reproduce`: run the experiments of Kim et al. and write the report folder."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from ._common import add_command, as_json, count
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(
+        subparsers, "reproduce", run, "Run the experiments of Kim et al. and write a report."
+    )
+    command.add_argument(
+        "--quick", action="store_true", help="fewer and coarser steps: below a minute on two cores"
+    )
+    command.add_argument(
+        "--out", default="report", metavar="DIR", help="folder of the report (default: report)"
+    )
+    command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
+    command.add_argument(
+        "--experiment",
+        type=int,
+        choices=(1, 2, 3, 4),
+        action="append",
+        help="only this one; may be given several times (default: all)",
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    from clothsim.reproduce import reproduce, text
+
+    report = reproduce(
+        args.out,
+        quick=args.quick,
+        experiments=args.experiment or (1, 2, 3, 4),
+        threads=args.threads,
+        progress=sys.stderr.isatty(),
+    )
+    print(as_json(report) if args.json else text(report))
+    if not args.json:
+        print(f"Report folder: {report['folder']} (open index.html)")

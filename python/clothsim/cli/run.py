@@ -1,0 +1,76 @@
+"""`clothsim run`: simulate a ready scene and print its report."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import sys
+from typing import Any
+
+import clothsim as cs
+
+from ._common import add_command, as_json, as_text, count
+
+
+def ready_scenes() -> dict[str, Any]:
+    """The functions of `clothsim.scenes` that return a scene, by name."""
+    return {
+        name: function
+        for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)
+        if not name.startswith("_") and function.__annotations__.get("return") == "Scene"
+    }
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(subparsers, "run", run, "Simulate a ready scene and print its report.")
+    command.add_argument("scene", choices=ready_scenes(), metavar="SCENE", help=_scene_help())
+    command.add_argument(
+        "--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)"
+    )
+    command.add_argument(
+        "--dt", type=float, metavar="S", help="time step in seconds (default: a stable, accurate one)"
+    )
+    command.add_argument(
+        "--every",
+        type=_every,
+        metavar="N|S",
+        help="store a frame every N steps (whole number) or S seconds (with a point or exponent); "
+        "default: first and last only",
+    )
+    command.add_argument(
+        "--precision", choices=("double", "single"), default="double", help="default: double"
+    )
+    command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
+    command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
+
+
+def _scene_help() -> str:
+    return "one of " + ", ".join(ready_scenes())
+
+
+def _every(text: str) -> int | float:
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be steps or seconds, got {text!r}") from None
+
+
+def run(args: argparse.Namespace) -> None:
+    scene = ready_scenes()[args.scene]()
+    result = cs.simulate(
+        scene,
+        args.duration,
+        dt=args.dt,
+        every=args.every,
+        precision=args.precision,
+        threads=args.threads,
+        progress=sys.stderr.isatty(),
+    )
+    if args.out:
+        result.save(args.out)
+    report = dict(result.report)
+    print(as_json(report) if args.json else as_text(report))

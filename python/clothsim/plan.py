@@ -1,0 +1,210 @@
+"""From a scene to what the core computes: kernels, threads, and an account of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from . import _core
+from . import _validate as check
+from .motion import Keyframes, Linear, Reciprocate
+
+if TYPE_CHECKING:
+    from .scene import Scene
+    from .sphere import Sphere
+
+PRECISIONS = ("double", "single")
+KERNELS = ("auto", "gather")
+INTEGRATORS = ("rk4",)
+
+# Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
+# the second thread saves.
+_POINTS_WORTH_A_THREAD = 256
+
+# Floating-point operations, a root and a division counted as one each.
+_FLOPS_SPRING = 19
+_FLOPS_SPRING_DAMPING = 11
+_FLOPS_POINT = 81
+_FLOPS_POINT_DAMPING = 24
+_FLOPS_POINT_MASS = 12
+_FLOPS_COMPENSATION = 18
+_FLOPS_SPHERE_TEST = 9
+_STAGES = 4
+
+
+def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> None:
+    """Raise the errors of arguments that every stepping function takes."""
+    check.choice("precision", precision, PRECISIONS)
+    check.choice("kernel", kernel, KERNELS)
+    check.choice("integrator", integrator, INTEGRATORS)
+    check.boolean("strict", strict)
+
+
+def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1) -> int:
+    """The number of threads used: `threads` checked, or a choice by size where it is None."""
+    if threads is not None:
+        return check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
+    rows, columns = shape
+    parts = members if members > 1 else max(1, rows * columns // _POINTS_WORTH_A_THREAD)
+    return max(1, min(_core.available_threads(), parts))
+
+
+def _core_motion(sphere: Sphere) -> _core.Motion:
+    motion = sphere.motion
+    if isinstance(motion, Linear):
+        return _core.Motion.linear(motion.velocity)
+    if isinstance(motion, Reciprocate):
+        return _core.Motion.reciprocate(
+            motion.unit_direction, motion.distance, motion.period, motion.deceleration, motion.phase
+        )
+    if isinstance(motion, Keyframes):
+        return _core.Motion.keyframes(motion.times.tolist(), list(motion.centers))
+    return _core.Motion()
+
+
+def core_cloth(scene: Scene) -> _core.Cloth:
+    """The cloth as the core takes it."""
+    cloth = scene.cloth
+    row_spacing, column_spacing = cloth.spacing
+    return _core.Cloth(
+        rows=cloth.rows,
+        columns=cloth.columns,
+        row_spacing=row_spacing,
+        column_spacing=column_spacing,
+        stiffness=cloth.family_stiffness,
+        spring_damping=cloth.family_damping,
+        point_damping=cloth.point_damping,
+        mass=cloth.mass_per_point,
+        uniform_mass=cloth.uniform_mass,
+        pinned=cloth.pinned,
+    )
+
+
+def core_plan(scene: Scene, precision: str = "double", strict: bool = False) -> _core.Plan:
+    """The scene as the core takes it, with the kernels of the chosen instruction set."""
+    return _core.Plan(
+        cloth=core_cloth(scene),
+        gravity=scene.gravity,
+        spheres=[
+            _core.Sphere(
+                center=sphere.center,
+                radius=sphere.radius,
+                contact_radius=sphere.contact_radius(scene.cloth),
+                response=sphere.response,
+                literal=sphere.literal,
+                restitution=sphere.restitution,
+                friction=sphere.friction,
+                motion=_core_motion(sphere),
+            )
+            for sphere in scene.spheres
+        ],
+        precision=precision,
+        strict=strict,
+        instruction_set="",
+    )
+
+
+class Explanation(Mapping[str, Any]):
+    """What a scene computes per step and what it leaves out: a mapping that prints as a text.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> account = cs.scenes.paper_swing().explain()
+    >>> account["springs"], account["left_out"]
+    (3906, ('bend springs', 'point damping', 'mass per point', 'spheres', 'compensation'))
+    """
+
+    def __init__(self, facts: dict[str, Any]) -> None:
+        self._facts = facts
+
+    def __getitem__(self, key: str) -> Any:
+        return self._facts[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._facts)
+
+    def __len__(self) -> int:
+        return len(self._facts)
+
+    def __str__(self) -> str:
+        width = max(map(len, self._facts))
+        lines = (f"{name.replace('_', ' '):<{width}}  {_text(v)}" for name, v in self.items())
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (tuple, list)):
+        return ", ".join(map(str, value)) or "nothing"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(v)}" for name, v in value.items()) or "nothing"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    return str(value)
+
+
+def explain(
+    scene: Scene,
+    precision: str = "double",
+    kernel: str = "auto",
+    threads: int | None = None,
+    strict: bool = False,
+) -> Explanation:
+    """See `Scene.explain`."""
+    check_options(precision, kernel, strict)
+    cloth = scene.cloth
+    plan = core_plan(scene, precision, strict)
+    points = cloth.rows * cloth.columns
+    spring_damping = any(cloth.family_damping.values())
+    compensated = precision == "single"
+
+    per_point = {
+        "state": _FLOPS_POINT,
+        "point damping": _FLOPS_POINT_DAMPING * (cloth.point_damping > 0),
+        "mass per point": _FLOPS_POINT_MASS * (not cloth.uniform_mass),
+        "compensation": _FLOPS_COMPENSATION * compensated,
+        "spheres": _FLOPS_SPHERE_TEST * len(scene.spheres),
+    }
+    # Each of a spring's two ends evaluates it, as the shader's threads do.
+    evaluations = 2 * _STAGES
+    flops = {f"{f} springs": evaluations * _FLOPS_SPRING * cloth.spring_count(f) for f in cloth.families}
+    if spring_damping:
+        damped = sum(cloth.spring_count(f) for f in cloth.families)
+        flops["spring damping"] = evaluations * _FLOPS_SPRING_DAMPING * damped
+    flops |= {name: points * count for name, count in per_point.items() if count}
+
+    everything = {
+        "structural springs": "structural" in cloth.families,
+        "shear springs": "shear" in cloth.families,
+        "bend springs": "bend" in cloth.families,
+        "spring damping": spring_damping,
+        "point damping": cloth.point_damping > 0,
+        "mass per point": not cloth.uniform_mass,
+        "spheres": bool(scene.spheres),
+        "compensation": compensated,
+    }
+    return Explanation(
+        {
+            "mass_points": points,
+            "springs": cloth.spring_count(),
+            "computed": tuple(name for name, present in everything.items() if present),
+            "left_out": tuple(name for name, present in everything.items() if not present),
+            "collision_passes": tuple(
+                f"{s.response}{' (literal)' if s.literal else ''}, contact radius "
+                f"{s.contact_radius(cloth):.6g} m"
+                for s in scene.spheres
+            ),
+            "integrator": "rk4",
+            "force_evaluations_per_step": _STAGES,
+            "kernel": "gather",
+            "arithmetic": "strict" if strict else "fused",
+            "precision": precision,
+            "instruction_set": plan.instruction_set,
+            "lanes": plan.lanes,
+            "threads": choose_threads(threads, cloth.shape),
+            "flops_per_step": sum(flops.values()),
+            "flops": flops,
+        }
+    )

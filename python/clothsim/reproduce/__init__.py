@@ -1,0 +1,193 @@
+"""The four experiments of Kim et al. as one call, with a report to read and one to compute with.
+
+`docs/reproduction.md` explains the choices behind them; `clothsim reproduce` is the command.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from dataclasses import asdict
+from pathlib import Path
+
+import clothsim as cs
+
+from . import contact, findings, page, paper, performance, pictures, plots
+from .report import provenance, text, write
+from .settings import FULL, PAPER_DT, QUICK, Settings, reductions
+
+__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text"]
+
+SCHEMA = 1
+EXPERIMENTS = (1, 2, 3, 4)
+
+
+def reproduce(
+    out: str | os.PathLike = "report",
+    *,
+    quick: bool = False,
+    settings: Settings | None = None,
+    experiments: Collection[int] = EXPERIMENTS,
+    threads: int | None = None,
+    progress: bool = False,
+) -> dict:
+    """Run the paper's experiments and write the report folder.
+
+    Parameters
+    ----------
+    out : path, default "report"
+        Folder of the report; made if missing, files of an earlier report are replaced.
+    quick : bool, default False
+        Fewer and coarser steps, so that all four end within a minute on two cores.
+    settings : Settings, optional
+        Sizes of the experiments, instead of those that `quick` chooses.
+    experiments : collection of int, default (1, 2, 3, 4)
+        Which to run: 1 static sphere, 2 moving sphere, 3 frame rate of the two methods,
+        4 the SIMD core against the scalar reference.
+    threads : int, optional
+        Threads to use, >= 1. Default: as many as the core would take.
+    progress : bool, default False
+        Show a progress bar on stderr (needs tqdm).
+
+    Returns
+    -------
+    dict
+        The contents of report.json: "schema", "settings", "reductions", "provenance" and
+        "experiments", a mapping from "1" to "4"; and "folder", where report.txt, report.json,
+        index.html and the pictures are.
+
+    Raises
+    ------
+    ValueError
+        For an unknown experiment or `threads` < 1.
+    ImportError
+        Without matplotlib, naming the extra that brings it.
+    """
+    chosen = sorted(set(experiments))
+    if not chosen or not set(chosen) <= set(EXPERIMENTS):
+        raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
+    if threads is None:
+        threads = int(cs.build_config()["openmp_threads"])
+    elif threads < 1:
+        raise ValueError(f"threads must be an integer >= 1, got {threads!r}")
+    _need_matplotlib()
+    settings = settings or (QUICK if quick else FULL)
+    folder = Path(out).resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+
+    report = {
+        "schema": SCHEMA,
+        "paper": paper.CITATION,
+        "settings": asdict(settings),
+        "reductions": reductions(settings),
+        "provenance": provenance(),
+        "experiments": {},
+    }
+    drawn = []
+    for number in map(str, chosen):
+        if number in ("1", "2"):
+            case_set, entry = _contact(number, settings, threads, progress, folder)
+            drawn.append(case_set)
+        else:
+            entry = _performance(number, settings, threads, progress, folder)
+        entry["findings"] = findings.of(number, entry)
+        report["experiments"][number] = entry
+    if drawn:
+        report["overview"] = pictures.draw_overview(drawn, folder)
+    report["folder"] = str(folder)
+    write(report, folder)
+    page.write(report, folder)
+    return report
+
+
+def _contact(number, settings, threads, progress, folder):
+    experiment = contact.experiment(number, settings)
+    total = len(paper.METHODS) * len(paper.VARIANTS) * max(experiment.frames)
+    with _bar(progress, number, total, "frame") as advance:
+        cases = contact.run(experiment, settings, threads=threads, advance=advance)
+    pictures.draw_cells(experiment, cases, settings, folder)
+    steps = settings.steps_per_frame(experiment.dt)
+    scene = contact.scene_of(experiment, 2, "mended")
+    entry = {
+        "title": experiment.title,
+        "paper": paper.CLAIMS[number],
+        "setting": f"RK4 in double precision, dt = {experiment.dt:g} s, a frame is "
+        f"{settings.frame_dt:g} s = {steps} steps.",
+        "dt": experiment.dt,
+        "frame_dt": settings.frame_dt,
+        "frames": list(experiment.frames),
+        "edge_offset": scene.spheres[0].offset_length(scene.cloth),
+        "cells": [cell for case in cases for cell in case.cells],
+        "histories": [
+            {"method": c.method, "variant": c.variant, "failure": c.failure, **c.history}
+            for c in cases
+        ],
+        "sheet": pictures.draw_sheet(experiment, cases, folder),
+        "plot": plots.history(experiment, cases, folder),
+        "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
+    }
+    return (experiment, cases), entry
+
+
+def _performance(number, settings, threads, progress, folder):
+    frame = settings.steps_per_frame(PAPER_DT)
+    dt = settings.timing_dt
+    if number == "3":
+        with _bar(progress, number, 2 * settings.runs, "run") as advance:
+            result = performance.methods(settings, threads=threads, advance=advance)
+        entry = {
+            "title": "Frame rate, method 1 against method 2",
+            "setting": f"The falling cloth of experiment 1, dt = {dt:g} s, double precision, "
+            f"{threads} threads, mean of every {settings.window_frames} frames over "
+            f"{settings.runs} runs, the two methods in turn. A frame is {settings.frame_dt:g} s: "
+            f"{frame} steps of the paper's {PAPER_DT:g} s. Slowest and fastest run in steps/s.",
+            "runs": settings.runs,
+            "window_frames": settings.window_frames,
+            **result,
+        }
+        entry["plot"] = plots.methods(entry, folder)
+        entry["plot_caption"] = "As Figure 9: mean of every window of frames; bars: all runs."
+    else:
+        variants = 1 + 2 * len({1, threads})
+        with _bar(progress, number, variants * settings.runs, "run") as advance:
+            entry = performance.speedup(settings, threads=threads, advance=advance)
+        entry["title"] = "Method 2: the SIMD core against one scalar thread"
+        entry["setting"] = (
+            f"{settings.speedup_steps} steps of {dt:g} s a run from the same state in contact, "
+            f"{settings.runs} runs, the steppers in turn. The scalar reference walks the springs "
+            f"one by one, compiled with -O3. A frame is {frame} steps of {PAPER_DT:g} s. The GPU "
+            "side of Figure 10 belongs to the compute shader and is not run here."
+        )
+        entry["plot"] = plots.speedup(entry, folder)
+        entry["plot_caption"] = "The CPU side of Figure 10: steps per second in each run."
+    return {**entry, "dt": dt, "paper": paper.CLAIMS[number]}
+
+
+def _need_matplotlib() -> None:
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise ImportError(
+            "the reproduction draws with matplotlib, which is not installed: "
+            "pip install clothsim[plot]"
+        ) from error
+
+
+class _bar:
+    """A tqdm bar whose ``update`` is what ``with`` gives; nothing without tqdm or `progress`."""
+
+    def __init__(self, progress: bool, number: str, total: int, unit: str) -> None:
+        self.bar = None
+        if progress:
+            try:
+                from tqdm import tqdm
+            except ImportError:
+                return
+            self.bar = tqdm(total=total, unit=unit, desc=f"experiment {number}")
+
+    def __enter__(self):
+        return self.bar.update if self.bar else lambda done: None
+
+    def __exit__(self, *error) -> None:
+        if self.bar:
+            self.bar.close()

@@ -1,0 +1,156 @@
+"""Experiments 1 and 2: what each response does to a cloth that meets a sphere.
+
+Every combination of method (1, 2) and variant (literal, mended) steps the same scene; at the
+paper's frames the state is kept and measured, and in between the deepest penetration of every
+frame is followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+import clothsim as cs
+
+from .paper import METHODS, VARIANTS
+from .settings import Settings
+
+NEAR = 1e-3  # m; a point this close to the contact radius counts as touching
+HISTORY_POINTS = 200  # entries kept of the frame-by-frame record
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One of the two contact experiments."""
+
+    number: str
+    title: str
+    table: str
+    scene: Callable[..., cs.Scene]
+    frames: Sequence[int]
+    dt: float
+
+
+@dataclass
+class Case:
+    """One method in one variant, and what came of it."""
+
+    method: int
+    variant: str
+    cells: list[dict] = field(default_factory=list)
+    states: dict[int, tuple[np.ndarray, float]] = field(default_factory=dict)
+    history: dict[str, list[float]] = field(default_factory=dict)
+    failure: str | None = None
+
+
+def experiment(number: str, settings: Settings) -> Experiment:
+    """Experiment "1" (static sphere, Table 3) or "2" (moving sphere, Table 4)."""
+    if number == "1":
+        return Experiment(
+            "1",
+            "Static sphere, method 1 against method 2",
+            "table3",
+            cs.scenes.paper_static,
+            settings.static_frames,
+            settings.static_dt,
+        )
+    return Experiment(
+        "2",
+        "Moving sphere, method 1 against method 2",
+        "table4",
+        cs.scenes.paper_moving,
+        settings.moving_frames,
+        settings.moving_dt,
+    )
+
+
+def scene_of(experiment: Experiment, method: int, variant: str) -> cs.Scene:
+    """The experiment's scene with the response of `method`, literal or mended."""
+    return experiment.scene(response=METHODS[method][0], literal=variant == "literal")
+
+
+def run(
+    experiment: Experiment,
+    settings: Settings,
+    *,
+    threads: int = 1,
+    advance: Callable[[int], object] = lambda frames: None,
+) -> list[Case]:
+    """Step the four cases, `threads` of them at a time.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    settings : Settings
+    threads : int
+        Cases that run side by side, each on one thread of the core.
+    advance : callable
+        Told the number of frames done, each time some are.
+
+    Returns
+    -------
+    list of Case
+        In the order of `paper.VARIANTS` and `paper.METHODS`.
+    """
+    cases = [Case(method, variant) for variant, method in product(VARIANTS, METHODS)]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        list(pool.map(lambda case: _run(experiment, settings, case, advance), cases))
+    return cases
+
+
+def _run(experiment: Experiment, settings: Settings, case: Case, advance) -> None:
+    scene = scene_of(experiment, case.method, case.variant)
+    sphere = scene.spheres[0]
+    steps = settings.steps_per_frame(experiment.dt)
+    stepper = cs.Stepper(scene, threads=1)
+    deepest = {"points": 0.0, "triangles": 0.0}
+    record = []
+    for frame in range(1, max(experiment.frames) + 1):
+        try:
+            stepper.advance(steps, experiment.dt)
+        except cs.UnstableError as error:
+            case.failure = str(error)
+            advance(max(experiment.frames) + 1 - frame)
+            break
+        positions = stepper.positions
+        depth = cs.penetration(positions, sphere, stepper.time)
+        deepest = {name: max(deepest[name], float(depth[name])) for name in deepest}
+        record.append((frame, depth["points"], depth["triangles"], stepper.contact_energy))
+        advance(1)
+        if frame in experiment.frames:
+            case.states[frame] = positions.copy(), stepper.time
+            energy = cs.energy(scene, positions, stepper.velocities)
+            case.cells.append(
+                {
+                    "method": case.method,
+                    "variant": case.variant,
+                    "frame": frame,
+                    "time": float(stepper.time),
+                    "penetration": {name: float(depth[name]) for name in deepest},
+                    "deepest_so_far": deepest,
+                    "points_touching": _touching(positions, scene, stepper.time),
+                    "contact_energy": float(stepper.contact_energy),
+                    "energy": {name: float(value) for name, value in energy.items()},
+                }
+            )
+    case.history = _thinned(record)
+
+
+def _touching(positions, scene, time) -> int:
+    sphere = scene.spheres[0]
+    distance = np.linalg.norm(positions - sphere.center_at(time), axis=-1)
+    return int(np.sum(distance < sphere.contact_radius(scene.cloth) + NEAR))
+
+
+def _thinned(record) -> dict[str, list[float]]:
+    """At most HISTORY_POINTS entries: the deepest of each stretch of frames, the last energy."""
+    names = ("frame", "points", "triangles", "contact_energy")
+    if not record:
+        return {name: [] for name in names}
+    stretches = np.array_split(np.array(record, float), min(HISTORY_POINTS, len(record)))
+    rows = [(s[-1, 0], s[:, 1].max(), s[:, 2].max(), s[-1, 3]) for s in stretches]
+    return {name: [row[k] for row in rows] for k, name in enumerate(names)}

@@ -1,0 +1,147 @@
+"""Experiments 3 and 4: steps and frames per second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+import clothsim as cs
+
+from .paper import METHODS
+from .settings import PAPER_DT, Settings
+
+REFERENCE = "scalar reference"
+WARM_UP = 0.5  # s stepped before experiment 4 is timed, so that the cloth lies on the sphere
+WARM_UP_DT = 5e-5  # s
+AGREEMENT_STEPS = 100
+
+
+def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict:
+    """Mean and extremes over runs, as rates; the mean is taken over time, as a frame rate is."""
+    rate = 1.0 / float(np.mean(seconds_per_step))
+    return {
+        "steps_per_second": rate,
+        "slowest": 1.0 / float(np.max(seconds_per_step)),
+        "fastest": 1.0 / float(np.min(seconds_per_step)),
+        "microseconds_per_step": 1e6 / rate,
+        "frames_per_second": rate / frame_steps,
+    }
+
+
+def methods(settings: Settings, *, threads: int, advance: Callable = lambda runs: None) -> dict:
+    """Experiment 3: both methods on the falling cloth, each run in windows of frames.
+
+    The runs of the two methods alternate, so that a slow spell of the machine meets both. A frame
+    is its steps and one look at the positions, which is what a renderer would take.
+
+    Parameters
+    ----------
+    settings : Settings
+    threads : int
+        Threads of the core.
+    advance : callable
+        Told 1 after each run.
+
+    Returns
+    -------
+    dict
+        "rows": one entry a method with its rates over all windows and "windows", the same window
+        by window; "frame_steps": steps in a frame at the paper's step.
+    """
+    steps = settings.steps_per_frame(settings.timing_dt)
+    frame_steps = settings.steps_per_frame(PAPER_DT)
+    seconds = {method: np.empty((settings.runs, settings.windows)) for method in METHODS}
+    for run in range(settings.runs):
+        for method, (response, _) in METHODS.items():
+            stepper = cs.Stepper(cs.scenes.paper_static(response=response), threads=threads)
+            for window in range(settings.windows):
+                start = perf_counter()
+                for _ in range(settings.window_frames):
+                    stepper.advance(steps, settings.timing_dt)
+                    stepper.positions  # noqa: B018
+                seconds[method][run, window] = perf_counter() - start
+            advance(1)
+    rows = []
+    for method, measured in seconds.items():
+        per_step = measured / (settings.window_frames * steps)
+        windows = [_statistics(per_step[:, w], frame_steps) for w in range(settings.windows)]
+        rows.append({"method": method, **_statistics(per_step, frame_steps), "windows": windows})
+    return {"rows": rows, "frame_steps": frame_steps, "threads": threads}
+
+
+def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs: None) -> dict:
+    """Experiment 4: method 2 by the SIMD core and by the scalar, spring-by-spring reference.
+
+    Parameters
+    ----------
+    settings : Settings
+    threads : int
+        Threads of the core in the rows that use more than one.
+    advance : callable
+        Told 1 after each run.
+
+    Returns
+    -------
+    dict
+        "rows": one entry a variant with its rates, "speedup" over the reference, "setup_seconds"
+        (making the stepper and its first step) and "runs", steps/s of each run;
+        "agreement": largest difference of positions [m] to the reference after "agreement_steps".
+    """
+    scene = cs.scenes.paper_static(response="ray")
+    stepper = cs.Stepper(scene, threads=threads)
+    stepper.advance(round(WARM_UP / WARM_UP_DT), WARM_UP_DT)
+    x, v, t = stepper.positions.copy(), stepper.velocities.copy(), stepper.time
+    dt, steps = settings.timing_dt, settings.speedup_steps
+
+    def core(precision, threads):
+        def timed():
+            start = perf_counter()
+            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads)
+            stepper.advance(1, dt)
+            ready = perf_counter()
+            stepper.advance(steps, dt)
+            return ready - start, perf_counter() - ready
+
+        return timed
+
+    def reference():
+        start = perf_counter()
+        cs.reference_step(scene, x, v, dt, steps=1, t=t)
+        ready = perf_counter()
+        cs.reference_step(scene, x, v, dt, steps=steps, t=t)
+        return ready - start, perf_counter() - ready
+
+    variants = {(REFERENCE, "double", 1): reference}
+    for precision in ("double", "single"):
+        for count in sorted({1, threads}):
+            variants["SIMD core", precision, count] = core(precision, count)
+
+    measured = {key: [] for key in variants}
+    for _ in range(settings.runs):
+        for key, timed in variants.items():
+            measured[key].append(timed())
+            advance(1)
+
+    frame_steps = settings.steps_per_frame(PAPER_DT)
+    rows = []
+    for (kind, precision, count), pairs in measured.items():
+        setup, seconds = np.array(pairs).T
+        row = {"kind": kind, "precision": precision, "threads": count}
+        row |= _statistics(seconds / steps, frame_steps)
+        row["speedup"] = row["steps_per_second"] / (rows or [row])[0]["steps_per_second"]
+        row["setup_seconds"] = float(np.median(setup))
+        row["runs"] = (steps / seconds).tolist()
+        rows.append(row)
+
+    expected, _ = cs.reference_step(scene, x, v, dt, steps=AGREEMENT_STEPS, t=t)
+    stepper = cs.Stepper(scene, x, v, t=t, threads=threads)
+    stepper.advance(AGREEMENT_STEPS, dt)
+    difference = float(np.abs(stepper.positions - expected).max())
+    return {
+        "rows": rows,
+        "frame_steps": frame_steps,
+        "agreement": difference,
+        "agreement_steps": AGREEMENT_STEPS,
+    }

@@ -1,0 +1,94 @@
+"""The report as text and JSON, and where its numbers come from."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import textwrap
+from datetime import datetime, timezone
+from pathlib import Path
+
+import clothsim as cs
+
+from . import paper
+from .tables import table
+
+WIDTH = 100
+
+
+def provenance() -> dict:
+    """The build, the machine and the time that the numbers belong to."""
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "build": dict(cs.build_config()),
+        "machine": {
+            "cpu": _cpu_name(),
+            "cores": os.cpu_count(),
+            "system": f"{platform.system()} {platform.machine()}",
+        },
+    }
+
+
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def headline(report: dict) -> list[str]:
+    """Version, machine and date, a line each."""
+    origin = report["provenance"]
+    build, machine = origin["build"], origin["machine"]
+    return [
+        f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}",
+        f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
+        origin["created"],
+    ]
+
+
+def text(report: dict) -> str:
+    """The whole report as plain text."""
+    lines = ["The experiments of Kim et al., run by clothsim", "=" * 46, *headline(report), ""]
+    if report["reductions"]:
+        lines += ["Shorter than the full reproduction:", *_items(report["reductions"]), ""]
+    lines += ["Variants of the collision response:"]
+    lines += _items(f"{name}: {meaning}" for name, meaning in paper.VARIANTS.items())
+    for number, experiment in report["experiments"].items():
+        title = f"Experiment {number}: {experiment['title']}"
+        lines += ["", title, "-" * len(title), *_wrapped(experiment["setting"])]
+        lines += ["", *_aligned(*table(number, experiment)), ""]
+        lines += [*_wrapped(f"The paper: {experiment['paper']}"), "Measured:"]
+        lines += _items(experiment["findings"])
+    return "\n".join(lines) + "\n"
+
+
+def _wrapped(paragraph: str) -> list[str]:
+    return textwrap.wrap(paragraph, WIDTH)
+
+
+def _items(entries) -> list[str]:
+    lines = []
+    for entry in entries:
+        lines += textwrap.wrap(entry, WIDTH, initial_indent="- ", subsequent_indent="  ")
+    return lines
+
+
+def _aligned(headings, rows) -> list[str]:
+    """Columns under headings of two lines: the words and, below them, the unit."""
+    split = [heading.rpartition(" [") for heading in headings]
+    words = [left or right for left, _, right in split]
+    units = [f"[{right}" if left else "" for left, _, right in split]
+    table = [words, units, *rows]
+    widths = [max(len(row[k]) for row in table) for k in range(len(headings))]
+    body = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths)).rstrip() for row in table]
+    return [*body[:2], "  ".join("-" * w for w in widths), *body[2:]]
+
+
+def write(report: dict, folder: Path) -> None:
+    """Write report.txt and report.json into `folder`."""
+    (folder / "report.txt").write_text(text(report), encoding="utf-8")
+    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

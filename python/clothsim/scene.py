@@ -1,0 +1,212 @@
+"""The scene: one cloth, the spheres it meets, gravity and the initial state, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _validate as check
+from ._record import Record, frozen
+from .cloth import Cloth
+from .sphere import Sphere
+
+SCHEMA = 1
+"""Version of the layout of ``Scene.to_dict``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Record):
+    """A cloth, the spheres it meets, gravity and the initial state.
+
+    Scenes are immutable, equal by value, and plain data (``to_dict``).
+
+    Parameters
+    ----------
+    cloth : Cloth
+        The cloth.
+    spheres : Sphere or sequence of Sphere, default ()
+        The spheres, met in this order.
+    gravity : sequence of 3 floats, default (0, -9.80665, 0)
+        Acceleration of every point that is not pinned [m/s^2].
+    position : array_like, optional
+        Initial positions [m], shape (rows, columns, 3). Default: the flat sheet in the plane
+        y = 0, ``cloth.rest_positions``.
+    velocity : array_like, optional
+        Initial velocities [m/s], shape (rows, columns, 3). Default: at rest. Zero at the pinned
+        points.
+
+    Attributes
+    ----------
+    initial_position, initial_velocity : numpy.ndarray
+        Initial state [m], [m/s], shape (rows, columns, 3), read-only.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it, what came and what is accepted.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.Scene(cs.Cloth(shape=(8, 12)), spheres=cs.Sphere(center=(0.5, -0.5, 0.5)))
+    >>> scene.initial_position.shape
+    (8, 12, 3)
+    >>> cs.Scene.from_dict(scene.to_dict()) == scene
+    True
+    >>> scene.replace(spheres=()).spheres
+    ()
+    """
+
+    cloth: Cloth
+    spheres: tuple[Sphere, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
+    position: npt.NDArray[np.float64] | None = None
+    velocity: npt.NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        cloth = self.cloth
+        if not isinstance(cloth, Cloth):
+            raise TypeError(f"cloth must be a Cloth, got {cloth!r} ({type(cloth).__name__})")
+        position, velocity = self.position, self.velocity
+        if position is not None:
+            position = frozen(check.points("position", position, cloth.shape))
+        if velocity is not None:
+            velocity = frozen(check.points("velocity", velocity, cloth.shape))
+            moving = np.argwhere(cloth.pinned & velocity.any(axis=-1))
+            if moving.size:
+                r, c = (int(k) for k in moving[0])
+                raise ValueError(
+                    "velocity must be 0 at pinned points, "
+                    f"got {velocity[r, c].tolist()} at point {(r, c)}"
+                )
+        self._set(
+            spheres=_spheres(self.spheres),
+            gravity=check.vector("gravity", self.gravity),
+            position=position,
+            velocity=velocity,
+        )
+
+    @property
+    def initial_position(self) -> npt.NDArray[np.float64]:
+        return self.cloth.rest_positions if self.position is None else self.position
+
+    @cached_property
+    def initial_velocity(self) -> npt.NDArray[np.float64]:
+        return frozen(np.zeros((*self.cloth.shape, 3))) if self.velocity is None else self.velocity
+
+    def explain(
+        self,
+        precision: str = "double",
+        kernel: str = "auto",
+        threads: int | None = None,
+        strict: bool = False,
+    ) -> Any:
+        """What this scene computes per step and what it leaves out.
+
+        Parameters
+        ----------
+        precision : {"double", "single"}, default "double"
+            Arithmetic of the steps.
+        kernel : str, default "auto"
+            Kernel that computes the forces.
+        threads : int, optional
+            Number of threads. Default: chosen from the size of the cloth.
+        strict : bool, default False
+            Same bits on every instruction set.
+
+        Returns
+        -------
+        mapping
+            Families, damping, collision passes, kernel, instruction set, precision and floating
+            point operations per step; printed, it is a readable table.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> plan = cs.scenes.paper_swing().explain()
+        >>> plan["precision"]
+        'double'
+        """
+        from .plan import explain
+
+        return explain(self, precision=precision, kernel=kernel, threads=threads, strict=strict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
+
+        Returns
+        -------
+        dict
+            "schema", the version of the layout (1), and the arguments of the constructor; those
+            that are None are left out. ``from_dict`` makes an equal scene of it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> data = cs.scenes.paper_static().to_dict()
+        >>> data["schema"], data["spheres"][0]["center"]
+        (1, [0.5, -0.5, 0.5])
+        """
+        return {"schema": SCHEMA, **super().to_dict()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Scene:
+        """The scene that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            "schema" and "cloth", and any other argument of the constructor.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        ValueError
+            For another schema version, an unknown or missing key, or a refused value.
+        TypeError
+            If a part is not of the type it should have.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Scene.from_dict({"schema": 1, "cloth": {"shape": [4, 4]}}).cloth.shape
+        (4, 4)
+        """
+        arguments = cls._arguments(data, "schema")
+        schema = check.integer("schema", arguments.pop("schema"))
+        if schema != SCHEMA:
+            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
+        arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
+        spheres = arguments.get("spheres", ())
+        if not isinstance(spheres, (list, tuple)):
+            raise TypeError(f"spheres must be a list of mappings, got {spheres!r}")
+        arguments["spheres"] = tuple(Sphere.from_dict(sphere) for sphere in spheres)
+        return cls(**arguments)
+
+
+def _spheres(value: Any) -> tuple[Sphere, ...]:
+    accepted = "a Sphere or a sequence of Sphere"
+    if isinstance(value, Sphere):
+        return (value,)
+    if not isinstance(value, Iterable):
+        raise TypeError(f"spheres must be {accepted}, got {value!r} ({type(value).__name__})")
+    spheres = tuple(value)
+    for k, sphere in enumerate(spheres):
+        if not isinstance(sphere, Sphere):
+            raise TypeError(
+                f"spheres must be {accepted}, got {sphere!r} ({type(sphere).__name__}) at index {k}"
+            )
+    return spheres

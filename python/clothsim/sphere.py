@@ -1,0 +1,218 @@
+"""The sphere that a cloth meets: where it is, how it moves and how it answers a contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from . import _validate as check
+from ._record import Record
+from .cloth import Cloth
+from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
+
+RESPONSES = ("reflect", "ray")
+OFFSETS = ("none", "edge")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sphere(Record):
+    """A sphere that pushes mass points out, after Kim et al., section 5.
+
+    A mass point is in contact when its distance to the centre is less than the contact radius,
+    ``radius`` plus the offset. Unless `literal`, what counts is the point's velocity relative to
+    the sphere, and only approaching points are answered.
+
+    Parameters
+    ----------
+    center : sequence of 3 floats, default (0, 0, 0)
+        Centre [m]; with a `motion` the point it refers to: for `Linear` the place at t = 0, for
+        `Reciprocate` the middle of the travel. `Keyframes` has its own centres and ignores it.
+    radius : float, default 0.25
+        True radius [m], > 0.
+    motion : Linear, Reciprocate or Keyframes, optional
+        Default: the sphere stands still.
+    response : {"ray", "reflect"}, default "ray"
+        "reflect" (method 1, eq 7) turns the velocity round and leaves the position alone. "ray"
+        (method 2, eq 8-12) moves the point back along its velocity to the contact radius, then
+        turns the velocity round.
+    offset : {"edge", "none"} or float, default "edge"
+        What the contact radius adds to `radius`: "edge" the length of eq 13, which keeps the
+        middle of an unstretched structural spring out of the sphere; "none" nothing; a number
+        that length [m], >= 0.
+    restitution : float, default 1.0
+        Normal velocity after a contact over that before it, 0 <= restitution <= 1.
+    friction : float, default 0.0
+        Coefficient of Coulomb friction, >= 0.
+    literal : bool, default False
+        True takes the paper's words exactly: the velocity is absolute also for a moving sphere,
+        and is reflected whether the point approaches or leaves. For reproducing the paper.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it, what came and what is accepted.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> ball = cs.Sphere(center=(0.5, -0.5, 0.5), motion=cs.Linear((0, 1, 0)))
+    >>> ball.center_at(0.25).tolist()
+    [0.5, -0.25, 0.5]
+    >>> round(ball.contact_radius(cs.Cloth()), 6)
+    0.25052
+    """
+
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: float = 0.25
+    motion: Motion | None = None
+    response: str = "ray"
+    offset: str | float = "edge"
+    restitution: float = 1.0
+    friction: float = 0.0
+    literal: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
+            raise TypeError(
+                "motion must be None, a Linear, a Reciprocate or a Keyframes, "
+                f"got {self.motion!r} ({type(self.motion).__name__})"
+            )
+        self._set(
+            center=check.vector("center", self.center),
+            radius=check.number("radius", self.radius, minimum=0, exclusive=True),
+            response=check.choice("response", self.response, RESPONSES),
+            offset=_offset(self.offset),
+            restitution=check.number("restitution", self.restitution, minimum=0, maximum=1),
+            friction=check.number("friction", self.friction, minimum=0),
+            literal=check.boolean("literal", self.literal),
+        )
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Sphere:
+        """The sphere that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            Arguments of the constructor; `motion` a mapping with its "kind".
+
+        Returns
+        -------
+        Sphere
+
+        Raises
+        ------
+        ValueError
+            For an unknown key or a value that the constructor refuses.
+        TypeError
+            If `data` is no mapping.
+        """
+        arguments = cls._arguments(data)
+        if arguments.get("motion") is not None:
+            arguments["motion"] = motion_from_dict(arguments["motion"])
+        return cls(**arguments)
+
+    def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
+        """Centre at the time `t`.
+
+        Parameters
+        ----------
+        t : float or array_like, default 0.0
+            Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions [m], the shape of `t` with 3 appended.
+        """
+        return (self.motion or _STILL).center_at(t, self.center)
+
+    def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
+        """Velocity of the centre at the time `t`.
+
+        Parameters
+        ----------
+        t : float or array_like, default 0.0
+            Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Velocities [m/s], the shape of `t` with 3 appended.
+        """
+        return (self.motion or _STILL).velocity_at(t)
+
+    def offset_length(self, cloth: Cloth) -> float:
+        """What the contact radius adds to the true radius.
+
+        With `offset` "edge" it is eq 13 of Kim et al., O = sqrt((D/2)^2 + R^2) - R with R the
+        radius and D the longest rest length of a structural spring (a neighbour's distance,
+        also where the cloth has no structural springs), computed as
+        (D/2)^2 / (sqrt((D/2)^2 + R^2) + R), which loses no digits for small D.
+
+        Parameters
+        ----------
+        cloth : Cloth
+            The cloth that meets this sphere.
+
+        Returns
+        -------
+        float
+            Offset [m].
+
+        Raises
+        ------
+        TypeError
+            If `cloth` is no Cloth.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere(offset=0.01).offset_length(cs.Cloth())
+        0.01
+        >>> cs.Sphere(radius=1.5).offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
+        1.0
+        """
+        if not isinstance(cloth, Cloth):
+            raise TypeError(f"cloth must be a Cloth, got {cloth!r} ({type(cloth).__name__})")
+        if isinstance(self.offset, float):
+            return self.offset
+        if self.offset == "none":
+            return 0.0
+        return float(_core.edge_offset(self.radius, max(cloth.spacing)))
+
+    def contact_radius(self, cloth: Cloth) -> float:
+        """Distance from the centre below which a mass point is in contact.
+
+        Parameters
+        ----------
+        cloth : Cloth
+            The cloth that meets this sphere.
+
+        Returns
+        -------
+        float
+            ``radius`` + ``offset_length(cloth)`` [m].
+        """
+        return self.radius + self.offset_length(cloth)
+
+
+_STILL = Linear((0.0, 0.0, 0.0))
+
+
+def _offset(value: Any) -> str | float:
+    if check.is_number(value):
+        return check.number("offset", value, minimum=0)
+    if not isinstance(value, str):
+        raise TypeError(
+            f"offset must be one of {OFFSETS} or a length >= 0 [m], "
+            f"got {value!r} ({type(value).__name__})"
+        )
+    if value not in OFFSETS:
+        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}")
+    return str(value)

@@ -1,0 +1,255 @@
+"""The cloth: springs, rest lengths, masses, pins, and what it refuses."""
+
+import copy
+import json
+import pickle
+
+import numpy as np
+import pytest
+from clothsim.cloth import FAMILIES, Cloth
+
+SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
+
+
+def springs_by_definition(rows, columns):
+    """{(i, j): (family, steps along the rows, along the columns)}, point by point."""
+    steps = {
+        "structural": [(0, 1), (1, 0)],
+        "shear": [(1, 1), (1, -1)],
+        "bend": [(0, 2), (2, 0)],
+    }
+    found = {}
+    for r in range(rows):
+        for c in range(columns):
+            for family, offsets in steps.items():
+                for dr, dc in offsets:
+                    if r + dr < rows and 0 <= c + dc < columns:
+                        ends = (r * columns + c, (r + dr) * columns + c + dc)
+                        found[ends] = (family, dr, dc)
+    return found
+
+
+def test_table_2_counts():
+    cloth = Cloth()
+    assert [cloth.spring_count(f) for f in FAMILIES] == [1984, 1922, 1920]
+    assert cloth.spring_count() == 5826
+    assert Cloth(springs=("structural", "shear")).spring_count() == 3906
+    assert Cloth(springs=("shear",)).spring_count("structural") == 0
+    assert Cloth(springs=()).spring_count() == 0
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_springs_are_those_of_the_definition(shape):
+    cloth = Cloth(shape=shape, size=(0.7, 2.1), pins=())
+    table = cloth.spring_table()
+    expected = springs_by_definition(*shape)
+    assert len(table) == len(expected) == cloth.spring_count()
+    assert (table["i"] < table["j"]).all()
+    got = {(int(s["i"]), int(s["j"])): str(s["family"]) for s in table}
+    assert got == {ends: family for ends, (family, _, _) in expected.items()}
+    for family in FAMILIES:
+        assert cloth.spring_count(family) == int((table["family"] == family).sum())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_rest_lengths_are_the_distances_of_the_flat_sheet(shape):
+    cloth = Cloth(shape=shape, size=(0.7, 2.1), pins=())
+    table, x = cloth.spring_table(), cloth.rest_positions.reshape(-1, 3)
+    distance = np.linalg.norm(x[table["j"]] - x[table["i"]], axis=1)
+    # Coordinates up to 2.1 m are rounded to 2.2e-16 m each.
+    np.testing.assert_allclose(table["rest_length"], distance, rtol=0, atol=1e-15)
+
+
+def test_spring_table_order():
+    table = Cloth(shape=(3, 3)).spring_table()
+    ends = table[["i", "j"]].tolist()
+    assert ends == [
+        *[(0, 1), (1, 2), (3, 4), (4, 5), (6, 7), (7, 8)],
+        *[(0, 3), (1, 4), (2, 5), (3, 6), (4, 7), (5, 8)],
+        *[(0, 4), (1, 5), (3, 7), (4, 8)],
+        *[(1, 3), (2, 4), (4, 6), (5, 7)],
+        *[(0, 2), (3, 5), (6, 8)],
+        *[(0, 6), (1, 7), (2, 8)],
+    ]
+
+
+def test_each_family_has_its_own_numbers():
+    stiffness = {"bend": 3.0, "structural": 1.0, "shear": 2.0}
+    cloth = Cloth(stiffness=stiffness, damping={"structural": 0.1, "shear": 0, "bend": 0.3})
+    assert cloth.family_stiffness == stiffness
+    assert list(cloth.family_stiffness) == list(FAMILIES)
+    table = cloth.spring_table()
+    for family, k, c in [("structural", 1, 0.1), ("shear", 2, 0), ("bend", 3, 0.3)]:
+        of = table[table["family"] == family]
+        assert (of["stiffness"] == k).all() and (of["damping"] == c).all()
+    with pytest.raises(TypeError):
+        cloth.stiffness["bend"] = -1.0
+    stiffness["bend"] = -1.0
+    assert cloth.family_stiffness["bend"] == 3.0
+
+
+def test_damping_models():
+    spring = Cloth(damping=7.0)
+    assert (spring.point_damping, set(spring.family_damping.values())) == (0.0, {7.0})
+    point = Cloth(damping=7.0, damping_model="point")
+    assert (point.point_damping, set(point.family_damping.values())) == (7.0, {0.0})
+    assert (point.spring_table()["damping"] == 0).all()
+    assert spring.damped and point.damped
+    assert not Cloth(damping=0).damped
+    assert not Cloth(damping=0, damping_model="point").damped
+    assert not Cloth(damping=5.0, springs=()).damped
+    with pytest.raises(ValueError, match="damping must be one number.*'point'.*mapping"):
+        Cloth(damping=dict.fromkeys(FAMILIES, 1.0), damping_model="point")
+
+
+def test_geometry_follows_shape_and_size():
+    cloth = Cloth(shape=(3, 5), size=(1.0, 8.0))
+    assert (cloth.rows, cloth.columns) == (3, 5)
+    assert cloth.spacing == (0.5, 2.0)
+    assert cloth.rest_positions.shape == (3, 5, 3)
+    assert cloth.rest_positions[1, 3].tolist() == [6.0, 0.0, 0.5]
+    assert cloth.rest_positions[-1, -1].tolist() == [8.0, 0.0, 1.0]
+    assert Cloth(shape=(1, 3), size=(4.0, 1.0)).spacing == (0.0, 0.5)
+
+
+def test_default_pins_are_the_ends_of_the_side_x_0():
+    pinned = Cloth().pinned
+    assert np.argwhere(pinned).tolist() == [[0, 0], [31, 0]]
+    assert (Cloth().rest_positions[pinned][:, 0] == 0).all()
+    # Negative indices keep their meaning when the shape changes.
+    assert np.argwhere(Cloth().replace(shape=(5, 4)).pinned).tolist() == [[0, 0], [4, 0]]
+
+
+def test_pins_as_pairs_and_as_mask_agree():
+    mask = np.zeros((3, 4), dtype=bool)
+    mask[1, 3] = mask[2, 0] = True
+    for pins in [mask, mask.tolist(), [(1, -1), (2, 0), (1, 3)], np.array([[1, 3], [-1, 0]])]:
+        np.testing.assert_array_equal(Cloth(shape=(3, 4), pins=pins).pinned, mask)
+    for pins in [(), [], np.empty((0, 2), int), np.zeros((3, 4), bool)]:
+        assert not Cloth(shape=(3, 4), pins=pins).pinned.any()
+
+
+def test_mass():
+    assert (Cloth().mass_per_point == 0.5).all()
+    assert Cloth().uniform_mass
+    masses = np.arange(1.0, 7.0).reshape(2, 3)
+    cloth = Cloth(shape=(2, 3), mass=masses)
+    masses[0, 0] = 99.0
+    assert cloth.mass_per_point.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert not cloth.uniform_mass
+    assert Cloth(shape=(2, 3), mass=np.full((2, 3), 4)).uniform_mass
+    assert Cloth(mass=np.float32(2)).mass == 2.0
+
+
+def test_derived_arrays_are_read_only():
+    cloth = Cloth(shape=(2, 3), mass=np.ones((2, 3)))
+    for clone in (cloth, copy.deepcopy(cloth), pickle.loads(pickle.dumps(cloth))):
+        for array in (clone.mass, clone.mass_per_point, clone.pinned, clone.rest_positions):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1
+    with pytest.raises(AttributeError):
+        cloth.mass = 1.0
+
+
+VARIANTS = [
+    {},
+    {"shape": (2, 3), "mass": np.arange(1.0, 7.0).reshape(2, 3), "pins": np.eye(2, 3) > 0},
+    {"springs": ("bend", "structural"), "stiffness": {"structural": 1, "bend": 0.1}},
+    {"damping_model": "point", "damping": 0.3, "pins": ()},
+    {"springs": (), "stiffness": {}, "damping": {}},
+]
+
+
+@pytest.mark.parametrize("arguments", VARIANTS)
+def test_round_trips(arguments):
+    cloth = Cloth(**arguments)
+    assert Cloth.from_dict(json.loads(json.dumps(cloth.to_dict()))) == cloth
+    assert pickle.loads(pickle.dumps(cloth)) == cloth
+    assert copy.deepcopy(cloth) == cloth
+    assert cloth.replace() == cloth
+
+
+def test_equality_is_by_value():
+    masses = np.ones((2, 2))
+    assert Cloth(shape=(2, 2), mass=masses) == Cloth(shape=[2, 2], mass=masses.tolist())
+    assert Cloth(shape=(2, 2), mass=masses) != Cloth(shape=(2, 2), mass=2 * masses)
+    assert Cloth(shape=(2, 2), mass=masses) != Cloth(shape=(2, 2), mass=4.0)
+    assert Cloth(springs=("shear", "bend")) == Cloth(springs=["bend", "shear"])
+    assert Cloth(stiffness=1.0) != Cloth(stiffness=2.0)
+    assert Cloth() != "cloth"
+    assert eval(repr(Cloth(stiffness=dict.fromkeys(FAMILIES, 2)))).family_stiffness["bend"] == 2.0
+
+
+NAN, INF = float("nan"), float("inf")
+REFUSED = [
+    ({"shape": (1, 1)}, ValueError, r"shape must have at least two mass points, got \(1, 1\)"),
+    ({"shape": (0, 4)}, ValueError, r"shape\[0\].*>= 1.*got 0"),
+    ({"shape": (2, -3)}, ValueError, r"shape\[1\].*got -3"),
+    ({"shape": (2, 2, 2)}, ValueError, r"shape must be a sequence of 2.*\(2, 2, 2\)"),
+    ({"shape": (2.0, 2)}, TypeError, r"shape\[0\] must be an integer.*2\.0"),
+    ({"shape": (True, 2)}, TypeError, r"shape\[0\] must be an integer.*True"),
+    ({"shape": 4}, TypeError, "shape must be a sequence.*got 4"),
+    ({"size": (1.0, 0.0)}, ValueError, r"size\[1\].*> 0, got 0\.0"),
+    ({"size": (NAN, 1.0)}, ValueError, r"size\[0\].*finite.*nan"),
+    ({"size": 1.0}, TypeError, "size must be a sequence"),
+    ({"size": np.ones((2, 2))}, ValueError, r"size must be a sequence of 2.*shape \(2, 2\)"),
+    ({"mass": 0.0}, ValueError, "mass must be.*> 0, got 0.0"),
+    ({"mass": -1}, ValueError, "mass must be.*> 0, got -1"),
+    ({"mass": True}, TypeError, "mass must be"),
+    ({"mass": "heavy"}, TypeError, "mass must be.*'heavy'"),
+    ({"mass": 1 + 2j}, TypeError, "mass must be"),
+    ({"mass": None}, TypeError, "mass must be"),
+    ({"mass": np.ones((32, 31))}, ValueError, r"mass.*\(32, 32\).*got shape \(32, 31\)"),
+    ({"mass": np.zeros((32, 32))}, ValueError, r"mass.*> 0.*got 0\.0 at index \(0, 0\)"),
+    ({"mass": np.full((32, 32), INF)}, ValueError, r"mass.*finite.*got inf at index \(0, 0\)"),
+    ({"mass": [[1, 2], [3]]}, ValueError, "mass.*different lengths"),
+    ({"mass": np.ones((32, 32), bool)}, TypeError, "mass.*bool"),
+    ({"stiffness": -1.0}, ValueError, "stiffness must be.*>= 0, got -1.0"),
+    ({"stiffness": INF}, ValueError, "stiffness must be.*finite.*inf"),
+    ({"stiffness": "1"}, TypeError, "stiffness must be"),
+    ({"stiffness": {"structural": 1.0}}, ValueError, "stiffness lacks the key 'shear', 'bend'"),
+    (
+        {"stiffness": {"structual": 1.0}},
+        ValueError,
+        "stiffness has the unknown key 'structual'.*did you mean 'structural'",
+    ),
+    (
+        {"springs": ("shear",), "stiffness": {"shear": 1, "bend": 1}},
+        ValueError,
+        "stiffness has the unknown key 'bend'.*accepted: 'shear'",
+    ),
+    (
+        {"springs": ("shear",), "damping": {"shear": -1}},
+        ValueError,
+        r"damping\['shear'\] must be.*>= 0, got -1",
+    ),
+    ({"damping": NAN}, ValueError, "damping must be.*nan"),
+    ({"damping_model": "points"}, ValueError, "damping_model.*'points'.*did you mean 'point'"),
+    ({"damping_model": 1}, TypeError, "damping_model must be one of"),
+    ({"springs": ("shear", "shear")}, ValueError, "springs must name each family once"),
+    ({"springs": ("sheer",)}, ValueError, r"springs\[0\].*'sheer'.*did you mean 'shear'"),
+    ({"springs": "shear"}, TypeError, "springs must be a sequence.*'shear'"),
+    ({"springs": 3}, TypeError, "springs must be a sequence"),
+    ({"pins": [(32, 0)]}, ValueError, r"pins\[0\]\[0\].*<= 31, got 32"),
+    ({"pins": [(0, 0), (0, -33)]}, ValueError, r"pins\[1\]\[1\].*>= -32.*got -33"),
+    ({"pins": (0, 0)}, TypeError, r"pins\[0\] must be a sequence of 2 integers"),
+    ({"pins": [(0.0, 1)]}, TypeError, r"pins\[0\]\[0\] must be an integer"),
+    ({"pins": [(1, 2, 3)]}, ValueError, r"pins\[0\] must be a sequence of 2"),
+    ({"pins": np.ones((4, 4), bool)}, ValueError, r"pins.*\(32, 32\).*\(4, 4\)"),
+    ({"pins": 7}, TypeError, "pins must be.*got 7"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), REFUSED)
+def test_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        Cloth(**arguments)
+
+
+def test_unknown_key_names_the_nearest():
+    with pytest.raises(ValueError, match="unknown key 'stifness'.*did you mean 'stiffness'"):
+        Cloth.from_dict({"stifness": 1.0})
+    with pytest.raises(TypeError, match="Cloth must be a mapping"):
+        Cloth.from_dict([1, 2])
+    with pytest.raises(ValueError, match="family must be one of.*'bent'"):
+        Cloth().spring_count("bent")

@@ -1,0 +1,151 @@
+"""Motions: where the centre is, and that the velocity is its derivative."""
+
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+from clothsim.motion import Keyframes, Linear, Reciprocate, motion_from_dict
+
+CENTER = (0.5, -0.5, 0.25)
+MOTIONS = [
+    Linear((1.0, -2.0, 0.5)),
+    Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
+    Reciprocate((1.0, 0.0, 0.0), period=2.0, deceleration=0.0),
+    Keyframes([0.0, 0.4, 1.3, 2.0], [(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)]),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_velocity_is_the_derivative_of_the_center(motion):
+    t = np.linspace(-0.9, 3.1, 57)  # meets no kink of the motions above
+    h = 1e-5
+    slope = (motion.center_at(t + h, CENTER) - motion.center_at(t - h, CENTER)) / (2 * h)
+    # Central differences: h^2/6 times the third derivative (< 300 m/s^3), and rounding.
+    np.testing.assert_allclose(motion.velocity_at(t), slope, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_one_time_and_many_agree(motion):
+    t = np.linspace(-1.0, 3.0, 12).reshape(3, 4)
+    centers, velocities = motion.center_at(t, CENTER), motion.velocity_at(t)
+    assert centers.shape == velocities.shape == (3, 4, 3)
+    assert motion.center_at(0.5, CENTER).shape == motion.velocity_at(0.5).shape == (3,)
+    for at in np.ndindex(t.shape):
+        assert (motion.center_at(float(t[at]), CENTER) == centers[at]).all()
+        assert (motion.velocity_at(float(t[at])) == velocities[at]).all()
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_round_trips(motion):
+    data = json.loads(json.dumps(motion.to_dict()))
+    assert motion_from_dict(data) == motion
+    assert type(motion).from_dict(data) == motion
+    assert pickle.loads(pickle.dumps(motion)) == motion
+    assert motion.replace() == motion
+    assert all(motion != other for other in MOTIONS if other is not motion)
+
+
+def test_linear():
+    motion = Linear((1, 2, 3))
+    assert motion.center_at(2.0, CENTER).tolist() == [2.5, 3.5, 6.25]
+    assert motion.velocity_at([0.0, 5.0]).tolist() == [[1, 2, 3], [1, 2, 3]]
+
+
+def test_reciprocate_turns_half_the_distance_from_the_center():
+    motion = Reciprocate((0, 0, -2), distance=0.6, period=4.0)
+    z = motion.center_at([0.0, 2.0, 4.0, -2.0, 10.0], CENTER)[:, 2]
+    np.testing.assert_allclose(z, [0.55, -0.05, 0.55, -0.05, -0.05], rtol=0, atol=1e-15)
+    late = Reciprocate((0, 0, -2), distance=0.6, period=4.0, phase=0.5)
+    assert late.center_at(0.0, CENTER)[2] == pytest.approx(-0.05, abs=1e-15)
+    assert late.velocity_at(0.0)[2] > 0 > motion.velocity_at(0.0)[2]
+    assert motion.center_at(1.3, CENTER)[:2].tolist() == [0.5, -0.5]
+
+
+def test_reciprocate_decelerates_exponentially():
+    k, period, distance = 5.0, 3.6, 1.0
+    motion = Reciprocate((1, 0, 0), distance, period, k)
+    for tau in (0.1, 0.7, 1.5):
+        part = (1 - math.exp(-k * tau / 1.8)) / (1 - math.exp(-k))
+        there = motion.center_at(tau, (0, 0, 0))[0]
+        back = motion.center_at(1.8 + tau, (0, 0, 0))[0]
+        assert there == pytest.approx(-0.5 + part, abs=1e-14)
+        assert back == pytest.approx(0.5 - part, abs=1e-14)
+    start, end = motion.velocity_at([0.0, 1.8 * (1 - 1e-9)])[:, 0]
+    assert start == pytest.approx(k / 1.8 / (1 - math.exp(-k)), rel=1e-14, abs=0)
+    assert end / start == pytest.approx(math.exp(-k), rel=1e-7, abs=0)
+    # At the turning point the velocity is that of the way back.
+    assert motion.velocity_at(1.8)[0] == pytest.approx(-start, rel=1e-14, abs=0)
+
+
+def test_reciprocate_tends_to_constant_speed_and_to_repeated_interpolation():
+    t = np.linspace(0.0, 2.0, 41)
+    even = Reciprocate((1, 0, 0), period=2.0, deceleration=0.0)
+    tiny = even.replace(deceleration=1e-9)
+    np.testing.assert_allclose(
+        even.center_at(t, CENTER), tiny.center_at(t, CENTER), rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(np.abs(even.velocity_at(t)[:, 0]), 1.0, rtol=1e-15)
+
+    # Frames that each go the same fraction of the rest of the way, over half a period.
+    k, frames = 5.0, 100_000
+    x = np.empty(frames + 1)
+    x[0] = -0.5
+    for n in range(frames):
+        x[n + 1] = x[n] + (0.5 - x[n]) * k / frames
+    scaled = -0.5 + (x + 0.5) / (x[-1] + 0.5)
+    motion = Reciprocate((1, 0, 0), period=2.0, deceleration=k)
+    exact = motion.center_at(np.linspace(0.0, 1.0 - 1e-12, frames + 1), (0, 0, 0))[:, 0]
+    np.testing.assert_allclose(scaled, exact, rtol=0, atol=k / frames)
+
+
+def test_keyframes_stand_still_outside_and_are_right_continuous():
+    motion = Keyframes([1.0, 2.0, 4.0], [(0, 0, 0), (2, 0, 0), (2, -4, 0)])
+    t = [0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0]
+    assert motion.center_at(t, CENTER).tolist() == [
+        *[[0, 0, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0], [2, -2, 0], [2, -4, 0], [2, -4, 0]]
+    ]
+    assert motion.velocity_at(t).tolist() == [
+        *[[0, 0, 0], [2, 0, 0], [2, 0, 0], [0, -2, 0], [0, -2, 0], [0, 0, 0], [0, 0, 0]]
+    ]
+    with pytest.raises(ValueError, match="read-only"):
+        motion.times[0] = 0.0
+
+
+NAN = float("nan")
+REFUSED = [
+    (lambda: Linear((1, 2)), ValueError, "velocity must be a sequence of 3.*got"),
+    (lambda: Linear((1, NAN, 0)), ValueError, r"velocity\[1\].*finite.*nan"),
+    (lambda: Linear((1, True, 0)), TypeError, r"velocity\[1\].*True"),
+    (lambda: Linear({1, 2, 3}), TypeError, "velocity must be a sequence"),
+    (lambda: Reciprocate((0, 0, 0)), ValueError, "direction must not be the zero vector"),
+    (lambda: Reciprocate((1, 0, 0), distance=0), ValueError, "distance.*> 0, got 0"),
+    (lambda: Reciprocate((1, 0, 0), period=-1), ValueError, "period.*> 0, got -1"),
+    (lambda: Reciprocate((1, 0, 0), deceleration=-1), ValueError, "deceleration.*>= 0"),
+    (lambda: Reciprocate((1, 0, 0), phase=1.0), ValueError, "phase.*< 1, got 1.0"),
+    (lambda: Reciprocate((1, 0, 0), phase=-0.1), ValueError, "phase.*>= 0"),
+    (lambda: Keyframes([0.0], [(0, 0, 0)]), ValueError, "times must have at least 2.*got 1"),
+    (lambda: Keyframes([0, 1, 1], np.zeros((3, 3))), ValueError, "times.*increasing.*index .2"),
+    (lambda: Keyframes([0, 1], np.zeros((3, 3))), ValueError, r"centers.*\(2, 3\).*\(3, 3\)"),
+    (lambda: Keyframes([0, 1], [(0, 0, 0), (0, NAN, 0)]), ValueError, r"centers.*index \(1, 1\)"),
+    (lambda: Keyframes(3, [(0, 0, 0)]), TypeError, "times must be a sequence"),
+    (lambda: Linear((1, 0, 0)).center_at(NAN, CENTER), ValueError, "t must be.*nan"),
+    (lambda: Linear((1, 0, 0)).velocity_at("now"), TypeError, "t must be.*now"),
+    (lambda: motion_from_dict({"kind": "liner"}), ValueError, "did you mean 'linear'"),
+    (lambda: motion_from_dict({"velocity": [1, 0, 0]}), ValueError, "motion kind must be one of"),
+    (lambda: motion_from_dict({"kind": "linear"}), ValueError, "lacks the key 'velocity'"),
+    (lambda: motion_from_dict("linear"), TypeError, "motion must be a mapping"),
+    (
+        lambda: motion_from_dict({"kind": "linear", "velocity": [1, 0, 0], "speed": 1}),
+        ValueError,
+        "Linear has the unknown key 'speed'",
+    ),
+    (lambda: Linear.from_dict(MOTIONS[1].to_dict()), ValueError, "Linear has the unknown key"),
+]
+
+
+@pytest.mark.parametrize(("call", "error", "message"), REFUSED)
+def test_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

@@ -1,0 +1,169 @@
+"""The scene as plain data, and the error of an unstable run."""
+
+import copy
+import json
+import pickle
+
+import numpy as np
+import pytest
+from clothsim.cloth import Cloth
+from clothsim.errors import UnstableError
+from clothsim.motion import Keyframes, Linear
+from clothsim.scene import Scene
+from clothsim.sphere import Sphere
+
+CLOTH = Cloth(shape=(3, 4))
+
+
+def state(seed=1):
+    x = np.random.default_rng(seed).normal(size=(3, 4, 3))
+    v = x[::-1].copy()
+    v[CLOTH.pinned] = 0.0
+    return x, v
+
+
+def test_defaults():
+    scene = Scene(CLOTH)
+    assert scene.spheres == ()
+    assert scene.gravity == (0.0, -9.80665, 0.0)
+    assert scene.position is None and scene.velocity is None
+    np.testing.assert_array_equal(scene.initial_position, CLOTH.rest_positions)
+    np.testing.assert_array_equal(scene.initial_velocity, np.zeros((3, 4, 3)))
+
+
+def test_one_sphere_and_many():
+    ball = Sphere(radius=0.1)
+    assert Scene(CLOTH, ball).spheres == (ball,)
+    assert Scene(CLOTH, [ball, Sphere()]).spheres == (ball, Sphere())
+
+
+def test_state_is_copied_and_read_only():
+    x, v = state()
+    scene = Scene(CLOTH, position=x.astype(np.float32), velocity=v)
+    v_before = v.copy()
+    v[...] = 7.0
+    np.testing.assert_array_equal(scene.initial_velocity, v_before)
+    for clone in (scene, pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
+        for array in (clone.initial_position, clone.initial_velocity):
+            assert array.dtype == np.float64 and array.flags.c_contiguous
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0.0
+    fortran = Scene(CLOTH, position=np.asfortranarray(x))
+    np.testing.assert_array_equal(fortran.initial_position, x)
+    assert fortran.initial_position.flags.c_contiguous
+
+
+SCENES = [
+    Scene(CLOTH),
+    Scene(CLOTH, Sphere(motion=Linear((1, 0, 0))), (0, 0, 0), state()[0]),
+    Scene(
+        CLOTH.replace(mass=np.full((3, 4), 0.1), stiffness=dict.fromkeys(CLOTH.families, 5)),
+        (Sphere(), Sphere(motion=Keyframes([0, 1], np.eye(2, 3)))),
+        velocity=state()[1],
+    ),
+]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_round_trips(scene):
+    data = scene.to_dict()
+    assert data["schema"] == 1
+    assert Scene.from_dict(json.loads(json.dumps(data))) == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert scene.replace() == scene
+    assert scene.replace(gravity=(1, 2, 3)) != scene
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_plain_data_holds_no_none_and_only_plain_types(scene):
+    def walk(value):
+        assert type(value) in (dict, list, str, int, float, bool)
+        if isinstance(value, (dict, list)):
+            for entry in value.values() if isinstance(value, dict) else value:
+                walk(entry)
+
+    walk(scene.to_dict())
+
+
+def test_scenes_differ_by_one_entry_of_their_state():
+    x, _ = state()
+    other = x.copy()
+    other[2, 3, 1] = np.nextafter(other[2, 3, 1], 9)
+    assert Scene(CLOTH, position=x) == Scene(CLOTH, position=x.tolist())
+    assert Scene(CLOTH, position=x) != Scene(CLOTH, position=other)
+
+
+def nonfinite():
+    x, _ = state()
+    x[1, 2, 0] = np.nan
+    return x
+
+
+REFUSED = [
+    (lambda: Scene("cloth"), TypeError, "cloth must be a Cloth, got 'cloth'"),
+    (lambda: Scene(CLOTH, [Sphere(), 3]), TypeError, "spheres.*got 3.*index 1"),
+    (lambda: Scene(CLOTH, 3), TypeError, "spheres must be a Sphere or a sequence"),
+    (lambda: Scene(CLOTH, gravity=9.8), TypeError, "gravity must be a sequence of 3"),
+    (lambda: Scene(CLOTH, gravity=(0, 1)), ValueError, "gravity must be a sequence of 3"),
+    (
+        lambda: Scene(CLOTH, position=np.zeros((4, 3, 3))),
+        ValueError,
+        r"position.*\(3, 4, 3\).*got shape \(4, 3, 3\)",
+    ),
+    (lambda: Scene(CLOTH, position=nonfinite()), ValueError, r"position.*nan at index \(1, 2, 0\)"),
+    (lambda: Scene(CLOTH, position="flat"), TypeError, "position.*'flat'"),
+    (
+        lambda: Scene(CLOTH, velocity=np.ones((3, 4, 3))),
+        ValueError,
+        r"velocity must be 0 at pinned points, got \[1.0, 1.0, 1.0\] at point \(0, 0\)",
+    ),
+    (lambda: Scene.from_dict({"cloth": {}}), ValueError, "Scene lacks the key 'schema'"),
+    (lambda: Scene.from_dict({"schema": 1}), ValueError, "Scene lacks the key 'cloth'"),
+    (lambda: Scene.from_dict({"schema": 2, "cloth": {}}), ValueError, "schema must be 1.*got 2"),
+    (
+        lambda: Scene.from_dict({"schema": 1, "cloth": {}, "sphere": {}}),
+        ValueError,
+        "unknown key 'sphere'.*did you mean 'spheres'",
+    ),
+    (
+        lambda: Scene.from_dict({"schema": 1, "cloth": {}, "spheres": {}}),
+        TypeError,
+        "spheres must be a list",
+    ),
+    (
+        lambda: Scene.from_dict({"schema": 1, "cloth": {"sizes": [1, 1]}}),
+        ValueError,
+        "Cloth has the unknown key 'sizes'.*did you mean 'size'",
+    ),
+]
+
+
+@pytest.mark.parametrize(("call", "error", "message"), REFUSED)
+def test_refused(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_unstable_error_carries_its_state_and_survives_pickling():
+    x, v = state()
+    error = UnstableError(
+        step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3
+    )
+    assert isinstance(error, ArithmeticError)
+    for e in (error, pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert (e.step, e.time, e.point, e.dt) == (4, 0.04, (1, 2), 0.01)
+        assert (e.max_stable_dt, e.member) == (0.0016, 3)
+        np.testing.assert_array_equal(e.x, x)
+        np.testing.assert_array_equal(e.v, v)
+        assert str(e) == str(error)
+    for part in ("step 4", "t = 0.04 s", "(1, 2)", "batch member 3", "0.01 s", "0.0016 s"):
+        assert part in str(error)
+
+
+def test_unstable_error_blames_the_step_only_above_the_limit():
+    above = UnstableError(step=1, time=0.1, dt=0.1, max_stable_dt=0.01)
+    within = UnstableError(step=1, time=0.1, dt=0.001, max_stable_dt=0.01)
+    unknown = UnstableError(step=1, time=0.1, dt=0.1)
+    assert "above the stability limit" in str(above)
+    assert "above" not in str(within) and "initial state" in str(within)
+    assert "above" not in str(unknown) and "smaller dt" in str(unknown)

@@ -1,0 +1,148 @@
+"""The ready scenes: Table 2 of Kim et al., and the two with a known solution."""
+
+import json
+
+import numpy as np
+import pytest
+from clothsim import scenes
+from clothsim.scene import Scene
+
+
+def acceleration(scene, x, v):
+    """Spring by spring from the table, in NumPy; pinned points get 0."""
+    cloth = scene.cloth
+    table, p, u = cloth.spring_table(), x.reshape(-1, 3), v.reshape(-1, 3)
+    i, j = table["i"], table["j"]
+    d = p[j] - p[i]
+    length = np.linalg.norm(d, axis=1)
+    d /= length[:, None]
+    rate = ((u[j] - u[i]) * d).sum(axis=1)
+    pull = table["stiffness"] * (length - table["rest_length"]) + table["damping"] * rate
+    force = -cloth.point_damping * u
+    np.add.at(force, i, pull[:, None] * d)
+    np.add.at(force, j, -pull[:, None] * d)
+    a = force.reshape(x.shape) / cloth.mass_per_point[..., None] + scene.gravity
+    a[cloth.pinned] = 0.0
+    return a
+
+
+def rk4(scene, dt, steps):
+    x, v = scene.initial_position.copy(), scene.initial_velocity.copy()
+    for _ in range(steps):
+        k1 = v, acceleration(scene, x, v)
+        k2 = v + dt / 2 * k1[1], acceleration(scene, x + dt / 2 * k1[0], v + dt / 2 * k1[1])
+        k3 = v + dt / 2 * k2[1], acceleration(scene, x + dt / 2 * k2[0], v + dt / 2 * k2[1])
+        k4 = v + dt * k3[1], acceleration(scene, x + dt * k3[0], v + dt * k3[1])
+        x = x + dt / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
+        v = v + dt / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
+    return x, v
+
+
+PAPER = [scenes.paper_static, scenes.paper_moving, scenes.paper_swing]
+
+
+@pytest.mark.parametrize("make", PAPER)
+def test_paper_scenes_take_table_2(make):
+    scene = make()
+    cloth = scene.cloth
+    assert (cloth.shape, cloth.size, cloth.mass) == ((32, 32), (1.0, 1.0), 512.0)
+    assert (cloth.stiffness, cloth.damping, cloth.damping_model) == (35_000.0, 100.0, "spring")
+    assert scene.gravity == (0.0, -9.80665, 0.0)
+    assert (cloth.spring_count(), make(bend=True).cloth.spring_count()) == (3906, 5826)
+    assert np.argwhere(cloth.pinned).tolist() == [[0, 0], [31, 0]]
+    assert (scene.initial_position[..., 1] == 0).all() and not scene.initial_velocity.any()
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    with pytest.raises(TypeError, match="bend must be True or False"):
+        make(bend="yes")
+
+
+def test_paper_static_sphere():
+    (sphere,) = scenes.paper_static().spheres
+    assert (sphere.center, sphere.radius, sphere.motion) == ((0.5, -0.5, 0.5), 0.25, None)
+    assert (sphere.response, sphere.offset, sphere.literal) == ("ray", "edge", False)
+    (sphere,) = scenes.paper_static("reflect", offset="none", literal=True).spheres
+    assert (sphere.response, sphere.offset, sphere.literal) == ("reflect", "none", True)
+
+
+def test_paper_moving_sphere_travels_one_metre_about_the_hanging_cloth():
+    scene = scenes.paper_moving("reflect", offset=0.01, literal=True)
+    (sphere,) = scene.spheres
+    assert (sphere.response, sphere.offset, sphere.literal) == ("reflect", 0.01, True)
+    path = sphere.center_at(np.linspace(0.0, 3.6, 10_001))
+    assert (path[:, 1] == -0.5).all() and (path[:, 2] == 0.5).all()
+    assert path[0].tolist() == [-0.5, -0.5, 0.5]
+    assert np.ptp(path[:, 0]) == pytest.approx(1.0, abs=1e-12)
+    # No point of the level cloth is inside at the start, from either side.
+    for phase in (0.0, 0.5):
+        (start,) = scenes.paper_moving(phase=phase).spheres
+        gap = scene.initial_position - start.center_at(0.0)
+        assert np.linalg.norm(gap, axis=-1).min() > start.contact_radius(scene.cloth)
+    assert scenes.paper_moving(period=2.0).spheres[0].motion.period == 2.0
+
+
+def hanging_solution(scene):
+    """Every spring carries the weight below it: heights of the rows at rest."""
+    cloth = scene.cloth
+    weight = float(cloth.mass_per_point[0, 0]) * 9.80665
+    below = np.arange(cloth.rows - 1, 0, -1)
+    stretch = below * weight / cloth.family_stiffness["structural"]
+    return -np.concatenate([[0.0], np.cumsum(cloth.spacing[0] + stretch)])
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (16, 1), (2, 3)])
+def test_hanging_rests_at_the_documented_solution(shape):
+    scene = scenes.hanging(shape)
+    rows, y = shape[0], hanging_solution(scene)
+    row = np.arange(rows)
+    sag = scene.cloth.mass_per_point[0, 0] * 9.80665 / 1_000.0
+    closed = -row / (rows - 1) - sag * row * (2 * rows - row - 1) / 2
+    np.testing.assert_allclose(y, closed, rtol=1e-14)
+    x = scene.initial_position.copy()
+    x[..., 1] = y[:, None]
+    a = acceleration(scene, x, np.zeros_like(x))
+    # Rounding of a length (1e-16 m) times stiffness over mass (1e5 / s^2).
+    assert np.abs(a).max() < 1e-9
+    assert scene.cloth.pinned[0].all() and not scene.cloth.pinned[1:].any()
+    assert (scene.initial_position[..., 2] == 0).all()
+
+
+def test_hanging_settles():
+    scene = scenes.hanging((16, 1), mass=0.16)
+    x, v = rk4(scene, 2e-3, 500)
+    assert scene.initial_position[-1, 0, 1] - x[-1, 0, 1] > 0.0117
+    np.testing.assert_allclose(x[:, 0, 1], hanging_solution(scene), rtol=0, atol=1e-11)
+    assert np.abs(v).max() < 1e-10
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_oscillator_follows_the_documented_solution(damping):
+    K, m, A, L = 90.0, 0.4, -0.2, 0.7
+    scene = scenes.oscillator(stiffness=K, mass=m, amplitude=A, length=L, damping=damping)
+    assert scene.cloth.spring_count() == 1
+    assert scene.cloth.mass_per_point[0, 1] == m
+    assert scene.initial_position[0, 1, 0] == L + A
+    dt, steps = 1e-3, 700
+    x, _ = rk4(scene, dt, steps)
+    g = damping / (2 * m)
+    u = np.sqrt(K / m - g**2)
+    t = dt * steps
+    exact = L + A * np.exp(-g * t) * (np.cos(u * t) + g / u * np.sin(u * t))
+    # RK4 over u t = 10.5 with u dt = 0.015: error about A u t (u dt)^4 / 120 = 9e-10.
+    assert x[0, 1, 0] == pytest.approx(exact, abs=2e-9)
+    assert x[0, 0].tolist() == [0, 0, 0] and x[0, 1, 1:].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"amplitude": 1.0}, "amplitude must be smaller than length = 1, got 1.0"),
+        ({"amplitude": -2.0}, "amplitude must be smaller than length"),
+        ({"mass": 0.0}, "mass must be.*> 0, got 0.0"),
+        ({"length": -1.0}, "length must be.*> 0, got -1.0"),
+        ({"stiffness": float("nan")}, "stiffness must be.*nan"),
+        ({"damping": -1.0}, "damping must be.*>= 0, got -1.0"),
+    ],
+)
+def test_oscillator_refuses(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        scenes.oscillator(**arguments)

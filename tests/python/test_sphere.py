@@ -1,0 +1,116 @@
+"""The sphere: contact radius, motion, and what it refuses."""
+
+import json
+import pickle
+from decimal import Decimal, getcontext
+
+import numpy as np
+import pytest
+from clothsim.cloth import Cloth
+from clothsim.motion import Keyframes, Linear, Reciprocate
+from clothsim.sphere import Sphere
+
+
+def eq_13(rest_length, radius):
+    """O = sqrt((D/2)^2 + R^2) - R of Kim et al., in 60 digits."""
+    getcontext().prec = 60
+    half, radius = Decimal(rest_length) / 2, Decimal(radius)
+    return float((half * half + radius * radius).sqrt() - radius)
+
+
+@pytest.mark.parametrize("columns", [2, 32, 1_000, 1_000_000])
+def test_edge_offset_is_eq_13_to_the_last_digits(columns):
+    cloth = Cloth(shape=(2, columns), size=(1e-9, 1.0), pins=())
+    sphere = Sphere(radius=0.25)
+    exact = eq_13(cloth.spacing[1], 0.25)
+    # At a million columns the subtraction of eq 13 as printed would keep no digit at all.
+    assert sphere.offset_length(cloth) == pytest.approx(exact, rel=1e-15, abs=0)
+    assert sphere.contact_radius(cloth) == pytest.approx(0.25 + exact, rel=1e-15, abs=0)
+
+
+def test_edge_offset_takes_the_longest_structural_rest_length():
+    for size in [(3.0, 1.0), (1.0, 3.0)]:
+        for springs in [("structural",), ("shear",), ()]:
+            cloth = Cloth(shape=(2, 2), size=size, springs=springs)
+            assert Sphere(radius=2.0).contact_radius(cloth) == pytest.approx(2.5, rel=1e-15, abs=0)
+    chain = Cloth(shape=(3, 1), size=(6.0, 99.0), pins=())
+    assert Sphere(radius=2.0).contact_radius(chain) == pytest.approx(2.5, rel=1e-15, abs=0)
+
+
+def test_the_middle_of_an_edge_touches_the_true_sphere():
+    cloth, sphere = Cloth(), Sphere()
+    half = cloth.spacing[0] / 2
+    height = np.sqrt(sphere.contact_radius(cloth) ** 2 - half**2)
+    assert height == pytest.approx(sphere.radius, rel=1e-15, abs=0)
+
+
+def test_other_offsets():
+    assert Sphere(offset="none").contact_radius(Cloth()) == 0.25
+    assert Sphere(offset=0.125).contact_radius(Cloth()) == 0.375
+    assert Sphere(offset=0).offset_length(Cloth()) == 0.0
+    with pytest.raises(TypeError, match="cloth must be a Cloth"):
+        Sphere().contact_radius((32, 32))
+
+
+def test_center_and_velocity():
+    still = Sphere(center=(1, 2, 3))
+    assert still.center_at(7.0).tolist() == [1, 2, 3]
+    assert still.velocity_at([0.0, 1.0]).tolist() == [[0, 0, 0], [0, 0, 0]]
+    moving = Sphere(center=(1, 2, 3), motion=Linear((1, 0, -1)))
+    assert moving.center_at([0.0, 2.0]).tolist() == [[1, 2, 3], [3, 2, 1]]
+    assert moving.velocity_at(2.0).tolist() == [1, 0, -1]
+    keyed = Sphere(center=(9, 9, 9), motion=Keyframes([0, 1], [(0, 0, 0), (1, 0, 0)]))
+    assert keyed.center_at(0.5).tolist() == [0.5, 0, 0]
+
+
+VARIANTS = [
+    {},
+    {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "literal": True},
+    {"motion": Reciprocate((1, 0, 0)), "response": "reflect", "offset": "none"},
+    {"motion": Keyframes([0, 1], np.eye(2, 3)), "restitution": 0.5, "friction": 0.3},
+]
+
+
+@pytest.mark.parametrize("arguments", VARIANTS)
+def test_round_trips(arguments):
+    sphere = Sphere(**arguments)
+    assert Sphere.from_dict(json.loads(json.dumps(sphere.to_dict()))) == sphere
+    assert pickle.loads(pickle.dumps(sphere)) == sphere
+    assert sphere.replace(radius=2.0).radius == 2.0
+    assert sphere.replace(radius=2.0) != sphere
+
+
+NAN = float("nan")
+REFUSED = [
+    ({"center": (0, 0)}, ValueError, "center must be a sequence of 3"),
+    ({"center": (0, 0, NAN)}, ValueError, r"center\[2\].*nan"),
+    ({"center": 0.0}, TypeError, "center must be a sequence of 3"),
+    ({"radius": 0}, ValueError, "radius.*> 0, got 0"),
+    ({"radius": float("inf")}, ValueError, "radius.*finite.*inf"),
+    ({"radius": "1"}, TypeError, "radius"),
+    ({"motion": (1, 0, 0)}, TypeError, "motion must be None, a Linear"),
+    ({"response": "continuous"}, ValueError, "'reflect', 'ray', got 'continuous'"),
+    ({"response": None}, TypeError, "response must be one of"),
+    ({"offset": "face"}, ValueError, "offset.*'none', 'edge'.*length.*got 'face'"),
+    ({"offset": -0.1}, ValueError, "offset.*>= 0, got -0.1"),
+    ({"offset": NAN}, ValueError, "offset.*nan"),
+    ({"offset": None}, TypeError, "offset"),
+    ({"offset": True}, TypeError, "offset"),
+    ({"restitution": 1.1}, ValueError, "restitution.*<= 1, got 1.1"),
+    ({"restitution": -0.1}, ValueError, "restitution.*>= 0"),
+    ({"friction": -1}, ValueError, "friction.*>= 0, got -1"),
+    ({"literal": 1}, TypeError, "literal must be True or False, got 1"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), REFUSED)
+def test_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        Sphere(**arguments)
+
+
+def test_from_dict_names_the_nearest_key():
+    with pytest.raises(ValueError, match="unknown key 'centre'.*did you mean 'center'"):
+        Sphere.from_dict({"centre": [0, 0, 0]})
+    with pytest.raises(TypeError, match="motion must be a mapping"):
+        Sphere.from_dict({"motion": "linear"})
