@@ -77,12 +77,13 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres, const std::string& precision,
-               bool strict, const std::string& instruction_set) {
+               const std::string& kernel, bool strict, const std::string& instruction_set) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
+    plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.strict = strict;
     plan.kernels = &choose_instruction_set(instruction_set);
     return plan;
@@ -90,7 +91,7 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
 
 template <class Real>
 int lanes(const Plan& plan) {
-    return plan.kernels->of<Real>().lanes;
+    return kernels_of<Real>(*plan.kernels).lanes;
 }
 
 }  // namespace
@@ -113,7 +114,7 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("precision"), py::arg("strict"), py::arg("instruction_set"))
+             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"))
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
         .def_property_readonly("lanes", [](const Plan& p) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);

@@ -14,23 +14,13 @@
 #include <limits>
 
 #include "kernels/kernel_table.hpp"
-#include "kernels/lanes.hpp"
+#include "kernels/vector3.hpp"
 
 namespace clothsim {
 namespace {
 
 constexpr bool wants(Features features, Family family) {
     return family == structural ? features.structural : family == shear ? features.shear : features.bend;
-}
-
-template <class V>
-struct Vector3 {
-    V x, y, z;
-};
-
-template <class V, class Real>
-CLOTHSIM_INLINE Vector3<V> load3(const Real* p, std::ptrdiff_t plane) {
-    return {V::load_unaligned(p), V::load_unaligned(p + plane), V::load_unaligned(p + 2 * plane)};
 }
 
 template <Arithmetic A, class V>
@@ -54,7 +44,7 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
         r = V(Real(1)) / l;
         scale = stiffness * (l - rest_length);
     } else {
-        r = reciprocal_root(l2);
+        r = scaled_reciprocal_root(l2) * V(1 / root_scale<Real, typename V::arch_type>());
         scale = stiffness * xsimd::fms(l2, r, rest_length);
     }
     if constexpr (damped) {
@@ -80,21 +70,6 @@ CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const V
         if (row + neighbour.row < 0 || row + neighbour.row >= g.rows) continue;
         add_spring<A, features.spring_damping>(force, x, v, point + neighbour.row * g.stride + neighbour.column,
                                                g.plane, g.spring[n], column);
-    }
-}
-
-// x' and v' of stage four: the increment is summed first, then added once, with what rounding takes
-// kept for the next step (Kahan 1965; Higham, Accuracy and Stability, 4.3) where compensation is on.
-template <class V, class Real>
-CLOTHSIM_INLINE void add_increment(Real* state, Real* compensation, V increment) {
-    const V old = V::load_unaligned(state);
-    if (compensation) {
-        increment = increment + V::load_unaligned(compensation);
-        const V next = old + increment;
-        (increment - (next - old)).store_unaligned(compensation);
-        next.store_unaligned(state);
-    } else {
-        (old + increment).store_unaligned(state);
     }
 }
 
@@ -184,18 +159,6 @@ void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit
                 hit(context, row, column + __builtin_ctzll(mask));
         }
     }
-}
-
-template <class Arch, class Real, Arithmetic A, int... index>
-constexpr std::array<GatherKernel<Real>, Features::count> gather_table(std::integer_sequence<int, index...>) {
-    return {&gather_tile<Arch, Real, A, index>...};
-}
-
-template <class Arch, class Real>
-constexpr RealKernels<Real> real_kernels() {
-    constexpr auto all = std::make_integer_sequence<int, Features::count>{};
-    return {gather_table<Arch, Real, Arithmetic::fused>(all), gather_table<Arch, Real, Arithmetic::strict>(all),
-            &sphere_tile<Arch, Real>, int(Lanes<Real, Arch>::size)};
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <array>
 #include <string_view>
 
+#include "kernels/edge_arguments.hpp"
 #include "kernels/gather_arguments.hpp"
 
 namespace clothsim {
@@ -26,11 +27,21 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
+// Rows [begin, end) of a band, and what the two rows above it hand down to it.
+template <class Real>
+using EdgeRowsKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>*, int begin, int end);
+template <class Real>
+using EdgeHaloKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>& above_2,
+                                const EdgeSources<Real>& above);
+
 template <class Real>
 struct RealKernels {
     std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
     std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
     SphereKernel<Real> sphere;
+    std::array<EdgeRowsKernel<Real>, Features::count> edge_rows;
+    std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
+    Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     int lanes;
 };
 
@@ -40,12 +51,12 @@ struct KernelTable {
     bool (*supported)();
     RealKernels<float> single;
     RealKernels<double> double_;
-
-    template <class Real>
-    const RealKernels<Real>& of() const {
-        if constexpr (sizeof(Real) == 4) return single;
-        else return double_;
-    }
 };
+
+template <class Real>
+const RealKernels<Real>& kernels_of(const KernelTable& table) {
+    if constexpr (sizeof(Real) == 4) return table.single;
+    else return table.double_;
+}
 
 }  // namespace clothsim

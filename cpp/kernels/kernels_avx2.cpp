@@ -1,4 +1,4 @@
-#include "kernels/gather_impl.hpp"
+#include "kernels/kernels_impl.hpp"
 
 namespace clothsim {
 namespace {

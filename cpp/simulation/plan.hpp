@@ -10,13 +10,15 @@
 namespace clothsim {
 
 enum class Precision { single, double_ };
+enum class Kernel { gather, edge };
 
 struct Plan {
     Cloth cloth;
     Vec3 gravity = Vec3::Zero();
     std::vector<Sphere> spheres;
     Precision precision = Precision::double_;
-    bool strict = false;
+    Kernel kernel = Kernel::edge;
+    bool strict = false;  // gather only
     const KernelTable* kernels = nullptr;
 
     Features features() const {

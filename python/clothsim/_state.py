@@ -11,7 +11,7 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from .errors import UnstableError
-from .plan import check_options, choose_threads, core_plan
+from .plan import check_options, choose_kernel, choose_threads, core_cloth, core_plan
 from .scene import Scene
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -128,7 +128,8 @@ class State:
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
         self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-        plans = [core_plan(s, precision, strict) for s in scenes]
+        plans = [core_plan(s, precision, kernel, strict) for s in scenes]
+        self.kernel = choose_kernel(kernel, strict)
         self.instruction_set = plans[0].instruction_set
         self.core = _core.Simulation(
             plans * members if not batched else plans, check.number("t", t)
@@ -165,6 +166,4 @@ class State:
 
 def max_stable_dt_of(scene: Scene) -> float:
     """The guarantee that `max_stable_dt` gives."""
-    from .plan import core_cloth
-
     return float(core_cloth(scene).rk4_stable_dt())

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .sphere import Sphere
 
 PRECISIONS = ("double", "single")
-KERNELS = ("auto", "gather")
+KERNELS = ("auto", "gather", "edge")
 INTEGRATORS = ("rk4",)
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
@@ -32,12 +32,18 @@ _FLOPS_SPHERE_TEST = 9
 _STAGES = 4
 
 
+def choose_kernel(kernel: str, strict: bool) -> str:
+    """The kernel that "auto" stands for: the fast one, unless the strict class is asked for."""
+    return kernel if kernel != "auto" else "gather" if strict else "edge"
+
+
 def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> None:
     """Raise the errors of arguments that every stepping function takes."""
     check.choice("precision", precision, PRECISIONS)
     check.choice("kernel", kernel, KERNELS)
     check.choice("integrator", integrator, INTEGRATORS)
-    check.boolean("strict", strict)
+    if check.boolean("strict", strict) and kernel == "edge":
+        raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
 
 
 def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1) -> int:
@@ -80,7 +86,9 @@ def core_cloth(scene: Scene) -> _core.Cloth:
     )
 
 
-def core_plan(scene: Scene, precision: str = "double", strict: bool = False) -> _core.Plan:
+def core_plan(
+    scene: Scene, precision: str = "double", kernel: str = "auto", strict: bool = False
+) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
         cloth=core_cloth(scene),
@@ -99,6 +107,7 @@ def core_plan(scene: Scene, precision: str = "double", strict: bool = False) -> 
             for sphere in scene.spheres
         ],
         precision=precision,
+        kernel=choose_kernel(kernel, strict),
         strict=strict,
         instruction_set="",
     )
@@ -155,7 +164,8 @@ def explain(
     """See `Scene.explain`."""
     check_options(precision, kernel, strict)
     cloth = scene.cloth
-    plan = core_plan(scene, precision, strict)
+    kernel = choose_kernel(kernel, strict)
+    plan = core_plan(scene, precision, kernel, strict)
     points = cloth.rows * cloth.columns
     spring_damping = any(cloth.family_damping.values())
     compensated = precision == "single"
@@ -167,8 +177,8 @@ def explain(
         "compensation": _FLOPS_COMPENSATION * compensated,
         "spheres": _FLOPS_SPHERE_TEST * len(scene.spheres),
     }
-    # Each of a spring's two ends evaluates it, as the shader's threads do.
-    evaluations = 2 * _STAGES
+    # In the gather kernel each of a spring's two ends evaluates it, as the shader's threads do.
+    evaluations = _STAGES * (2 if kernel == "gather" else 1)
     flops = {f"{f} springs": evaluations * _FLOPS_SPRING * cloth.spring_count(f) for f in cloth.families}
     if spring_damping:
         damped = sum(cloth.spring_count(f) for f in cloth.families)
@@ -198,7 +208,7 @@ def explain(
             ),
             "integrator": "rk4",
             "force_evaluations_per_step": _STAGES,
-            "kernel": "gather",
+            "kernel": kernel,
             "arithmetic": "strict" if strict else "fused",
             "precision": precision,
             "instruction_set": plan.instruction_set,

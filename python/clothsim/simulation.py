@@ -234,7 +234,7 @@ def simulate(
             name: max((depth[name] for depth in depths), default=0.0)
             for name in ("points", "triangles")
         },
-        "kernel": "gather",
+        "kernel": stepper.kernel,
         "integrator": integrator,
         "precision": precision,
         "strict": strict,

@@ -56,11 +56,12 @@ def step(
         Threads used, 1 to 256. Default: by size. The result has the same bits for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
-    kernel : {"auto", "gather"}, default "auto"
+    kernel : {"auto", "gather", "edge"}, default "auto"
         "gather" is the compute shader's: one lane a mass point that gathers its neighbours.
+        "edge" takes each spring once and is faster. "auto" is "edge", or "gather" if `strict`.
     strict : bool, default False
         True: exact roots and divisions and nothing fused, so that every instruction set gives the
-        same bits.
+        same bits. Not with the kernel "edge".
 
     Returns
     -------
@@ -270,6 +271,11 @@ class Stepper:
     def threads(self) -> int:
         """Threads used."""
         return self._state.threads
+
+    @property
+    def kernel(self) -> str:
+        """Kernel used, "gather" or "edge"."""
+        return self._state.kernel
 
     @property
     def instruction_set(self) -> str:

@@ -106,8 +106,10 @@ def _contact(number, settings, threads, progress, folder):
     with _bar(progress, number, total, "frame") as advance:
         cases = contact.run(experiment, settings, threads=threads, advance=advance)
     pictures.draw_cells(experiment, cases, settings, folder)
+    study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
     scene = contact.scene_of(experiment, 2, "mended")
+    radius, spacing = scene.spheres[0].radius, max(scene.cloth.spacing)
     entry = {
         "title": experiment.title,
         "paper": paper.CLAIMS[number],
@@ -116,12 +118,16 @@ def _contact(number, settings, threads, progress, folder):
         "dt": experiment.dt,
         "frame_dt": settings.frame_dt,
         "frames": list(experiment.frames),
-        "edge_offset": scene.spheres[0].offset_length(scene.cloth),
+        "radius": radius,
+        "impact_speed": contact.impact_speed(scene),
+        # What eq 13 lacks at the middle of a cell's diagonal, to first order in spacing/radius.
+        "diagonal_shortfall": spacing**2 / (8 * radius),
         "cells": [cell for case in cases for cell in case.cells],
         "histories": [
             {"method": c.method, "variant": c.variant, "failure": c.failure, **c.history}
             for c in cases
         ],
+        "step_study": study,
         "sheet": pictures.draw_sheet(experiment, cases, folder),
         "plot": plots.history(experiment, cases, folder),
         "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",

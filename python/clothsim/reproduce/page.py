@@ -8,7 +8,7 @@ from pathlib import Path
 
 from . import paper
 from .report import headline
-from .tables import number, table
+from .tables import Table, number, tables
 
 STYLE = """
 body { font: 16px/1.55 system-ui, sans-serif; color: #1d2530; background: #fff;
@@ -77,7 +77,7 @@ def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
             "Red</span>: the sphere's surface where cloth lies under it, stronger with depth.</p>"
         )
         parts += _cells(experiment, folder)
-    parts.append(_table(*table(key, experiment)))
+    parts += [_table(table) for table in tables(key, experiment)]
     parts.append(f"<figure>{_image(folder, experiment['plot'], experiment['plot_caption'])}</figure>")
     return parts
 
@@ -110,12 +110,14 @@ def _list(entries) -> str:
     return "<ul>" + "".join(f"<li>{escape(entry)}</li>" for entry in entries) + "</ul>"
 
 
-def _table(headings, rows) -> str:
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in table.headings)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in table.rows
     )
+    caption = f"<h3>{escape(table.caption)}</h3>" if table.caption else ""
     return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f'{caption}<div class="scroll"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )

@@ -14,8 +14,9 @@ from .contact import Case, Experiment, scene_of
 from .settings import Settings
 
 FRONT = (1.0, 0.6, 1.3)
-BACK = (-1.0, 0.35, 1.2)
+BACK = (-0.6, 0.9, 0.7)
 BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
+STAGE = (-1.1, -1.1, -0.2), (1.1, 0.2, 1.2)  # m; what a cloth that is thrown about leaves is cut
 PIN_RADIUS = 0.013  # m
 
 
@@ -24,7 +25,7 @@ def draw_cells(
 ) -> None:
     """Write the picture of each cell and enter its path, relative to `folder`, in the cell.
 
-    All cells of a frame share one camera, which holds the mended cloths and the sphere.
+    All cells of a frame share one camera, which holds the sphere and every cloth within `STAGE`.
     """
     from matplotlib.image import imsave
 
@@ -42,11 +43,12 @@ def draw_cells(
 
 def _camera(experiment, cases, frame) -> raster.Camera:
     direction = BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
-    shown = [c for c in cases if frame in c.states and c.variant == "mended"]
     points = []
-    for case in shown or [c for c in cases if frame in c.states]:
-        positions, time = case.states[frame]
-        points += [positions.reshape(-1, 3), *_extremes(experiment, case, time, direction)]
+    for case in cases:
+        if frame in case.states:
+            positions, time = case.states[frame]
+            points += [np.clip(positions.reshape(-1, 3), *STAGE)]
+            points += _extremes(experiment, case, time, direction)
     if not points:  # no case got this far; nothing will be drawn
         return raster.Camera(direction, (0.0, 0.0, 0.0), 1.0)
     return raster.Camera.around(direction, np.concatenate(points))

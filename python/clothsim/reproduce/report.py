@@ -12,7 +12,7 @@ from pathlib import Path
 import clothsim as cs
 
 from . import paper
-from .tables import table
+from .tables import Table, tables
 
 WIDTH = 100
 
@@ -60,7 +60,9 @@ def text(report: dict) -> str:
     for number, experiment in report["experiments"].items():
         title = f"Experiment {number}: {experiment['title']}"
         lines += ["", title, "-" * len(title), *_wrapped(experiment["setting"])]
-        lines += ["", *_aligned(*table(number, experiment)), ""]
+        for table in tables(number, experiment):
+            lines += ["", *([table.caption] if table.caption else []), *_aligned(table)]
+        lines.append("")
         lines += [*_wrapped(f"The paper: {experiment['paper']}"), "Measured:"]
         lines += _items(experiment["findings"])
     return "\n".join(lines) + "\n"
@@ -77,15 +79,14 @@ def _items(entries) -> list[str]:
     return lines
 
 
-def _aligned(headings, rows) -> list[str]:
-    """Columns under headings of two lines: the words and, below them, the unit."""
-    split = [heading.rpartition(" [") for heading in headings]
-    words = [left or right for left, _, right in split]
-    units = [f"[{right}" if left else "" for left, _, right in split]
-    table = [words, units, *rows]
-    widths = [max(len(row[k]) for row in table) for k in range(len(headings))]
-    body = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths)).rstrip() for row in table]
-    return [*body[:2], "  ".join("-" * w for w in widths), *body[2:]]
+def _aligned(table: Table) -> list[str]:
+    """Right-aligned columns; a heading's words stand one a line above them."""
+    words = [heading.split(" ") for heading in table.headings]
+    height = max(map(len, words))
+    head = list(zip(*([""] * (height - len(column)) + column for column in words)))
+    widths = [max(map(len, column)) for column in zip(*head, *table.rows)]
+    lines = ["  ".join(c.rjust(w) for c, w in zip(row, widths)) for row in (*head, *table.rows)]
+    return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
 
 
 def write(report: dict, folder: Path) -> None:

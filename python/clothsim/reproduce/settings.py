@@ -19,6 +19,8 @@ class Settings:
         Time between two frames [s]. `docs/reproduction.md` says why it is 1.6 ms.
     static_frames, moving_frames : tuple of int
         Frames that are measured and drawn.
+    study_dts : tuple of float
+        Coarser steps at which experiment 1 is run once more, to see what the step does [s].
     timing_dt : float
         Integration step of experiments 3 and 4 [s]. The cost of a step does not depend on it.
     runs : int
@@ -38,6 +40,7 @@ class Settings:
     frame_dt: float = 1.6e-3
     static_frames: tuple[int, ...] = (150, 500, 800)
     moving_frames: tuple[int, ...] = (200, 1300, 3100)
+    study_dts: tuple[float, ...] = (1e-4, 4e-4, 8e-4)
     timing_dt: float = PAPER_DT
     runs: int = 10
     windows: int = 4

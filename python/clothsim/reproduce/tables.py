@@ -35,6 +35,14 @@ CONTACT = (
     Column("kinetic energy [J]", lambda r: number(r["energy"]["kinetic"])),
 )
 
+STUDY = (
+    Column("dt [s]", lambda r: number(r["dt"])),
+    Column("method", lambda r: str(r["method"])),
+    Column("deepest point [mm]", lambda r: number(1e3 * r["deepest_so_far"]["points"])),
+    Column("deepest triangle [mm]", lambda r: number(1e3 * r["deepest_so_far"]["triangles"])),
+    Column("contact energy [J]", lambda r: number(r["contact_energy"])),
+)
+
 METHODS = (
     Column("method", lambda r: str(r["method"])),
     Column("window", lambda r: str(r["window"])),
@@ -59,18 +67,33 @@ SPEEDUP = (
 )
 
 
-def table(number: str, experiment: dict) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows of the table of experiment `number`."""
+@dataclass(frozen=True)
+class Table:
+    """Headings and rows as strings; an empty `caption` for an experiment's main table."""
+
+    caption: str
+    headings: list[str]
+    rows: list[list[str]]
+
+
+def tables(number: str, experiment: dict) -> list[Table]:
+    """The tables of experiment `number`."""
     if number in ("1", "2"):
-        columns, rows = CONTACT, sorted(experiment["cells"], key=lambda cell: cell["frame"])
-    elif number == "3":
-        columns, rows = METHODS, []
-        for row in experiment["rows"]:
-            rows += [
-                {"method": row["method"], "window": str(k + 1), **window}
-                for k, window in enumerate(row["windows"])
-            ]
-            rows.append({**row, "window": "all"})
-    else:
-        columns, rows = SPEEDUP, experiment["rows"]
-    return [c.heading for c in columns], [[c.write(row) for c in columns] for row in rows]
+        made = [_table("", CONTACT, sorted(experiment["cells"], key=lambda cell: cell["frame"]))]
+        if experiment.get("step_study"):
+            caption = "The same with coarser steps, literal: deepest over the whole run"
+            made.append(_table(caption, STUDY, experiment["step_study"]))
+        return made
+    if number == "4":
+        return [_table("", SPEEDUP, experiment["rows"])]
+    rows = []
+    for row in experiment["rows"]:
+        named = {"method": row["method"]}
+        rows += [{**w, **named, "window": k} for k, w in enumerate(row["windows"], start=1)]
+        rows.append({**row, "window": "all"})
+    return [_table("", METHODS, rows)]
+
+
+def _table(caption: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
+    body = [[column.write(row) for column in columns] for row in rows]
+    return Table(caption, [column.heading for column in columns], body)

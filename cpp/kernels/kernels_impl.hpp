@@ -1,0 +1,27 @@
+// The table of one instruction set.
+#pragma once
+
+#include "kernels/edge_impl.hpp"
+#include "kernels/gather_impl.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class Arch, class Real, int... index>
+constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
+    return {{&gather_tile<Arch, Real, Arithmetic::fused, index>...},
+            {&gather_tile<Arch, Real, Arithmetic::strict, index>...},
+            &sphere_tile<Arch, Real>,
+            {&edge_rows<Arch, Real, index>...},
+            {&edge_halo<Arch, Real, index>...},
+            root_scale<Real, Arch>(),
+            int(Lanes<Real, Arch>::size)};
+}
+
+template <class Arch, class Real>
+constexpr RealKernels<Real> real_kernels() {
+    return real_kernels<Arch, Real>(std::make_integer_sequence<int, Features::count>{});
+}
+
+}  // namespace
+}  // namespace clothsim

@@ -1,0 +1,19 @@
+#include "simulation/edge_engine.hpp"
+#include "simulation/gather_engine.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class Real>
+std::unique_ptr<Engine> make(const Plan& plan) {
+    if (plan.kernel == Kernel::gather) return std::make_unique<GatherEngine<Real>>(plan);
+    return std::make_unique<EdgeEngine<Real>>(plan);
+}
+
+}  // namespace
+
+std::unique_ptr<Engine> make_engine(const Plan& plan) {
+    return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
+}
+
+}  // namespace clothsim

@@ -1,0 +1,180 @@
+// What the engines share whatever their layout: moving the state in and out, looking after it, and
+// answering contacts.
+//
+// A Layout says where component k (x, y, z, vx, vy, vz) of the mass point (row, column) lies:
+// `at(row, column, k)`; compensation lies `compensation()` elements further.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "collision/response.hpp"
+#include "simulation/aligned_vector.hpp"
+#include "simulation/engine.hpp"
+
+namespace clothsim {
+
+// Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
+inline constexpr double far_away = 1e15;
+
+template <class Real, class Layout>
+class StateEngine : public Engine {
+public:
+    void load(const float* x, const float* v) final { load_any(x, v); }
+    void load(const double* x, const double* v) final { load_any(x, v); }
+    void store(float* x, float* v) const final { store_any(x, v); }
+    void store(double* x, double* v) const final { store_any(x, v); }
+
+    std::int64_t first_non_finite() const final {
+        for (int r = 0; r < rows(); ++r) {
+            // 0 * value is 0 for every finite value and NaN for the others.
+            Real sum = 0;
+            for (int k = 0; k < 6; ++k)
+                for (int c = 0; c < columns(); ++c) sum += Real(0) * memory_[layout_.at(r, c, k)];
+            if (sum == 0) continue;
+            for (int c = 0; c < columns(); ++c)
+                for (int k = 0; k < 6; ++k)
+                    if (!std::isfinite(memory_[layout_.at(r, c, k)])) return std::int64_t(r) * columns() + c;
+        }
+        return -1;
+    }
+
+    std::vector<double> raw_state() const final {
+        std::vector<double> raw;
+        raw.reserve(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6));
+        for_each_place([&](std::ptrdiff_t place) { raw.push_back(double(memory_[place])); });
+        return raw;
+    }
+    void set_raw_state(const std::vector<double>& raw) final {
+        auto next = raw.begin();
+        for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
+    }
+
+    void save_checkpoint() final {
+        checkpoint_.clear();
+        layout_.for_each_run(compensated, [&](std::ptrdiff_t begin, std::ptrdiff_t length) {
+            checkpoint_.insert(checkpoint_.end(), memory_.begin() + begin, memory_.begin() + begin + length);
+        });
+    }
+    void restore_checkpoint() final {
+        auto next = checkpoint_.begin();
+        layout_.for_each_run(compensated, [&](std::ptrdiff_t begin, std::ptrdiff_t length) {
+            std::copy(next, next + length, memory_.begin() + begin);
+            next += length;
+        });
+    }
+
+protected:
+    static constexpr bool compensated = sizeof(Real) == 4;
+
+    StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)) {}
+
+    int rows() const { return plan_.cloth.rows; }
+    int columns() const { return plan_.cloth.columns; }
+    // 1 / mass where it is uniform and so folded into the coefficients.
+    double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
+
+    double value(std::ptrdiff_t place) const {
+        if constexpr (compensated) return double(memory_[place]) + double(memory_[place + layout_.compensation()]);
+        else return memory_[place];
+    }
+    template <class T>
+    void set_value(std::ptrdiff_t place, T v) {
+        memory_[place] = Real(v);
+        if constexpr (compensated) memory_[place + layout_.compensation()] = Real(v - T(memory_[place]));
+    }
+
+    std::vector<Contact> contacts(double t) const {
+        std::vector<Contact> result;
+        result.reserve(plan_.spheres.size());
+        for (const Sphere& sphere : plan_.spheres) result.emplace_back(sphere, t);
+        return result;
+    }
+
+    // The radius of the kernels' test may find a point too many, never one too few: `answer` decides.
+    static Real outer_radius_squared(const Sphere& sphere) {
+        const double r = sphere.contact_radius;
+        return Real(r * r * (1 + 8 * double(std::numeric_limits<Real>::epsilon())));
+    }
+
+    PointState point_state(int row, int column) const {
+        const auto component = [&](int k) { return value(layout_.at(row, column, k)); };
+        return {{component(0), component(1), component(2)}, {component(3), component(4), component(5)}};
+    }
+
+    // The response of one point that a kernel's test has found.
+    void answer(const Contact& contact, int row, int column) {
+        if (column >= columns() || plan_.cloth.pinned[row * columns() + column]) return;
+        const PointState before = point_state(row, column);
+        if (!touches(contact, before.position)) return;
+        const PointState after = respond(contact, before);
+        const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
+        for (int k = 0; k < 6; ++k)
+            set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
+        if (track_contact_energy) {
+            const double mass = plan_.cloth.mass[row * columns() + column];
+            contact_energy += spring_energy(row, column) - springs_before +
+                              mass * ((after.velocity.squaredNorm() - before.velocity.squaredNorm()) / 2 -
+                                      plan_.gravity.dot(after.position - before.position));
+        }
+    }
+
+    // One point after the other, so that the energy of each move is known.
+    void collide_all(double t) {
+        for (const Contact& contact : contacts(t))
+            for (int r = 0; r < rows(); ++r)
+                for (int c = 0; c < columns(); ++c) answer(contact, r, c);
+    }
+
+    Plan plan_;
+    Layout layout_;
+    AlignedVector<Real> memory_;
+
+private:
+    template <class In>
+    void load_any(const In* x, const In* v) {
+        for (int r = 0; r < rows(); ++r)
+            for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
+                const bool pinned = plan_.cloth.pinned[r * columns() + c];
+                for (int k = 0; k < 3; ++k) {
+                    set_value(layout_.at(r, c, k), x[k]);
+                    set_value(layout_.at(r, c, 3 + k), pinned ? In(0) : v[k]);
+                }
+            }
+    }
+    template <class Out>
+    void store_any(Out* x, Out* v) const {
+        for (int r = 0; r < rows(); ++r)
+            for (int c = 0; c < columns(); ++c, x += 3, v += 3)
+                for (int k = 0; k < 3; ++k) {
+                    x[k] = Out(value(layout_.at(r, c, k)));
+                    v[k] = Out(value(layout_.at(r, c, 3 + k)));
+                }
+    }
+    template <class Visit>
+    void for_each_place(Visit visit) const {
+        for (int part = 0; part < (compensated ? 2 : 1); ++part)
+            for (int k = 0; k < 6; ++k)
+                for (int r = 0; r < rows(); ++r)
+                    for (int c = 0; c < columns(); ++c)
+                        visit(layout_.at(r, c, k) + part * layout_.compensation());
+    }
+
+    double spring_energy(int row, int column) const {
+        const Cloth& cloth = plan_.cloth;
+        const Vec3 here = point_state(row, column).position;
+        double energy = 0;
+        for (const Neighbour& n : neighbours) {
+            const int r = row + n.row, c = column + n.column;
+            if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns) continue;
+            const double stretch = (point_state(r, c).position - here).norm() - cloth.rest_length(n);
+            energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
+        }
+        return energy;
+    }
+
+    AlignedVector<Real> checkpoint_;
+};
+
+}  // namespace clothsim

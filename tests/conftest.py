@@ -1,0 +1,184 @@
+"""Fixtures of all tests: each kernel this processor runs, scenes that use every feature, and an
+oracle in NumPy that shares no code with the core."""
+
+import itertools
+from dataclasses import dataclass
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.plan import KERNELS, PRECISIONS
+
+INSTRUCTION_SETS = tuple(cs.build_config()["instruction_sets_supported"])
+NAMED_KERNELS = tuple(kernel for kernel in KERNELS if kernel != "auto")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One of the ways in which the core can compute a step."""
+
+    instruction_set: str
+    kernel: str
+    precision: str = "double"
+    strict: bool = False
+
+    def __str__(self):
+        arithmetic = "strict" if self.strict else "fused"
+        return f"{self.instruction_set}-{self.kernel}-{self.precision}-{arithmetic}"
+
+    @property
+    def options(self):
+        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict}
+
+
+VARIANTS = [
+    Variant(*parts)
+    for parts in itertools.product(INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, (False, True))
+]
+
+
+def _chosen(request, monkeypatch):
+    monkeypatch.setenv("CLOTHSIM_ISA", request.param.instruction_set)
+    return request.param
+
+
+@pytest.fixture(params=VARIANTS, ids=str)
+def variant(request, monkeypatch):
+    """Every instruction set x kernel x precision x arithmetic class, chosen for the test."""
+    return _chosen(request, monkeypatch)
+
+
+@pytest.fixture(params=[v for v in VARIANTS if v.precision == "double"], ids=str)
+def double_variant(request, monkeypatch):
+    """The variants that compute in double."""
+    return _chosen(request, monkeypatch)
+
+
+@pytest.fixture(params=NAMED_KERNELS)
+def kernel(request):
+    """Every kernel, on the instruction set that is used by default."""
+    return request.param
+
+
+@pytest.fixture(params=PRECISIONS)
+def precision(request):
+    return request.param
+
+
+@dataclass(frozen=True)
+class State:
+    scene: cs.Scene
+    x: np.ndarray
+    v: np.ndarray
+    dt: float
+
+    def __iter__(self):
+        return iter((self.scene, self.x, self.v, self.dt))
+
+
+def _state(
+    shape=(9, 20),
+    springs=("structural", "shear", "bend"),
+    damping_model="spring",
+    damped=True,
+    mass="per point",
+    pins=None,
+    seed=1,
+    **scene,
+):
+    """A crumpled, moving sheet that is nowhere symmetric and has another coefficient everywhere."""
+    rng = np.random.default_rng(seed)
+    stiffness = {"structural": 900.0, "shear": 350.0, "bend": 130.0}
+    damping = {"structural": 0.5, "shear": 0.3, "bend": 0.2}
+    if pins is None:
+        pins = [(0, 0), (-1, -1), (shape[0] // 2, shape[1] // 2)] if min(shape) > 2 else [(0, 0)]
+    cloth = cs.Cloth(
+        shape,
+        size=(0.9, 1.3),
+        mass=rng.uniform(0.05, 0.15, shape) if mass == "per point" else 0.1 * shape[0] * shape[1],
+        stiffness={f: stiffness[f] for f in springs},
+        damping=0.0 if not damped else 0.4 if damping_model == "point" else
+        {f: damping[f] for f in springs},
+        damping_model=damping_model,
+        springs=springs,
+        pins=pins,
+    )
+    scene = cs.Scene(cloth, **{"gravity": (0.3, -9.80665, 0.7), **scene})
+    spacing = min(h for h in cloth.spacing if h)
+    x = cloth.rest_positions + 0.15 * spacing * rng.normal(size=(*shape, 3))
+    v = 0.5 * rng.normal(size=(*shape, 3))
+    v[cloth.pinned] = 0.0
+    return State(scene, x, v, 0.2 * cs.max_stable_dt(scene))
+
+
+@pytest.fixture
+def crumpled():
+    """`crumpled(**features)`: a scene, a state without any symmetry, and a stable time step."""
+    return _state
+
+
+class Oracle:
+    """Newton's second law for the rows of `Cloth.spring_table`, in NumPy."""
+
+    @staticmethod
+    def acceleration(scene, x, v):
+        cloth = scene.cloth
+        table = cloth.spring_table()
+        x, v = x.reshape(-1, 3), v.reshape(-1, 3)
+        d = x[table["j"]] - x[table["i"]]
+        length = np.linalg.norm(d, axis=1)
+        n = d / length[:, None]
+        rate = ((v[table["j"]] - v[table["i"]]) * n).sum(axis=1)
+        pull = table["stiffness"] * (length - table["rest_length"]) + table["damping"] * rate
+        force = -cloth.point_damping * v
+        np.add.at(force, table["i"], pull[:, None] * n)
+        np.subtract.at(force, table["j"], pull[:, None] * n)
+        a = force / cloth.mass_per_point.reshape(-1, 1) + np.array(scene.gravity)
+        a[cloth.pinned.ravel()] = 0.0
+        return a.reshape(*cloth.shape, 3)
+
+    @classmethod
+    def solution(cls, scene, duration):
+        """x at the end, by an adaptive method of order 8 with a relative tolerance of 1e-12."""
+        from scipy.integrate import solve_ivp
+
+        shape = (2, *scene.cloth.shape, 3)
+
+        def rate(_, y):
+            x, v = y.reshape(shape)
+            return np.concatenate([v.ravel(), cls.acceleration(scene, x, v).ravel()])
+
+        start = np.concatenate([scene.initial_position.ravel(), scene.initial_velocity.ravel()])
+        run = solve_ivp(rate, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14)
+        assert run.success
+        return run.y[:, -1].reshape(shape)[0]
+
+
+@pytest.fixture
+def oracle():
+    return Oracle
+
+
+def _relative(result, expected, start):
+    """Largest difference over the largest displacement or speed, of the worse of x and v."""
+    (x, v), (x_expected, v_expected) = result, expected
+    return max(
+        float(np.abs(x - x_expected).max() / np.abs(x_expected - start).max()),
+        float(np.abs(v - v_expected).max() / np.abs(v_expected).max()),
+    )
+
+
+@pytest.fixture
+def relative():
+    return _relative
+
+
+def _same_bits(result, expected):
+    pairs = zip(result, expected, strict=True)
+    return all(a.dtype == b.dtype and a.tobytes() == b.tobytes() for a, b in pairs)
+
+
+@pytest.fixture
+def same_bits():
+    """Whether two tuples of arrays are equal to the last bit, signs of zero included."""
+    return _same_bits

@@ -1,0 +1,75 @@
+"""The compute shader's thread grid: index = y * width + x, groups of 16 x 16 x 1."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+SHAPES = [(32, 32), (16, 16), (2, 2), (1, 2), (2, 1), (1, 33), (17, 33), (40, 7), (3, 50), (15, 16)]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_is_the_formula_of_the_shader(shape):
+    grid = cs.thread_grid(shape)
+    rows, columns = shape
+    y, x = np.indices(shape)
+    assert grid.shape == shape
+    np.testing.assert_array_equal(grid["dispatch_x"], x)
+    np.testing.assert_array_equal(grid["dispatch_y"], y)
+    np.testing.assert_array_equal(grid["dispatch_x"], grid["group_x"] * 16 + grid["thread_x"])
+    np.testing.assert_array_equal(grid["dispatch_y"], grid["group_y"] * 16 + grid["thread_y"])
+    np.testing.assert_array_equal(grid["index"], y * columns + x)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_is_a_bijection(shape):
+    grid = cs.thread_grid(shape).ravel()
+    points = shape[0] * shape[1]
+    np.testing.assert_array_equal(np.sort(grid["index"]), np.arange(points))
+    assert len(np.unique(grid[["group_x", "group_y", "thread_x", "thread_y"]])) == points
+    for axis in "xy":
+        assert grid[f"thread_{axis}"].min() >= 0 and grid[f"thread_{axis}"].max() < 16
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_covers_the_sheet_with_the_fewest_whole_groups(shape):
+    grid = cs.thread_grid(shape)
+    groups = len(np.unique(grid[["group_x", "group_y"]]))
+    assert groups == -(-shape[0] // 16) * -(-shape[1] // 16)
+
+
+def test_the_index_is_that_of_the_arrays():
+    table = cs.Cloth(shape=(3, 5), springs=("structural",)).spring_table()
+    index = cs.thread_grid((3, 5))["index"]
+    assert (table[0]["i"], table[0]["j"]) == (index[0, 0], index[0, 1])
+    assert (table[12]["i"], table[12]["j"]) == (index[0, 0], index[1, 0])
+
+
+@pytest.mark.parametrize("group", [(8, 8, 1), (16, 16, 2), (32, 8, 1)])
+def test_refuses_other_groups(group):
+    with pytest.raises(ValueError, match=r"group must be \(16, 16, 1\)"):
+        cs.thread_grid((4, 4), group)
+
+
+@pytest.mark.parametrize(
+    "shape, error", [((0, 4), ValueError), ((4, -1), ValueError), ((4,), ValueError),
+                     ((4.0, 4), TypeError), (16, TypeError), ("ab", TypeError)],
+)  # fmt: skip
+def test_refuses_what_is_no_shape(shape, error):
+    with pytest.raises(error, match="shape"):
+        cs.thread_grid(shape)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 7), (17, 33)], ids=str)
+def test_triangles_cover_every_cell_once_with_one_orientation(shape):
+    triangles = cs.triangles(shape)
+    assert triangles.shape == (2 * (shape[0] - 1) * (shape[1] - 1), 3)
+    x = cs.Cloth(shape=shape, size=(2.0, 3.0)).rest_positions.reshape(-1, 3)
+    a, b, c = (x[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    assert (normal[:, 1] < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1).sum() / 2, 6.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1)])
+def test_a_chain_has_no_triangles(shape):
+    assert cs.triangles(shape).shape == (0, 3)

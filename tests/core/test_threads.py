@@ -1,0 +1,237 @@
+"""Threads, batches, forks and Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
+
+
+@pytest.mark.parametrize("shape", [(33, 70), (64, 5), (5, 64)], ids=str)
+def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits, shape):
+    scene, x, v, dt = crumpled(shape=shape, spheres=BALL)
+    one = cs.step(scene, x, v, dt, 60, threads=1, **variant.options)
+    a = cs.acceleration(scene, x, v, threads=1, **variant.options)
+    for threads in (2, 3, 5):
+        several = cs.step(scene, x, v, dt, 60, threads=threads, **variant.options)
+        assert same_bits(several, one), threads
+        b = cs.acceleration(scene, x, v, threads=threads, **variant.options)
+        assert same_bits([b], [a]), threads
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    xs = np.stack([x, x + 0.01, x[::-1]]).astype(dtype)
+    vs = np.stack([v, -v, v]).astype(dtype)
+    singles = [cs.step(scene, *one, dt, 60, **variant.options) for one in zip(xs, vs)]
+    expected = [np.stack(parts) for parts in zip(*singles)]
+    for threads in (1, 2, 5):
+        together = cs.step(scene, xs, vs, dt, 60, threads=threads, **variant.options)
+        assert same_bits(together, expected), threads
+
+
+def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):
+    scenes, xs, vs, steps = [], [], [], []
+    features = [{}, {"springs": ("structural",)}, {"damping_model": "point"}, {"mass": "uniform"}]
+    for k, feature in enumerate(features):
+        scene, x, v, dt = crumpled(seed=k, spheres=BALL if k % 2 else (), **feature)
+        scenes.append(scene), xs.append(x), vs.append(v), steps.append(dt)
+    dt = min(steps)
+    together = cs.step(scenes, np.stack(xs), np.stack(vs), dt, 60, **variant.options)
+    for k, one in enumerate(zip(scenes, xs, vs)):
+        alone = cs.step(*one, dt, 60, **variant.options)
+        assert same_bits([part[k] for part in together], alone), features[k]
+    a = cs.acceleration(scenes, np.stack(xs), np.stack(vs), **variant.options)
+    for k, one in enumerate(zip(scenes, xs, vs)):
+        assert same_bits([a[k]], [cs.acceleration(*one, **variant.options)])
+
+
+@pytest.mark.parametrize(
+    "threads, error",
+    [(0, ValueError), (-1, ValueError), (10**6, ValueError), (10**30, ValueError),
+     (True, TypeError), (1.5, TypeError), (2.0, TypeError), ("2", TypeError)],
+)  # fmt: skip
+def test_refuses_what_is_no_number_of_threads(crumpled, threads, error):
+    scene, x, v, dt = crumpled()
+    calls = [
+        lambda: cs.step(scene, x, v, dt, threads=threads),
+        lambda: cs.acceleration(scene, x, v, threads=threads),
+        lambda: cs.Stepper(scene, threads=threads),
+        lambda: cs.simulate(scene, 0.01, dt, threads=threads),
+        lambda: scene.explain(threads=threads),
+    ]
+    for call in calls:
+        with pytest.raises(error, match="threads must be an integer"):
+            call()
+
+
+def test_takes_the_most_threads_it_says_it_takes(crumpled, same_bits):
+    scene, x, v, dt = crumpled(shape=(40, 40))
+    most = cs.step(scene, x, v, dt, 3, threads=256)
+    assert same_bits(most, cs.step(scene, x, v, dt, 3, threads=1))
+    with pytest.raises(ValueError, match="<= 256"):
+        cs.step(scene, x, v, dt, 3, threads=257)
+
+
+_FORK = """
+import os, signal
+import numpy as np
+import clothsim as cs
+
+scene = cs.scenes.paper_swing()
+state = scene.initial_position, scene.initial_velocity
+expected = cs.step(scene, *state, 1e-4, 20, threads=2, kernel="{kernel}")
+for n in range(30):
+    cs.step(scene, *state, 1e-4, 5, threads=2, kernel="{kernel}")
+    pid = os.fork()
+    if pid == 0:
+        signal.alarm(20)  # a child that hangs dies of it
+        x, v = cs.step(scene, *state, 1e-4, 20, threads=2, kernel="{kernel}")
+        os._exit(0 if (x == expected[0]).all() and (v == expected[1]).all() else 1)
+    _, status = os.waitpid(pid, 0)
+    assert status == 0, (n, status)
+print("30 forks")
+"""
+
+
+def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", _FORK.format(kernel=kernel)],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert run.stdout == "30 forks\n", run.stderr
+
+
+def _interrupt(stepper, dt, steps):
+    """Seconds from Ctrl-C to the KeyboardInterrupt out of a long `advance`."""
+    sent = []
+
+    def send():
+        time.sleep(0.15)
+        sent.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            stepper.advance(steps, dt)
+        return time.perf_counter() - sent[0]
+    finally:
+        sender.join()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("shape", [(2, 2), (32, 32), (200, 200)], ids=str)
+def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, threads):
+    """Within 0.1 s: part of what `advance` promises, so time is measured here.
+
+    The best of up to four tries counts: other processes may hold a try up, but not all of them,
+    and a core that looked for signals too rarely would fail each.
+    """
+    cloth = cs.Cloth(shape)
+    scene = cs.Scene(cloth)
+    dt = 0.5 * cs.max_stable_dt(scene)
+    delays = []
+    while not delays or (min(delays) > 0.1 and len(delays) < 4):
+        stepper = cs.Stepper(scene, threads=threads, kernel=kernel)
+        delays.append(_interrupt(stepper, dt, 10**9))
+    assert min(delays) < 0.1
+    steps = round(stepper.time / dt)
+    assert steps > 0 and stepper.time == steps * dt
+    if shape != (2, 2):  # there it has done too many steps to repeat
+        again = cs.Stepper(scene, threads=1, kernel=kernel)
+        again.advance(steps, dt)
+        assert same_bits(
+            (again.positions, again.velocities), (stepper.positions, stepper.velocities)
+        )
+    stepper.advance(1, dt)
+    assert stepper.time == (steps + 1) * dt
+
+
+def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):
+    scene, x, v, dt = crumpled()
+    out = np.full_like(x, 7.0), np.full_like(v, 8.0)
+    timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        cs.step(scene, x, v, dt, 10**9, out=out)
+    timer.join()
+    assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
+
+
+def test_two_steppers_in_two_threads_give_the_serial_results(kernel, crumpled, same_bits):
+    states = [crumpled(shape=(33, 40), seed=seed, spheres=BALL) for seed in (1, 2)]
+
+    def run(results, k):
+        scene, x, v, dt = states[k]
+        stepper = cs.Stepper(scene, x, v, threads=2, kernel=kernel)
+        for _ in range(20):
+            stepper.advance(50, dt)
+        results[k] = (stepper.positions, stepper.velocities)
+
+    serial, parallel = {}, {}
+    for k in range(2):
+        run(serial, k)
+    workers = [threading.Thread(target=run, args=(parallel, k)) for k in range(2)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert all(same_bits(parallel[k], serial[k]) for k in range(2))
+
+
+def test_one_stepper_in_two_threads_is_refused(kernel, crumpled, same_bits):
+    scene, x, v, dt = crumpled(shape=(64, 64))
+    steps = 4000
+    stepper = cs.Stepper(scene, x, v, threads=1, kernel=kernel)
+    worker = threading.Thread(target=stepper.advance, args=(steps, dt))
+    worker.start()
+    refused = 0
+    while worker.is_alive():
+        for use in (lambda: stepper.advance(1, dt), lambda: stepper.positions, stepper.snapshot):
+            try:
+                use()
+            except RuntimeError as error:
+                assert "another thread" in str(error)
+                refused += 1
+        if refused:
+            break
+    worker.join()
+    assert refused
+    # Calls let in before the worker began may have added steps: whole ones, none half done.
+    done = round(stepper.time / dt)
+    assert done >= steps
+    expected = cs.step(scene, x, v, dt, done, threads=1, kernel=kernel)
+    assert same_bits((stepper.positions, stepper.velocities), expected)
+
+
+def test_the_lock_of_the_interpreter_is_released(crumpled):
+    """Another thread counts while this one is in the core."""
+    scene, x, v, dt = crumpled(shape=(64, 64))
+    counted, stop = [0], threading.Event()
+
+    def count():
+        while not stop.is_set():
+            counted[0] += 1
+            time.sleep(0.001)
+
+    worker = threading.Thread(target=count)
+    worker.start()
+    try:
+        before = counted[0]
+        start = time.perf_counter()
+        cs.step(scene, x, v, dt, 3000, threads=1)
+        seconds, ticks = time.perf_counter() - start, counted[0] - before
+    finally:
+        stop.set()
+        worker.join()
+    assert ticks > 20 * seconds
