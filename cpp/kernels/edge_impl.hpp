@@ -16,8 +16,6 @@
 // what the two rows above hand down: any number of threads gives the same bits.
 #pragma once
 
-#include <limits>
-
 #include "kernels/edge_arguments.hpp"
 #include "kernels/kernel_table.hpp"
 #include "kernels/vector3.hpp"
@@ -30,29 +28,65 @@ CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
     return {next_lane(a.x), next_lane(a.y), next_lane(a.z)};
 }
 
-// One spring vector from points a (six components in registers) to points at `b`: force per mass on a.
-template <bool damped, class V, class Real>
-CLOTHSIM_INLINE Vector3<V> edge_force(const Vector3<V>& x, const Vector3<V>& v, const Real* b, std::ptrdiff_t plane,
-                                      const Real* coefficients) {
-    constexpr int W = int(V::size);
-    const Vector3<V> d{V::load_unaligned(b) - x.x, V::load_unaligned(b + plane) - x.y,
-                       V::load_unaligned(b + 2 * plane) - x.z};
-    // The smallest normal number keeps coincident points finite and changes no other length.
-    const V l2 = xsimd::fma(d.z, d.z, xsimd::fma(d.y, d.y, xsimd::fma(d.x, d.x, V(std::numeric_limits<Real>::min()))));
-    const V r = scaled_reciprocal_root(l2);
-    const V stiffness = V::load_aligned(coefficients);
-    const V tension = V::load_aligned(coefficients + W);
-    V scale;
-    if constexpr (damped) {
-        const Real* const bv = b + 3 * plane;
-        const Vector3<V> w{V::load_unaligned(bv) - v.x, V::load_unaligned(bv + plane) - v.y,
-                           V::load_unaligned(bv + 2 * plane) - v.z};
-        const V rate = xsimd::fma(w.z, d.z, xsimd::fma(w.y, d.y, w.x * d.x)) * V::load_aligned(coefficients + 2 * W);
-        scale = xsimd::fma(r, xsimd::fms(rate, r, tension), stiffness);
-    } else {
-        scale = xsimd::fnma(r, tension, stiffness);
+#define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
+
+// As many as the registers hold.
+#if defined(__AVX512F__)
+constexpr int springs_side_by_side = 3;
+#else
+constexpr int springs_side_by_side = 1;
+#endif
+
+template <class V>
+struct Points {
+    Vector3<V> x, v;
+};
+
+// Spring vectors, each from points in registers to points in memory at `b`.
+template <class V, class Real, int count>
+struct Springs {
+    const Points<V>* a[count];
+    const Real* b[count];
+    const Real* coefficients[count];
+};
+
+// `take(i, force per mass on the points at b)`; the difference d takes its second operand from memory.
+template <bool damped, class V, class Real, int count, class Take>
+CLOTHSIM_INLINE void spring_forces(const Springs<V, Real, count>& s, std::ptrdiff_t plane, Take take) {
+    if constexpr (count > springs_side_by_side) {
+        each<count>(CLOTHSIM_EACH(i) {
+            spring_forces<damped>(Springs<V, Real, 1>{{s.a[i]}, {s.b[i]}, {s.coefficients[i]}}, plane,
+                                  [&](auto, const Vector3<V>& force) __attribute__((always_inline)) { take(i, force); });
+        });
+        return;
     }
-    return {scale * d.x, scale * d.y, scale * d.z};
+    constexpr int W = int(V::size);
+    Vector3<V> d[count];
+    V l2[count], r[count], scale[count];
+    each<count>(CLOTHSIM_EACH(i) { d[i] = s.a[i]->x - load3<V>(s.b[i], plane); });
+    each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].x, d[i].x, V(smallest_squared_length<Real>)); });
+    each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].y, d[i].y, l2[i]); });
+    each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].z, d[i].z, l2[i]); });
+    if constexpr (damped) {
+        const auto w = [&](auto i, int k) __attribute__((always_inline)) {
+            const V& v = k == 0 ? s.a[i]->v.x : k == 1 ? s.a[i]->v.y : s.a[i]->v.z;
+            return v - V::load_unaligned(s.b[i] + (3 + k) * plane);
+        };
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = w(i, 0) * d[i].x; });
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = xsimd::fma(w(i, 1), d[i].y, scale[i]); });
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = xsimd::fma(w(i, 2), d[i].z, scale[i]); });
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = scale[i] * V::load_aligned(s.coefficients[i] + 2 * W); });
+    }
+    scaled_reciprocal_roots(l2, r);
+    if constexpr (damped) {
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = xsimd::fms(scale[i], r[i], V::load_aligned(s.coefficients[i] + W)); });
+        each<count>(CLOTHSIM_EACH(i) { scale[i] = xsimd::fma(scale[i], r[i], V::load_aligned(s.coefficients[i])); });
+    } else {
+        each<count>(CLOTHSIM_EACH(i) {
+            scale[i] = xsimd::fnma(r[i], V::load_aligned(s.coefficients[i] + W), V::load_aligned(s.coefficients[i]));
+        });
+    }
+    each<count>(CLOTHSIM_EACH(i) { take(i, Vector3<V>{scale[i] * d[i].x, scale[i] * d[i].y, scale[i] * d[i].z}); });
 }
 
 template <class V, class Real, bool damped>
@@ -61,20 +95,16 @@ struct EdgeRow {
     const EdgeArguments<Real>& e;
     std::ptrdiff_t plane;
 
-    Vector3<V> position(const Real* source, std::ptrdiff_t at) const { return load3<V>(source + at, plane); }
-    Vector3<V> velocity(const Real* source, std::ptrdiff_t at) const {
-        if constexpr (damped) return load3<V>(source + 3 * plane + at, plane);
-        else return {};
+    CLOTHSIM_INLINE Points<V> points(const Real* source, std::ptrdiff_t at) const {
+        if constexpr (damped) return {load3<V>(source + at, plane), load3<V>(source + 3 * plane + at, plane)};
+        else return {load3<V>(source + at, plane), {}};
     }
-    const Real* coefficients(int k, EdgeKind kind) const {
+    CLOTHSIM_INLINE const Real* coefficients(int k, EdgeKind kind) const {
         return e.coefficients + (e.coefficient_class[k] * edge_kind_count + kind) * EdgeCoefficientIndex::count * W;
     }
-    // Where the vector `k + further` of a row begins: behind the last vector stands the first, a lane on.
-    std::ptrdiff_t column(int k) const { return k < e.vectors ? std::ptrdiff_t(k) * W : std::ptrdiff_t(k - e.vectors) * W + 1; }
-
-    CLOTHSIM_INLINE Vector3<V> force(const Vector3<V>& x, const Vector3<V>& v, const Real* source, std::ptrdiff_t at,
-                                     int k, EdgeKind kind) const {
-        return edge_force<damped>(x, v, source + at, plane, coefficients(k, kind));
+    // Where vector k of a row begins: behind the last vector stands the first, a lane on.
+    CLOTHSIM_INLINE std::ptrdiff_t column(int k) const {
+        return k < e.vectors ? std::ptrdiff_t(k) * W : std::ptrdiff_t(k - e.vectors) * W + 1;
     }
 };
 
@@ -89,53 +119,90 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     constexpr bool bend_down = features.bend && has_below_2;
     const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * W;
     const EdgeRow<V, Real, features.spring_damping> row{e, plane};
-    const V zero(Real(0));
-    const Vector3<V> none{zero, zero, zero};
+    constexpr bool damped = features.spring_damping;
+    const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
 
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
     Vector3<V> diagonal = none;                   // of the vector before, for `received`
     for (int k = 0; k < e.vectors; ++k) {
         const std::ptrdiff_t at = std::ptrdiff_t(k) * W;
         const std::ptrdiff_t next = row.column(k + 1);
-        const Vector3<V> x = row.position(source.here, at);
-        const Vector3<V> v = row.velocity(source.here, at);
-        Vector3<V> f = none;
+        const Points<V> here = row.points(source.here, at);
+        Vector3<V> f = none, down = none;
         if constexpr (own) f = to_next + load3<V>(e.received + at, plane);
         Vector3<V> hand_next = to_next_2;
-        Vector3<V> down = none;
         if constexpr (features.bend && has_below) down = load3<V>(e.received_2 + at, plane);
 
-        if constexpr (own && features.structural) {
-            const Vector3<V> right = row.force(x, v, source.here, next, k, to_right);
-            f = f + right;
-            hand_next = hand_next - right;
+        const Real* const right = source.here + next;
+        const Real* const right_2 = source.here + row.column(k + 2);
+        const auto take_right = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            f = f - force;
+            hand_next = hand_next + force;
+        };
+        const auto take_right_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            f = f - force;
+            to_next_2 = force;
+        };
+        const auto take_below_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            f = f - force;
+            store3(e.received_2 + at, plane, force);
+        };
+        const auto coefficients = [&](EdgeKind kind) { return row.coefficients(k, kind); };
+        if constexpr (own && features.structural && bend_down) {
+            spring_forces<damped>(Springs<V, Real, 3>{{&here, &here, &here},
+                                                      {right, right_2, source.below_2 + at},
+                                                      {coefficients(to_right), coefficients(to_right_2), coefficients(to_below_2)}},
+                                  plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                      if constexpr (i == 0) take_right(i, force);
+                                      if constexpr (i == 1) take_right_2(i, force);
+                                      if constexpr (i == 2) take_below_2(i, force);
+                                  });
+        } else {
+            const auto one = [&](const Real* b, EdgeKind kind) {
+                return Springs<V, Real, 1>{{&here}, {b}, {coefficients(kind)}};
+            };
+            if constexpr (own && features.structural) spring_forces<damped>(one(right, to_right), plane, take_right);
+            if constexpr (own && features.bend) spring_forces<damped>(one(right_2, to_right_2), plane, take_right_2);
+            if constexpr (bend_down) spring_forces<damped>(one(source.below_2 + at, to_below_2), plane, take_below_2);
         }
-        if constexpr (own && features.bend) {
-            const Vector3<V> right_2 = row.force(x, v, source.here, row.column(k + 2), k, to_right_2);
-            f = f + right_2;
-            to_next_2 = none - right_2;
-        }
-        if constexpr (vertical) {
-            const Vector3<V> below = row.force(x, v, source.below, at, k, to_below);
-            f = f + below;
-            down = down - below;
-        }
+        const auto take_below = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            f = f - force;
+            down = down + force;
+        };
+        const auto take_falling = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            f = f - force;
+            down = down + diagonal;
+            diagonal = force;
+        };
+        const auto take_rising = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            hand_next = hand_next - force;
+            down = down + force;
+        };
         if constexpr (shear) {
-            const Vector3<V> falling = row.force(x, v, source.below, next, k, to_diagonal);
-            f = f + falling;
-            down = down - diagonal;
-            diagonal = falling;
-            const Vector3<V> rising = row.force(row.position(source.here, next), row.velocity(source.here, next),
-                                                source.below, at, k, to_diagonal);
-            hand_next = hand_next + rising;
-            down = down - rising;
+            const Points<V> there = row.points(source.here, next);
+            const Real* const diagonals = coefficients(to_diagonal);
+            if constexpr (vertical) {
+                spring_forces<damped>(Springs<V, Real, 3>{{&here, &here, &there},
+                                                          {source.below + at, source.below + next, source.below + at},
+                                                          {coefficients(to_below), diagonals, diagonals}},
+                                      plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                          if constexpr (i == 0) take_below(i, force);
+                                          if constexpr (i == 1) take_falling(i, force);
+                                          if constexpr (i == 2) take_rising(i, force);
+                                      });
+            } else {
+                spring_forces<damped>(Springs<V, Real, 2>{{&here, &there},
+                                                          {source.below + next, source.below + at},
+                                                          {diagonals, diagonals}},
+                                      plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                          if constexpr (i == 0) take_falling(i, force);
+                                          if constexpr (i == 1) take_rising(i, force);
+                                      });
+            }
+        } else if constexpr (vertical) {
+            spring_forces<damped>(Springs<V, Real, 1>{{&here}, {source.below + at}, {coefficients(to_below)}}, plane, take_below);
         }
         if constexpr (has_below) store3(e.received + at, plane, down);
-        if constexpr (bend_down) {
-            const Vector3<V> below_2 = row.force(x, v, source.below_2, at, k, to_below_2);
-            f = f + below_2;
-            store3(e.received_2 + at, plane, none - below_2);
-        }
         if constexpr (own) store3(e.force + at, plane, f);
         to_next = hand_next;
     }
@@ -144,7 +211,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         store3(e.force, plane, load3<V>(e.force, plane) + shifted_lanes(to_next));
         if constexpr (features.bend) store3(e.force + W, plane, load3<V>(e.force + W, plane) + shifted_lanes(to_next_2));
     }
-    if constexpr (shear) store3(e.received, plane, load3<V>(e.received, plane) - shifted_lanes(diagonal));
+    if constexpr (shear) store3(e.received, plane, load3<V>(e.received, plane) + shifted_lanes(diagonal));
 }
 
 // Finish the stage for one row whose force is complete.
@@ -250,10 +317,10 @@ void edge_halo(const EdgeArguments<Real>& e, const EdgeSources<Real>& above_2, c
             const EdgeRow<V, Real, features.spring_damping> row{e, plane};
             for (int k = 0; k < e.vectors; ++k) {
                 const std::ptrdiff_t at = std::ptrdiff_t(k) * int(V::size);
-                const V zero(Real(0));
-                store3(e.received_2 + at, plane,
-                       Vector3<V>{zero, zero, zero} - row.force(row.position(above_2.here, at), row.velocity(above_2.here, at),
-                                                                above_2.below_2, at, k, to_below_2));
+                const Points<V> points = row.points(above_2.here, at);
+                spring_forces<features.spring_damping>(
+                    Springs<V, Real, 1>{{&points}, {above_2.below_2 + at}, {row.coefficients(k, to_below_2)}}, plane,
+                    [&](auto, const Vector3<V>& force) { store3(e.received_2 + at, plane, force); });
             }
         }
     }

@@ -11,8 +11,6 @@
 // point, so that no lane branches. A whole row that lacks its upper or lower neighbour skips it.
 #pragma once
 
-#include <limits>
-
 #include "kernels/kernel_table.hpp"
 #include "kernels/vector3.hpp"
 
@@ -35,7 +33,7 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
     const Vector3<V> xj = load3<V>(other, plane);
     const Vector3<V> d{xj.x - x.x, xj.y - x.y, xj.z - x.z};
     // Coincident points: a spring without direction gives no force instead of a NaN.
-    const V l2 = xsimd::max(dot<A>(d, d), V(std::numeric_limits<Real>::min()));
+    const V l2 = xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>));
     const V stiffness = V::load_unaligned(spring.stiffness + column);
     const V rest_length = V::load_unaligned(spring.rest_length + column);
     V r, scale;

@@ -3,6 +3,7 @@
 // function compiled for one instruction set can be picked by the linker for another.
 #pragma once
 
+#include <utility>
 #include <xsimd/xsimd.hpp>
 
 namespace clothsim {
@@ -23,6 +24,11 @@ CLOTHSIM_INLINE V multiply_add(V a, V b, V c) {
     else return a * b + c;
 }
 
+// Added to every squared length: it keeps coincident points finite and changes no length that means anything.
+// Large enough for the estimate of 1/sqrt in single.
+template <class Real>
+constexpr Real smallest_squared_length = Real(1e-36);
+
 // scale / sqrt(a). The scale, a power of two, is what a Newton step y (3 - a y^2) = 2/sqrt(a) leaves over;
 // it is folded into coefficients instead of being divided out.
 template <class Real, class Arch>
@@ -35,31 +41,67 @@ constexpr Real root_scale() {
 }
 
 template <class V>
-CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
+CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
+    constexpr bool single = sizeof(typename V::value_type) == 4;
+#if defined(__AVX512F__)  // to 2^-14
+    if constexpr (single) return V(_mm512_rsqrt14_ps(a));
+    else return V(_mm512_rsqrt14_pd(a));
+#elif defined(__AVX__)  // to 1.5 * 2^-12, single only
+    if constexpr (single) return V(_mm256_rsqrt_ps(a));
+    else return a;
+#else
+    if constexpr (single) return V(_mm_rsqrt_ps(a));
+    else return a;
+#endif
+}
+
+// f(0), f(1), ... f(count - 1) with the index known to the compiler.
+template <int count, class F>
+CLOTHSIM_INLINE void each(F f) {
+    [&]<int... i>(std::integer_sequence<int, i...>) __attribute__((always_inline)) {
+        (f(std::integral_constant<int, i>{}), ...);
+    }(std::make_integer_sequence<int, count>{});
+}
+
+// Operation by operation over several independent values: each waits for the one before it for a dozen cycles,
+// and the processor looks ahead too little to fill them from code that finishes one value after the other.
+template <int count, class V>
+CLOTHSIM_INLINE void scaled_reciprocal_roots(const V (&a)[count], V (&y)[count]) {
     using Real = typename V::value_type;
+#if !defined(__AVX512F__)
+    // No estimate in double here, and from one in single the way is longer than the exact one.
+    if constexpr (sizeof(Real) == 8) {
+        each<count>([&](auto i) __attribute__((always_inline)) { y[i] = V(Real(1)) / xsimd::sqrt(a[i]); });
+        return;
+    }
+#endif
+    V t[count];
+    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = reciprocal_root_estimate(a[i]); });
+    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = a[i] * y[i]; });
 #if defined(__AVX512F__)
-    // An estimate to 2^-14: one step gives 2^-27, two 2^-54.
-    if constexpr (sizeof(Real) == 4) {
-        const V y(_mm512_rsqrt14_ps(a));
-        return y * xsimd::fnma(a * y, y, V(Real(3)));
-    } else {
-        const V y0(_mm512_rsqrt14_pd(a));
-        const V y = y0 * xsimd::fnma(a * y0, y0, V(Real(3)));
-        return y * xsimd::fnma(a * y, y, V(Real(12)));
+    // One step gives 2^-27, two 2^-54.
+    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fnma(t[i], y[i], V(Real(3))); });
+    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = y[i] * t[i]; });
+    if constexpr (sizeof(Real) == 8) {
+        each<count>([&](auto i) __attribute__((always_inline)) { t[i] = a[i] * y[i]; });
+        each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fnma(t[i], y[i], V(Real(12))); });
+        each<count>([&](auto i) __attribute__((always_inline)) { y[i] = y[i] * t[i]; });
     }
 #else
-    if constexpr (sizeof(Real) == 4) {
-        // An estimate to 1.5 * 2^-12: the third-order step that leaves less than rounding does.
-#if defined(__AVX__)
-        const V y(_mm256_rsqrt_ps(a));
-#else
-        const V y(_mm_rsqrt_ps(a));
+    // The third-order step gives 2^-35, less than rounding does.
+    V e[count];
+    each<count>([&](auto i) __attribute__((always_inline)) { e[i] = xsimd::fnma(t[i], y[i], V(Real(1))); });
+    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fma(e[i], V(Real(0.375)), V(Real(0.5))); });
+    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = xsimd::fma(y[i] * e[i], t[i], y[i]); });
 #endif
-        const V e = xsimd::fnma(a * y, y, V(Real(1)));
-        return xsimd::fma(y * e, xsimd::fma(e, V(Real(0.375)), V(Real(0.5))), y);
-    }
-    return V(Real(1)) / xsimd::sqrt(a);
-#endif
+}
+
+template <class V>
+CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
+    const V in[1] = {a};
+    V out[1];
+    scaled_reciprocal_roots(in, out);
+    return out[0];
 }
 
 // Lane l takes lane l - 1, lane 0 takes 0.
