@@ -1,5 +1,6 @@
 #include "simulation/diagnostics.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
 
@@ -40,41 +41,35 @@ Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int ro
     return result;
 }
 
-// Voronoi regions of the triangle, vertices and edges first (Ericson, Real-Time Collision Detection, 5.1.5).
+namespace {
+
+Vec3 closest_point_on_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
+    const Vec3 ab = b - a;
+    const double length2 = ab.squaredNorm();
+    return length2 > 0 ? Vec3(a + std::clamp(ab.dot(p - a) / length2, 0.0, 1.0) * ab) : a;
+}
+
+}  // namespace
+
+// The nearest of the sides, or the foot of the perpendicular if it lies inside. Every candidate is a point of
+// the triangle, so that a thin or collapsed one gives its nearest side and nothing worse.
 Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+    Vec3 best = closest_point_on_segment(p, a, b);
+    const auto consider = [&](const Vec3& q) {
+        if ((q - p).squaredNorm() < (best - p).squaredNorm()) best = q;
+    };
+    consider(closest_point_on_segment(p, b, c));
+    consider(closest_point_on_segment(p, c, a));
+
     const Vec3 ab = b - a, ac = c - a, ap = p - a;
-    const double ab_ap = ab.dot(ap), ac_ap = ac.dot(ap);
-    if (ab_ap <= 0 && ac_ap <= 0) return a;
-
-    const Vec3 bp = p - b;
-    const double ab_bp = ab.dot(bp), ac_bp = ac.dot(bp);
-    if (ab_bp >= 0 && ac_bp <= ab_bp) return b;
-
-    const double weight_c = ab_ap * ac_bp - ab_bp * ac_ap;
-    if (weight_c <= 0 && ab_ap >= 0 && ab_bp <= 0) {
-        const double length = ab_ap - ab_bp;
-        return length > 0 ? Vec3(a + ab_ap / length * ab) : a;
+    const Vec3 normal = ab.cross(ac);
+    const double area2 = normal.squaredNorm();
+    if (area2 > 0) {
+        const double weight_b = ap.cross(ac).dot(normal) / area2;
+        const double weight_c = ab.cross(ap).dot(normal) / area2;
+        if (weight_b >= 0 && weight_c >= 0 && weight_b + weight_c <= 1) consider(a + weight_b * ab + weight_c * ac);
     }
-
-    const Vec3 cp = p - c;
-    const double ab_cp = ab.dot(cp), ac_cp = ac.dot(cp);
-    if (ac_cp >= 0 && ab_cp <= ac_cp) return c;
-
-    const double weight_b = ab_cp * ac_ap - ab_ap * ac_cp;
-    if (weight_b <= 0 && ac_ap >= 0 && ac_cp <= 0) {
-        const double length = ac_ap - ac_cp;
-        return length > 0 ? Vec3(a + ac_ap / length * ac) : a;
-    }
-
-    const double weight_a = ab_bp * ac_cp - ab_cp * ac_bp;
-    const double along_b = ac_bp - ab_bp, along_c = ab_cp - ac_cp;
-    if (weight_a <= 0 && along_b >= 0 && along_c >= 0) {
-        const double length = along_b + along_c;
-        return length > 0 ? Vec3(b + along_b / length * (c - b)) : b;
-    }
-
-    const double total = weight_a + weight_b + weight_c;
-    return a + (weight_b * ab + weight_c * ac) / total;
+    return best;
 }
 
 Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius) {

@@ -1,5 +1,6 @@
 #include "simulation/edge_engine.hpp"
 #include "simulation/gather_engine.hpp"
+#include "simulation/stability.hpp"
 
 namespace clothsim {
 namespace {
@@ -11,6 +12,11 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 }
 
 }  // namespace
+
+double runaway_speed(const Cloth& cloth, double dt) {
+    if (dt <= rk4_stable_dt(cloth)) return std::numeric_limits<double>::infinity();
+    return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
+}
 
 std::unique_ptr<Engine> make_engine(const Plan& plan) {
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);

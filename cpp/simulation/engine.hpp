@@ -39,8 +39,8 @@ public:
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
     virtual void accelerations(double* a, int threads) = 0;
 
-    // Index of the first mass point whose state is not finite, or -1.
-    virtual std::int64_t first_non_finite() const = 0;
+    // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or -1.
+    virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
     // The whole state including what compensation holds; restoring it continues bit for bit.
     virtual std::vector<double> raw_state() const = 0;
@@ -55,6 +55,10 @@ public:
     bool track_contact_energy = false;
     double contact_energy = 0;
 };
+
+// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within
+// a step is not. Infinite for a time step within the guarantee [m/s].
+double runaway_speed(const Cloth& cloth, double dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
 

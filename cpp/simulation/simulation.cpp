@@ -19,7 +19,7 @@ double seconds_since(steady_clock::time_point start) {
 
 }  // namespace
 
-Simulation::Simulation(const std::vector<Plan>& plans, double time) {
+Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(plans) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
     clock.origin = time;
@@ -38,18 +38,25 @@ void Simulation::advance_members(std::int64_t steps, int threads) {
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (members_[i]->first_non_finite() >= 0) return std::int64_t(i);
+        if (members_[i]->first_bad_point(speed_limits_[i]) >= 0) return std::int64_t(i);
     return -1;
 }
 
-Outcome::Unstable Simulation::rewind_to_last_finite(std::int64_t steps, int threads) {
+void Simulation::set_step(double dt) {
+    if (dt == clock.dt && !speed_limits_.empty()) return;
+    clock.set_step(dt);
+    speed_limits_.clear();
+    for (const Plan& plan : plans_) speed_limits_.push_back(runaway_speed(plan.cloth, dt));
+}
+
+Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int threads) {
     for (auto& member : members_) member->restore_checkpoint();
     for (std::int64_t k = 0; k < steps; ++k) {
         for (auto& member : members_) member->save_checkpoint();
         advance_members(1, threads);
         const std::int64_t bad = first_bad_member();
         if (bad >= 0) {
-            const std::int64_t point = members_[std::size_t(bad)]->first_non_finite();
+            const std::int64_t point = members_[std::size_t(bad)]->first_bad_point(speed_limits_[std::size_t(bad)]);
             for (auto& member : members_) member->restore_checkpoint();
             return {bad, point, k + 1, clock.at(1)};
         }
@@ -59,7 +66,7 @@ Outcome::Unstable Simulation::rewind_to_last_finite(std::int64_t steps, int thre
 }
 
 Outcome Simulation::advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted) {
-    clock.set_step(dt);
+    set_step(dt);
     Outcome outcome;
     std::int64_t chunk = 1;
     auto last_poll = steady_clock::now();
@@ -69,7 +76,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, const st
         const auto start = steady_clock::now();
         advance_members(n, threads);
         if (first_bad_member() >= 0) {
-            outcome.unstable = rewind_to_last_finite(n, threads);
+            outcome.unstable = rewind_to_last_good(n, threads);
             outcome.unstable->step += outcome.steps;
             outcome.steps = outcome.unstable->step - 1;
             return outcome;

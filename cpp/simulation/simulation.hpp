@@ -14,10 +14,10 @@ struct Outcome {
     bool interrupted = false;
     struct Unstable {
         std::int64_t member, point;
-        std::int64_t step;  // of this call, the first whose result is not finite
+        std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
     };
-    std::optional<Unstable> unstable;  // state: the last finite one, one step before
+    std::optional<Unstable> unstable;  // state: the last good one, one step before
 };
 
 class Simulation {
@@ -35,10 +35,13 @@ public:
 
 private:
     void advance_members(std::int64_t steps, int threads);
+    void set_step(double dt);
     std::int64_t first_bad_member() const;
-    Outcome::Unstable rewind_to_last_finite(std::int64_t steps, int threads);
+    Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
 
+    std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
+    std::vector<double> speed_limits_;  // of the members, at the clock's time step
 };
 
 }  // namespace clothsim

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "collision/response.hpp"
 #include "simulation/aligned_vector.hpp"
@@ -25,16 +26,20 @@ public:
     void store(float* x, float* v) const final { store_any(x, v); }
     void store(double* x, double* v) const final { store_any(x, v); }
 
-    std::int64_t first_non_finite() const final {
+    std::int64_t first_bad_point(double speed_limit) const final {
+        constexpr Real largest = std::numeric_limits<Real>::max();
+        const Real limit = Real(std::min(speed_limit, double(largest)));
+        const auto good = [&](int row, int column, int k) {  // no NaN is <= anything
+            return std::abs(memory_[layout_.at(row, column, k)]) <= (k < 3 ? largest : limit);
+        };
         for (int r = 0; r < rows(); ++r) {
-            // 0 * value is 0 for every finite value and NaN for the others.
-            Real sum = 0;
+            int bad = 0;
             for (int k = 0; k < 6; ++k)
-                for (int c = 0; c < columns(); ++c) sum += Real(0) * memory_[layout_.at(r, c, k)];
-            if (sum == 0) continue;
+                for (int c = 0; c < columns(); ++c) bad |= !good(r, c, k);
+            if (!bad) continue;
             for (int c = 0; c < columns(); ++c)
                 for (int k = 0; k < 6; ++k)
-                    if (!std::isfinite(memory_[layout_.at(r, c, k)])) return std::int64_t(r) * columns() + c;
+                    if (!good(r, c, k)) return std::int64_t(r) * columns() + c;
         }
         return -1;
     }

@@ -123,6 +123,11 @@ class State:
             v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
             v = np.broadcast_to(v, np.shape(x))
         x, v = state_arrays(x, v, scenes, batched)
+        if precision == "single":
+            largest = float(np.finfo(np.float32).max)
+            for name, array in (("x", x), ("v", v)):
+                accepted = f"at most {largest:.3g} in size with precision 'single'"
+                check.check_all(name, array, np.abs(array) <= largest, accepted)
         self.batched = x.ndim == 4
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
@@ -138,7 +143,7 @@ class State:
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
-        steps = check.integer("steps", steps, minimum=0)
+        steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         outcome = self.core.advance(steps, dt, self.threads)
         if "point" in outcome:
