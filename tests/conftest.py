@@ -28,12 +28,16 @@ class Variant:
 
     @property
     def options(self):
-        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict}
+        """Arguments of `step`; one thread, as that is what most tests are quickest with."""
+        return {
+            "kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1,
+        }  # fmt: skip
 
 
 VARIANTS = [
     Variant(*parts)
     for parts in itertools.product(INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, (False, True))
+    if not (parts[1] == "edge" and parts[3])  # the strict class is that of the gather kernel
 ]
 
 
@@ -51,6 +55,12 @@ def variant(request, monkeypatch):
 @pytest.fixture(params=[v for v in VARIANTS if v.precision == "double"], ids=str)
 def double_variant(request, monkeypatch):
     """The variants that compute in double."""
+    return _chosen(request, monkeypatch)
+
+
+@pytest.fixture(params=[v for v in VARIANTS if v.precision == "single"], ids=str)
+def single_variant(request, monkeypatch):
+    """The variants that compute in single."""
     return _chosen(request, monkeypatch)
 
 

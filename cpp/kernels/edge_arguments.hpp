@@ -46,7 +46,6 @@ struct EdgeArguments {
     const Real* inverse_mass;  // one plane a row; null: uniform
     const Real* free;          // one plane a row, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
-    bool compensated;
     // Scratch, three planes each: what the next row and the row after it have received so far, and the
     // force on the current row.
     Real* received;

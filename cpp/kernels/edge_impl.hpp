@@ -214,64 +214,69 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     if constexpr (shear) store3(e.received, plane, load3<V>(e.received, plane) + shifted_lanes(diagonal));
 }
 
-// Finish the stage for one row whose force is complete.
-template <class V, class Real>
-CLOTHSIM_INLINE void edge_update(const EdgeArguments<Real>& e, int row, const Real* source) {
+// Finish the stage for one row whose force is complete. `special`: something that most rows do without, mass or
+// damping per point, pinned points or padding.
+template <class V, class Real, Stage stage, bool special>
+void edge_update(const EdgeArguments<Real>& e, int row, const Real* source) {
     constexpr int W = int(V::size);
+    constexpr bool compensated = sizeof(Real) == 4;
     const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * W;
     Real* const record = e.rows + row * e.record;
     Real* const state = record + RowPlanes::state * plane;
-    Real* const stage = record + RowPlanes::stage * plane;
+    Real* const target = record + RowPlanes::stage * plane;
     Real* const first = record + RowPlanes::first * plane;
     Real* const sum = record + RowPlanes::sum * plane;
     Real* const compensation = record + RowPlanes::compensation * plane;
-    const bool fixed = e.row_has_fixed[row];
-    const V zero(Real(0));
+    const V step(stage == Stage::third ? e.h : e.half_h), h(e.h), h2_6(e.h2_6), h_6(e.h_6);
 
     for (int j = 0; j < 3; ++j) {
         const V gravity(e.gravity[j]);
         for (std::ptrdiff_t at = j * plane; at < (j + 1) * plane; at += W) {
-            V a = V::load_aligned(e.force + at);
             const V vs = V::load_aligned(source + 3 * plane + at);
-            if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), vs, a);
-            if (e.inverse_mass) a = a * V::load_aligned(e.inverse_mass + row * plane + at - j * plane);
-            a = a + gravity;
-            if (fixed) a = xsimd::select(V::load_aligned(e.free + row * plane + at - j * plane) != zero, a, zero);
+            V a = V::load_aligned(e.force + at);
+            if constexpr (special) {
+                const std::ptrdiff_t point = row * plane + at - j * plane;
+                if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), vs, a);
+                if (e.inverse_mass) a = a * V::load_aligned(e.inverse_mass + point);
+                const V zero(Real(0));
+                a = xsimd::select(V::load_aligned(e.free + point) != zero, a + gravity, zero);
+            } else {
+                a = a + gravity;
+            }
+            if constexpr (stage == Stage::first || stage == Stage::evaluate) a.store_aligned(first + at);
+            if constexpr (stage == Stage::second) a.store_aligned(sum + at);
+            if constexpr (stage == Stage::third) (V::load_aligned(sum + at) + a).store_aligned(sum + at);
+            if constexpr (stage == Stage::evaluate) continue;
 
-            const V x = V::load_aligned(state + at);
             const V v = V::load_aligned(state + 3 * plane + at);
-            const auto advance = [&](V step) {
-                xsimd::fma(step, vs, x).store_aligned(stage + at);
-                xsimd::fma(step, a, v).store_aligned(stage + 3 * plane + at);
-            };
-            switch (e.stage) {
-                case Stage::evaluate:
-                    a.store_aligned(first + at);
-                    break;
-                case Stage::first:
-                    advance(V(e.half_h));
-                    a.store_aligned(first + at);
-                    break;
-                case Stage::second:
-                    advance(V(e.half_h));
-                    a.store_aligned(sum + at);
-                    break;
-                case Stage::third:
-                    advance(V(e.h));
-                    (V::load_aligned(sum + at) + a).store_aligned(sum + at);
-                    break;
-                case Stage::fourth: {
-                    const V a1 = V::load_aligned(first + at);
-                    const V middle = V::load_aligned(sum + at);
-                    const V dx = xsimd::fma(V(e.h), v, V(e.h2_6) * (a1 + middle));
-                    const V dv = V(e.h_6) * ((a1 + a) + (middle + middle));
-                    Real* const c = e.compensated ? compensation + at : nullptr;
-                    add_increment(state + at, c, dx);
-                    add_increment(state + 3 * plane + at, c ? c + 3 * plane : nullptr, dv);
-                    break;
-                }
+            if constexpr (stage == Stage::fourth) {
+                const V a1 = V::load_aligned(first + at);
+                const V middle = V::load_aligned(sum + at);
+                const V dx = xsimd::fma(h, v, h2_6 * (a1 + middle));
+                const V dv = h_6 * ((a1 + a) + (middle + middle));
+                add_increment<compensated>(state + at, compensation + at, dx);
+                add_increment<compensated>(state + 3 * plane + at, compensation + 3 * plane + at, dv);
+            } else {
+                xsimd::fma(step, vs, V::load_aligned(state + at)).store_aligned(target + at);
+                xsimd::fma(step, a, v).store_aligned(target + 3 * plane + at);
             }
         }
+    }
+}
+
+template <class V, class Real>
+CLOTHSIM_INLINE void edge_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
+    const bool special = e.row_has_fixed[row] || e.inverse_mass || e.point_damping != 0;
+    const auto finish = [&]<Stage stage>() {
+        if (special) edge_update<V, Real, stage, true>(e, row, source);
+        else edge_update<V, Real, stage, false>(e, row, source);
+    };
+    switch (e.stage) {
+        case Stage::first: return finish.template operator()<Stage::first>();
+        case Stage::second: return finish.template operator()<Stage::second>();
+        case Stage::third: return finish.template operator()<Stage::third>();
+        case Stage::fourth: return finish.template operator()<Stage::fourth>();
+        case Stage::evaluate: return finish.template operator()<Stage::evaluate>();
     }
 }
 
@@ -300,7 +305,7 @@ void edge_rows(const EdgeArguments<Real>& e, const EdgeSources<Real>* sources, i
         if (source.below_2) edge_row<Arch, Real, index, true, true, true>(e, source);
         else if (source.below) edge_row<Arch, Real, index, true, true, false>(e, source);
         else edge_row<Arch, Real, index, true, false, false>(e, source);
-        edge_update<V>(e, row, source.here);
+        edge_finish<V>(e, row, source.here);
         if (e.stage == Stage::fourth && e.sphere_count > 0) edge_spheres<V>(e, row);
     }
 }

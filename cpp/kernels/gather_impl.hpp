@@ -102,25 +102,26 @@ CLOTHSIM_INLINE void finish_component(const GatherArguments<Real>& g, std::ptrdi
             const V middle = V::load_unaligned(sum);
             const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
             const V dv = V(g.h_6) * ((first + a) + (middle + middle));
-            Real* const c = g.compensation ? g.compensation + at : nullptr;
-            add_increment(x, c, dx);
-            add_increment(v, c ? c + 3 * g.plane : nullptr, dv);
+            constexpr bool compensated = sizeof(Real) == 4;
+            add_increment<compensated>(x, g.compensation + at, dx);
+            add_increment<compensated>(v, g.compensation + at + 3 * g.plane, dv);
             break;
         }
     }
 }
 
-template <class Arch, class Real, Arithmetic A, int index>
-void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
-    using V = Lanes<Real, Arch>;
-    for (int row = tile.row_begin; row < tile.row_end; ++row) {
-        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
-            const std::ptrdiff_t at = row * g.stride + column;
-            const Real* const point = g.source + at;
-            const Vector3<V> x = load3<V>(point, g.plane);
-            const Vector3<V> v = load3<V>(point + 3 * g.plane, g.plane);
-            Vector3<V> a{V(Real(0)), V(Real(0)), V(Real(0))};
-            add_springs<A, index>(a, x, v, point, g, row, column);
+// `special`: something that most rows do without, mass or damping per point, pinned points or padding.
+template <class V, class Real, Arithmetic A, int index, bool special>
+CLOTHSIM_INLINE void gather_row(const GatherArguments<Real>& g, int row, int begin, int end) {
+    const V zero(Real(0));
+    for (int column = begin; column < end; column += int(V::size)) {
+        const std::ptrdiff_t at = row * g.stride + column;
+        const Real* const point = g.source + at;
+        const Vector3<V> x = load3<V>(point, g.plane);
+        const Vector3<V> v = load3<V>(point + 3 * g.plane, g.plane);
+        Vector3<V> a{zero, zero, zero};
+        add_springs<A, index>(a, x, v, point, g, row, column);
+        if constexpr (special) {
             if (g.point_damping != 0) {
                 const V c(g.point_damping);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
@@ -129,17 +130,26 @@ void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
                 const V w = V::load_unaligned(g.inverse_mass + at);
                 a = {a.x * w, a.y * w, a.z * w};
             }
-            a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
-            if (g.row_has_fixed[row]) {
-                const V zero(Real(0));
-                const auto moves = V::load_unaligned(g.free + at) != zero;
-                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero),
-                     xsimd::select(moves, a.z, zero)};
-            }
-            finish_component<A>(g, at, v.x, a.x);
-            finish_component<A>(g, at + g.plane, v.y, a.y);
-            finish_component<A>(g, at + 2 * g.plane, v.z, a.z);
         }
+        a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
+        if constexpr (special) {
+            const auto moves = V::load_unaligned(g.free + at) != zero;
+            a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero), xsimd::select(moves, a.z, zero)};
+        }
+        finish_component<A>(g, at, v.x, a.x);
+        finish_component<A>(g, at + g.plane, v.y, a.y);
+        finish_component<A>(g, at + 2 * g.plane, v.z, a.z);
+    }
+}
+
+template <class Arch, class Real, Arithmetic A, int index>
+void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
+    using V = Lanes<Real, Arch>;
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
+        if (g.row_has_fixed[row] || g.inverse_mass || g.point_damping != 0)
+            gather_row<V, Real, A, index, true>(g, row, tile.column_begin, tile.column_end);
+        else
+            gather_row<V, Real, A, index, false>(g, row, tile.column_begin, tile.column_end);
     }
 }
 

@@ -33,10 +33,10 @@ CLOTHSIM_INLINE void store3(Real* p, std::ptrdiff_t plane, const Vector3<V>& a) 
 
 // state + increment, with what rounding takes kept for the next step where there is compensation (Kahan
 // 1965; Higham, Accuracy and Stability of Numerical Algorithms, section 4.3).
-template <class V, class Real>
+template <bool compensated, class V, class Real>
 CLOTHSIM_INLINE void add_increment(Real* state, Real* compensation, V increment) {
     const V old = V::load_unaligned(state);
-    if (compensation) {
+    if constexpr (compensated) {
         increment = increment + V::load_unaligned(compensation);
         const V next = old + increment;
         (increment - (next - old)).store_unaligned(compensation);

@@ -178,7 +178,6 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, double dt) {
     e.h2_6 = Real(dt * dt / 6);
     e.h_6 = Real(dt / 6);
     e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale());
-    e.compensated = Base::compensated;
     e.hit = &Band::hit;
     return e;
 }

@@ -17,6 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+INT64_MAX = 2**63 - 1
+"""The largest count that the core can hold."""
+
 
 def _shown(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.ndim:

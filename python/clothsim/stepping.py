@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._state import FloatArray, State, out_array, out_arrays, scenes_of, state_arrays
+from ._state import FloatArray, State, out_array, out_arrays, state_arrays
 from .scene import Scene
 
 
@@ -163,6 +163,7 @@ class Snapshot:
     """
 
     arguments: dict[str, Any]
+    shape: tuple[int, ...]
     dtype: str
     core: tuple[Any, ...]
 
@@ -308,7 +309,8 @@ class Stepper:
         Snapshot
         """
         arguments = {**self._options, "scene": self._scene, "track_contact_energy": self._track}
-        return Snapshot(arguments, self._state.dtype.str, self._state.core.snapshot())
+        state = self._state
+        return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())
 
     @classmethod
     def restore(cls, snapshot: Snapshot) -> Stepper:
@@ -342,10 +344,7 @@ class Stepper:
             raise TypeError(f"snapshot must be a Snapshot, got {type(snapshot).__name__}")
         origin, steps, dt, members = snapshot.core
         scene = snapshot.arguments["scene"]
-        shape = (*scenes_of(scene)[0].cloth.shape, 3)
-        if not isinstance(scene, Scene) or len(members) > 1:
-            shape = (len(members), *shape)
-        zeros = np.zeros(shape, snapshot.dtype)
+        zeros = np.zeros(snapshot.shape, snapshot.dtype)
         arguments = {name: value for name, value in snapshot.arguments.items() if name != "scene"}
         stepper = cls(scene, zeros, zeros, **arguments)
         stepper._state.core.restore(origin, steps, dt, members)
@@ -414,6 +413,6 @@ def reference_step(
         x.astype(np.float64),
         v.astype(np.float64),
         check.number("dt", dt, minimum=0, exclusive=True),
-        check.integer("steps", steps, minimum=0),
+        check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX),
         check.number("t", t),
     )

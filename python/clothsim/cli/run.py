@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import inspect
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import clothsim as cs
@@ -28,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
         "--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)"
     )
     command.add_argument(
-        "--dt", type=float, metavar="S", help="time step in seconds (default: a stable, accurate one)"
+        "--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)"
     )
     command.add_argument(
         "--every",
@@ -60,6 +62,8 @@ def _every(text: str) -> int | float:
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.out and not Path(args.out).parent.is_dir():
+        raise ValueError(f"--out must be in an existing folder, got {args.out!r}")
     scene = ready_scenes()[args.scene]()
     result = cs.simulate(
         scene,
@@ -68,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
         every=args.every,
         precision=args.precision,
         threads=args.threads,
-        progress=sys.stderr.isatty(),
+        progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
     )
     if args.out:
         result.save(args.out)

@@ -78,7 +78,10 @@ def reproduce(
     report = {
         "schema": SCHEMA,
         "paper": paper.CITATION,
-        "settings": asdict(settings),
+        "settings": {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(settings).items()
+        },
         "reductions": reductions(settings),
         "provenance": provenance(),
         "experiments": {},
@@ -92,8 +95,9 @@ def reproduce(
             entry = _performance(number, settings, threads, progress, folder)
         entry["findings"] = findings.of(number, entry)
         report["experiments"][number] = entry
-    if drawn:
-        report["overview"] = pictures.draw_overview(drawn, folder)
+    overview = pictures.draw_overview(drawn, folder)
+    if overview:
+        report["overview"] = overview
     report["folder"] = str(folder)
     write(report, folder)
     page.write(report, folder)
@@ -140,19 +144,20 @@ def _performance(number, settings, threads, progress, folder):
     dt = settings.timing_dt
     if number == "3":
         with _bar(progress, number, 2 * settings.runs, "run") as advance:
-            result = performance.methods(settings, threads=threads, advance=advance)
+            result = performance.methods(settings, advance=advance)
         entry = {
             "title": "Frame rate, method 1 against method 2",
             "setting": f"The falling cloth of experiment 1, dt = {dt:g} s, double precision, "
-            f"{threads} threads, mean of every {settings.window_frames} frames over "
+            f"one thread, mean of every {settings.window_frames} frames over "
             f"{settings.runs} runs, the two methods in turn. A frame is {settings.frame_dt:g} s: "
-            f"{frame} steps of the paper's {PAPER_DT:g} s. Slowest and fastest run in steps/s.",
+            f"{frame} steps of the paper's {PAPER_DT:g} s. Rates are medians over the runs, "
+            "quartiles are in steps/s.",
             "runs": settings.runs,
             "window_frames": settings.window_frames,
             **result,
         }
         entry["plot"] = plots.methods(entry, folder)
-        entry["plot_caption"] = "As Figure 9: mean of every window of frames; bars: all runs."
+        entry["plot_caption"] = "As Figure 9: every window of frames, median and quartiles of runs."
     else:
         variants = 1 + 2 * len({1, threads})
         with _bar(progress, number, variants * settings.runs, "run") as advance:

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
+from threading import Event
 
 import numpy as np
 
@@ -26,6 +27,7 @@ PERIOD = 3.9  # s
 DECELERATION = 7.0
 
 NEAR = 1e-3  # m; a point this close to the contact radius counts as touching
+LOST = 1e3  # m; a cloth that reaches so far is given up
 HISTORY_POINTS = 200  # entries kept of the frame-by-frame record
 
 
@@ -105,12 +107,16 @@ def run(
         In the order of `variants` and `paper.METHODS`.
     """
     cases = [Case(method, variant) for variant, method in product(variants, METHODS)]
+    stop = Event()
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        list(pool.map(lambda case: _run(experiment, settings, case, advance), cases))
+        try:
+            list(pool.map(lambda case: _run(experiment, settings, case, advance, stop), cases))
+        finally:  # Ctrl-C reaches this thread only
+            stop.set()
     return cases
 
 
-def _run(experiment: Experiment, settings: Settings, case: Case, advance) -> None:
+def _run(experiment: Experiment, settings: Settings, case: Case, advance, stop: Event) -> None:
     scene = scene_of(experiment, case.method, case.variant)
     sphere = scene.spheres[0]
     steps = settings.steps_per_frame(experiment.dt)
@@ -118,10 +124,10 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance) -> Non
     deepest = {"points": 0.0, "triangles": 0.0}
     record = []
     for frame in range(1, max(experiment.frames) + 1):
-        try:
-            stepper.advance(steps, experiment.dt)
-        except cs.UnstableError as error:
-            case.failure = str(error)
+        if stop.is_set():
+            return
+        case.failure = _advance(stepper, steps, experiment.dt)
+        if case.failure:
             advance(max(experiment.frames) + 1 - frame)
             break
         positions = stepper.positions
@@ -148,6 +154,17 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance) -> Non
     case.history = _thinned(record)
 
 
+def _advance(stepper: cs.Stepper, steps: int, dt: float) -> str | None:
+    """Advance; what went wrong, if it did."""
+    try:
+        stepper.advance(steps, dt)
+    except cs.UnstableError as error:
+        return str(error)
+    if np.abs(stepper.positions).max() > LOST:
+        return f"points are more than {LOST:g} m away at t = {stepper.time:g} s"
+    return None
+
+
 def _touching(positions, scene, time) -> int:
     sphere = scene.spheres[0]
     distance = np.linalg.norm(positions - sphere.center_at(time), axis=-1)
@@ -162,19 +179,18 @@ def impact_speed(scene: cs.Scene) -> float:
 
 
 def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) -> list[dict]:
-    """Both methods as printed, over the whole experiment at each of `settings.study_dts`."""
+    """Both methods as printed, at each of `settings.study_dts`; "penetration" frame by frame."""
     rows = []
     for dt in settings.study_dts:
         coarse = replace(experiment, dt=dt)
         for case in run(coarse, settings, threads=threads, variants=("literal",)):
-            if case.cells:
-                last = case.cells[-1]
+            if not case.failure:
                 rows.append(
                     {
                         "dt": dt,
                         "method": case.method,
-                        "deepest_so_far": last["deepest_so_far"],
-                        "contact_energy": last["contact_energy"],
+                        "penetration": [cell["penetration"] for cell in case.cells],
+                        "contact_energy": case.cells[-1]["contact_energy"],
                     }
                 )
     return rows

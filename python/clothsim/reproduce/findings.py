@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .paper import FRAMES_PER_SECOND, VARIANTS
 from .settings import PAPER_DT
-from .tables import number
+from .tables import number, per_frame
 
 SAME = 0.25  # depths that differ by less than this fraction are called alike
 DEEP = 2.0  # mm; more is deeper than the cloth's triangles cut into the sphere between points
@@ -53,18 +53,20 @@ def _failures(entry: dict) -> list[str]:
 
 
 def _static(entry: dict) -> list[str]:
-    lines = _depth_lines(entry) + _failures(entry)
+    if failures := _failures(entry):
+        return failures
+    lines = _depth_lines(entry)
     first, second = (_cells(entry, method, "literal") for method in (1, 2))
-    if not first or not second:
-        return lines
+    mended = _cells(entry, 1, "mended")
     worst1, worst2 = (max(_depths(cells)) for cells in (first, second))
     if _alike(worst1, worst2):
         sink = 1e6 * entry["impact_speed"] * entry["dt"]
         lines.append(
-            f"Differs from the paper: both methods lie equally deep. At dt = {entry['dt']:g} s a "
-            f"point that meets the sphere at {number(entry['impact_speed'])} m/s sinks no more "
-            f"than {number(sink)} um before it is turned back, so leaving its position alone, as "
-            "method 1 does, costs next to nothing."
+            "Differs from the paper: both methods lie about equally deep. At "
+            f"dt = {entry['dt']:g} s a point that meets the sphere at "
+            f"{number(entry['impact_speed'])} m/s sinks no more than {number(sink)} um before it "
+            "is turned back, so leaving its position alone, as method 1 does, costs next to "
+            "nothing."
         )
     else:
         order = "deeper" if worst1 > worst2 else "less deep"
@@ -81,59 +83,67 @@ def _static(entry: dict) -> list[str]:
             f"{number(MILLIMETRE * entry['diagonal_shortfall'])} mm more, a stretched cell more "
             "still. In a picture that is less than a pixel."
         )
+    stuck, free = (cells[-1]["points_touching"] for cells in (first, mended))
+    if stuck > 1.5 * free:
+        lines.append(
+            f"Method 1 as printed makes points stick: {stuck} touch the sphere at frame "
+            f"{first[-1]['frame']}, {free} when mended. It also turns back a point that is already "
+            "leaving."
+        )
     return [*lines, *_study(entry), *_static_energy(entry)]
 
 
 def _study(entry: dict) -> list[str]:
-    if not entry["step_study"]:
+    """What the coarsest step that both methods survive shows."""
+    by_dt: dict[float, dict[int, list[dict]]] = {}
+    for row in entry["step_study"]:
+        by_dt.setdefault(row["dt"], {})[row["method"]] = row["penetration"]
+    shared = [dt for dt, rows in by_dt.items() if len(rows) == 2]
+    if not shared:
         return []
-    coarsest = max(row["dt"] for row in entry["step_study"])
-    rows = {row["method"]: row for row in entry["step_study"] if row["dt"] == coarsest}
-    if set(rows) != {1, 2}:
-        return []
-    points, triangles = (
-        {m: MILLIMETRE * rows[m]["deepest_so_far"][part] for m in rows}
-        for part in ("points", "triangles")
+    first, second = (by_dt[max(shared)][method] for method in (1, 2))
+    appears = all(a["points"] > 0 == b["points"] for a, b in zip(first, second, strict=True))
+    numbers = (
+        f"method 1 leaves points {per_frame(first, 'points')} mm and triangles "
+        f"{per_frame(first, 'triangles')} mm inside, method 2 {per_frame(second, 'points')} and "
+        f"{per_frame(second, 'triangles')} mm"
     )
-    shows = points[1] > 0 == points[2] and triangles[1] > (1 + SAME) * triangles[2]
-    verdict = "the paper's difference appears" if shows else "the methods still do not part"
-    return [
-        f"With a step of {coarsest:g} s {verdict}: method 1 lets points {number(points[1])} mm and "
-        f"triangles {number(triangles[1])} mm in, method 2 {number(points[2])} and "
-        f"{number(triangles[2])} mm"
-        + (", so the paper's pictures fit a coarser step than its Table 2 prints." if shows else ".")
-    ]
+    if appears:
+        return [
+            f"With a step of {max(shared):g} s the paper's difference appears, at every frame: "
+            f"{numbers}. Its pictures fit a coarser step than its Table 2 prints."
+        ]
+    return [f"A step of {max(shared):g} s does not bring the paper's difference out: {numbers}."]
 
 
 def _static_energy(entry: dict) -> list[str]:
-    last = {m: _cells(entry, m, "mended")[-1:] for m in (1, 2)}
-    if not last[1] or not last[2]:
-        return []
-    made = {m: cells[0]["contact_energy"] for m, cells in last.items()}
+    last = {m: _cells(entry, m, "mended")[-1] for m in (1, 2)}
+    made = {m: cell["contact_energy"] for m, cell in last.items()}
     return [
-        f"Energy made by the collision passes up to frame {last[2][0]['frame']} (mended): method 1 "
+        f"Energy made by the collision passes up to frame {last[2]['frame']} (mended): method 1 "
         f"{number(made[1])} J, method 2 {number(made[2])} J. Turning a velocity keeps its energy; "
         "moving a point, as method 2 does, also changes springs and height."
     ]
 
 
 def _moving(entry: dict) -> list[str]:
-    lines = _depth_lines(entry) + _failures(entry)
+    if failures := _failures(entry):
+        return failures
+    lines = _depth_lines(entry)
     touching = " / ".join(str(c["points_touching"]) for c in _cells(entry, 2, "mended"))
     lines.append(
         f"Points that touch the sphere at these frames (method 2, mended): {touching}. The "
         "sphere's period is chosen so that they fall into the first, second and third contact."
     )
     lines += _moving_first(entry) + _moving_second(entry)
-    worst = {m: _cells(entry, m, "mended")[-1:] for m in (1, 2)}
-    if worst[1] and worst[2]:
-        depth = {m: MILLIMETRE * c[0]["deepest_so_far"]["triangles"] for m, c in worst.items()}
-        compared = "alike" if _alike(depth[1], depth[2]) else "apart"
-        lines.append(
-            f"Mended, the methods are {compared}: over the whole run triangles dip "
-            f"{number(depth[1])} mm with method 1 and {number(depth[2])} mm with method 2. What "
-            "the paper lacks is the sphere's own velocity, more than the move to the surface."
-        )
+    last = {m: _cells(entry, m, "mended")[-1] for m in (1, 2)}
+    depth = {m: MILLIMETRE * cell["deepest_so_far"]["triangles"] for m, cell in last.items()}
+    alike = _alike(depth[1], depth[2])
+    lines.append(
+        f"Mended, the methods are {'alike' if alike else 'apart'}: over the whole run triangles "
+        f"dip {number(depth[1])} mm with method 1 and {number(depth[2])} mm with method 2."
+        + (" What the printed form lacks is the sphere's own velocity." if alike else "")
+    )
     return lines
 
 
@@ -144,9 +154,9 @@ def _moving_first(entry: dict) -> list[str]:
     lines = []
     if inside:
         lines.append(
-            f"Agrees with the paper at frame {_and(inside)}: with method 1 as printed the sphere "
-            "moves into the cloth, because a point that is overtaken is slow and only turned, "
-            "never moved."
+            f"Agrees with the paper at frame{'s' if inside[1:] else ''} {_and(inside)}: with "
+            "method 1 as printed the sphere moves into the cloth, because a point that is "
+            "overtaken is slow and only turned, never moved."
         )
     for cell in outside:
         crossed = cell["deepest_so_far"]["points"] > 0.5 * entry["radius"]
@@ -164,11 +174,9 @@ def _moving_first(entry: dict) -> list[str]:
 
 
 def _moving_second(entry: dict) -> list[str]:
-    literal, mended = (_cells(entry, 2, variant)[-1:] for variant in VARIANTS)
-    if not literal or not mended:
-        return []
-    made, usual = literal[0]["contact_energy"], mended[0]["contact_energy"]
-    depth = MILLIMETRE * literal[0]["deepest_so_far"]["triangles"]
+    literal, mended = (_cells(entry, 2, variant)[-1] for variant in VARIANTS)
+    made, usual = literal["contact_energy"], mended["contact_energy"]
+    depth = MILLIMETRE * literal["deepest_so_far"]["triangles"]
     numbers = (
         f"its collision passes add {number(made)} J (mended: {number(usual)} J, the work of the "
         f"moving sphere included) and triangles are up to {number(depth)} mm deep"
@@ -185,7 +193,7 @@ def _moving_second(entry: dict) -> list[str]:
 def _methods(entry: dict) -> list[str]:
     first, second = entry["rows"]
     change = second["microseconds_per_step"] / first["microseconds_per_step"] - 1
-    spread = max(row["fastest"] / row["slowest"] - 1 for row in entry["rows"])
+    spread = max(row["upper_quartile"] / row["lower_quartile"] - 1 for row in entry["rows"])
     slower = "slower" if change > 0 else "faster"
     beyond = abs(change) > spread
     agrees = "as in the paper" if beyond and change > 0 else "not what the paper shows"
@@ -194,10 +202,11 @@ def _methods(entry: dict) -> list[str]:
         f"{number(second['microseconds_per_step'])} us: method 2 is {number(100 * abs(change), 2)} "
         f"% {slower}, "
         + (
-            f"{agrees}; the runs spread by {number(100 * spread, 2)} %."
+            f"{agrees}; the quartiles of the runs lie {number(100 * spread, 2)} % apart."
             if beyond
-            else f"which is within the spread of the runs, {number(100 * spread, 2)} %. Few "
-            "points touch the sphere, and each step evaluates every spring four times."
+            else "which is less than the quartiles of the runs lie apart, "
+            f"{number(100 * spread, 2)} %. Few points touch the sphere, and each step evaluates "
+            "every spring four times."
         )
     ]
     rate, frame = second["steps_per_second"], entry["frame_steps"]
@@ -230,14 +239,16 @@ def _speedup(entry: dict) -> list[str]:
     most = max(row["threads"] for row in core)
     if most > 1:
         gain = by_key["double", most]["steps_per_second"] / by_key["double", 1]["steps_per_second"]
-        lines.append(
-            f"{most} threads are {number(gain)} times as fast as one: 1,024 mass points are little "
-            "work to share, and the threads meet in every stage of a step."
+        why = (
+            "1,024 mass points are little work to share"
+            if gain > 1
+            else "another process kept a processor busy, and each stage waits for the last thread"
         )
-    best = max(core, key=lambda row: row["speedup"])
+        lines.append(f"{most} threads are {number(gain)} times as fast as one: {why}.")
+    best = max(row["speedup"] for row in core if row["precision"] == "double")
     lines.append(
-        f"The paper's gain of 60 % is a GPU over its own CPU code; here {number(best['speedup'])} "
-        "times come from the CPU alone, over a scalar code that is compiled with the same "
+        f"The paper's gain of 60 % is a GPU over its own CPU code; the {number(best)} times here, "
+        "in the same precision, are one CPU over a scalar code compiled with the same "
         "optimisation. The two ratios have different denominators and are not to be compared."
     )
     first = by_key["double", most]

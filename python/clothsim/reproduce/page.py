@@ -18,9 +18,10 @@ h2 { margin-top: 3.2rem; border-top: 1px solid #d8dee6; padding-top: 1.2rem; }
 h3 { margin: 1.8rem 0 .4rem; font-size: 1.05rem; }
 p, ul { max-width: 52rem; }
 .origin, figcaption { color: #566272; font-size: .88rem; }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; margin: 1.4rem 0; }
 table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .28rem .75rem; text-align: right; border-bottom: 1px solid #e4e8ee; }
+td { white-space: nowrap; }
 th { background: #f3f6f9; font-weight: 600; vertical-align: bottom; }
 .cells { display: grid; grid-template-columns: repeat(4, 1fr); gap: .6rem; }
 @media (max-width: 700px) { .cells { grid-template-columns: repeat(2, 1fr); } }
@@ -73,12 +74,14 @@ def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
     ]
     if "cells" in experiment:
         parts.append(
-            '<p>Blue: the cloth\'s upper face as it starts; sand: its lower face. <span class="red">'
-            "Red</span>: the sphere's surface where cloth lies under it, stronger with depth.</p>"
+            "<p>Blue: the cloth's upper face as it starts; sand: its lower face. "
+            '<span class="red">Red</span>: the sphere\'s surface where cloth lies under it, '
+            "stronger with depth.</p>"
         )
         parts += _cells(experiment, folder)
     parts += [_table(table) for table in tables(key, experiment)]
-    parts.append(f"<figure>{_image(folder, experiment['plot'], experiment['plot_caption'])}</figure>")
+    plot = _image(folder, experiment["plot"], experiment["plot_caption"])
+    parts.append(f"<figure>{plot}</figure>")
     return parts
 
 
@@ -93,7 +96,7 @@ def _cells(experiment: dict, folder: Path) -> list[str]:
         for cell in cells:
             depth = number(1e3 * cell["penetration"]["triangles"])
             name = f"Method {cell['method']}, {cell['variant']}"
-            caption = f"{name}: deepest triangle {depth} mm"
+            caption = f"{name}: {depth} mm deep"
             parts.append(f"<figure>{_image(folder, cell['picture'], caption)}</figure>")
         parts.append("</div>")
     return parts
@@ -113,8 +116,7 @@ def _list(entries) -> str:
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(heading)}</th>" for heading in table.headings)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in table.rows
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows
     )
     caption = f"<h3>{escape(table.caption)}</h3>" if table.caption else ""
     return (

@@ -19,28 +19,27 @@ AGREEMENT_STEPS = 100
 
 
 def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict:
-    """Mean and extremes over runs, as rates; the mean is taken over time, as a frame rate is."""
-    rate = 1.0 / float(np.mean(seconds_per_step))
+    """Median and quartiles over runs, as rates: one disturbed run moves neither."""
+    upper, middle, lower = 1.0 / np.quantile(seconds_per_step, (0.25, 0.5, 0.75))
     return {
-        "steps_per_second": rate,
-        "slowest": 1.0 / float(np.max(seconds_per_step)),
-        "fastest": 1.0 / float(np.min(seconds_per_step)),
-        "microseconds_per_step": 1e6 / rate,
-        "frames_per_second": rate / frame_steps,
+        "steps_per_second": float(middle),
+        "lower_quartile": float(lower),
+        "upper_quartile": float(upper),
+        "microseconds_per_step": float(1e6 / middle),
+        "frames_per_second": float(middle / frame_steps),
     }
 
 
-def methods(settings: Settings, *, threads: int, advance: Callable = lambda runs: None) -> dict:
+def methods(settings: Settings, *, advance: Callable = lambda runs: None) -> dict:
     """Experiment 3: both methods on the falling cloth, each run in windows of frames.
 
-    The runs of the two methods alternate, so that a slow spell of the machine meets both. A frame
-    is its steps and one look at the positions, which is what a renderer would take.
+    On one thread, the quietest way to compare two methods; experiment 4 shows what threads add.
+    The runs of the two alternate, so that a slow spell of the machine meets both. A frame is its
+    steps and one look at the positions, which is what a renderer would take.
 
     Parameters
     ----------
     settings : Settings
-    threads : int
-        Threads of the core.
     advance : callable
         Told 1 after each run.
 
@@ -55,7 +54,7 @@ def methods(settings: Settings, *, threads: int, advance: Callable = lambda runs
     seconds = {method: np.empty((settings.runs, settings.windows)) for method in METHODS}
     for run in range(settings.runs):
         for method, (response, _) in METHODS.items():
-            stepper = cs.Stepper(cs.scenes.paper_static(response=response), threads=threads)
+            stepper = cs.Stepper(cs.scenes.paper_static(response=response), threads=1)
             for window in range(settings.windows):
                 start = perf_counter()
                 for _ in range(settings.window_frames):
@@ -68,7 +67,7 @@ def methods(settings: Settings, *, threads: int, advance: Callable = lambda runs
         per_step = measured / (settings.window_frames * steps)
         windows = [_statistics(per_step[:, w], frame_steps) for w in range(settings.windows)]
         rows.append({"method": method, **_statistics(per_step, frame_steps), "windows": windows})
-    return {"rows": rows, "frame_steps": frame_steps, "threads": threads}
+    return {"rows": rows, "frame_steps": frame_steps, "threads": 1}
 
 
 def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs: None) -> dict:
@@ -90,7 +89,7 @@ def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs
         "agreement": largest difference of positions [m] to the reference after "agreement_steps".
     """
     scene = cs.scenes.paper_static(response="ray")
-    stepper = cs.Stepper(scene, threads=threads)
+    stepper = cs.Stepper(scene, threads=1)
     stepper.advance(round(WARM_UP / WARM_UP_DT), WARM_UP_DT)
     x, v, t = stepper.positions.copy(), stepper.velocities.copy(), stepper.time
     dt, steps = settings.timing_dt, settings.speedup_steps

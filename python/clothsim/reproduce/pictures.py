@@ -9,14 +9,21 @@ import numpy as np
 
 import clothsim as cs
 
-from . import raster
-from .contact import Case, Experiment, scene_of
+from . import contact, raster
+from .contact import Case, Experiment
 from .settings import Settings
+from .tables import number
 
 FRONT = (1.0, 0.6, 1.3)
 BACK = (-0.6, 0.9, 0.7)
 BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
 STAGE = (-1.1, -1.1, -0.2), (1.1, 0.2, 1.2)  # m; what a cloth that is thrown about leaves is cut
+OVERVIEW_HEIGHT = 420  # pixels
+# (which of the experiment's frames, method, variant)
+OVERVIEW = {
+    "1": ((1, 2, "mended"), (2, 2, "mended")),
+    "2": ((0, 1, "literal"), (0, 2, "mended")),
+}
 PIN_RADIUS = 0.013  # m
 
 
@@ -31,47 +38,43 @@ def draw_cells(
 
     (folder / experiment.table).mkdir(parents=True, exist_ok=True)
     for frame in experiment.frames:
-        camera = _camera(experiment, cases, frame)
-        for case in cases:
-            for cell in case.cells:
-                if cell["frame"] == frame:
-                    name = f"frame{frame}_method{case.method}_{case.variant}.png"
-                    cell["picture"] = f"{experiment.table}/{name}"
-                    picture = _draw(experiment, case, frame, camera, settings.picture_size)
-                    imsave(folder / cell["picture"], picture)
+        reached = [case for case in cases if frame in case.states]
+        camera = _camera(experiment, reached, frame) if reached else None
+        for case in reached:
+            cell = next(cell for cell in case.cells if cell["frame"] == frame)
+            name = f"frame{frame}_method{case.method}_{case.variant}.png"
+            cell["picture"] = f"{experiment.table}/{name}"
+            picture = _draw(experiment, case, frame, camera, settings.picture_width)
+            imsave(folder / cell["picture"], picture)
+
+
+def _direction(experiment, frame):
+    return BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
 
 
 def _camera(experiment, cases, frame) -> raster.Camera:
-    direction = BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
+    direction = _direction(experiment, frame)
+    axes = raster.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     points = []
     for case in cases:
         if frame in case.states:
             positions, time = case.states[frame]
+            sphere = contact.scene_of(experiment, case.method, case.variant).spheres[0]
+            center, outline = sphere.center_at(time), sphere.radius * axes[:2]
             points += [np.clip(positions.reshape(-1, 3), *STAGE)]
-            points += _extremes(experiment, case, time, direction)
-    if not points:  # no case got this far; nothing will be drawn
-        return raster.Camera(direction, (0.0, 0.0, 0.0), 1.0)
+            points += [center + outline, center - outline]
     return raster.Camera.around(direction, np.concatenate(points))
 
 
-def _extremes(experiment, case, time, direction):
-    """The ends of the sphere's outline along the picture's axes."""
-    sphere = scene_of(experiment, case.method, case.variant).spheres[0]
-    axes = raster.Camera(direction, (0.0, 0.0, 0.0), 1.0).axes()
-    center = np.asarray(sphere.center_at(time))
-    return [center + sphere.radius * axes[:2], center - sphere.radius * axes[:2]]
-
-
-def _draw(experiment, case, frame, camera, size) -> np.ndarray:
+def _draw(experiment, case, frame, camera, width) -> np.ndarray:
     positions, time = case.states[frame]
-    scene = scene_of(experiment, case.method, case.variant)
+    scene = contact.scene_of(experiment, case.method, case.variant)
     balls = [raster.Ball(s.center_at(time), s.radius, raster.SPHERE) for s in scene.spheres]
     balls += [
         raster.Ball(positions[row, column], PIN_RADIUS, raster.PIN, solid=False)
         for row, column in np.argwhere(scene.cloth.pinned)
     ]
-    triangles = cs.triangles(positions.shape[:2])
-    return raster.render(positions, triangles, balls, camera, (size, size))
+    return raster.render(positions, cs.triangles(positions.shape[:2]), balls, camera, width)
 
 
 def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
@@ -80,40 +83,55 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
     from matplotlib.figure import Figure
     from matplotlib.image import imread
 
-    rows, columns = len(experiment.frames), len(cases)
-    figure = Figure(figsize=(3.2 * columns, 3.5 * rows), layout="constrained")
+    cells = {(cell["frame"], k): cell for k, case in enumerate(cases) for cell in case.cells}
+    pictures = {key: imread(folder / cell["picture"]) for key, cell in cells.items()}
+    heights = []
+    for frame in experiment.frames:
+        shapes = [p.shape for (f, _), p in pictures.items() if f == frame]
+        heights.append(max((rows / columns for rows, columns, _ in shapes), default=0.3) + 0.12)
+    figure = Figure(figsize=(3.2 * len(cases), 3.2 * sum(heights) + 0.4), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(
+        len(heights), len(cases), squeeze=False, gridspec_kw={"height_ratios": heights}
+    )
     for (row, column), panel in np.ndenumerate(axes):
         case, frame = cases[column], experiment.frames[row]
-        cell = next((c for c in case.cells if c["frame"] == frame), None)
         panel.set(xticks=[], yticks=[])
         panel.spines[:].set_visible(False)
         if row == 0:
             panel.set_title(f"method {case.method}, {case.variant}", weight="bold")
-        if cell is None:
+        if (frame, column) not in cells:
             panel.text(0.5, 0.5, "no finite state", ha="center", transform=panel.transAxes)
             continue
+        cell = cells[frame, column]
         if column == 0:
             panel.set_ylabel(f"frame {frame}, t = {cell['time']:.2f} s", weight="bold")
-        panel.imshow(imread(folder / cell["picture"]), interpolation="antialiased")
+        panel.imshow(pictures[frame, column], interpolation="antialiased")
         depth = cell["penetration"]
         panel.set_xlabel(
-            f"deepest point {1e3 * depth['points']:.3g} mm, "
-            f"triangle {1e3 * depth['triangles']:.3g} mm"
+            f"deepest point {number(1e3 * depth['points'])} mm, "
+            f"triangle {number(1e3 * depth['triangles'])} mm"
         )
     name = f"{experiment.table}.png"
     figure.savefig(folder / name, dpi=110)
     return name
 
 
-def draw_overview(drawn: Sequence[tuple[Experiment, Sequence[Case]]], folder: Path) -> str:
-    """Method 2, mended, through both experiments side by side: the README's picture."""
-    from matplotlib.image import imread, imsave
+def draw_overview(drawn: Sequence[tuple[Experiment, Sequence[Case]]], folder: Path) -> str | None:
+    """The `OVERVIEW` cells side by side, for the README; None where there are none."""
+    from matplotlib.image import imsave
 
     strip = []
     for experiment, cases in drawn:
-        case = next(c for c in cases if c.method == 2 and c.variant == "mended")
-        strip += [imread(folder / cell["picture"])[..., :3] for cell in case.cells]
-    imsave(folder / "overview.png", np.concatenate(strip, axis=1))
+        for at, method, variant in OVERVIEW[experiment.number]:
+            frame = experiment.frames[min(at, len(experiment.frames) - 1)]
+            case = next(c for c in cases if (c.method, c.variant) == (method, variant))
+            if frame in case.states:
+                camera = _camera(experiment, [case], frame)
+                width = round(OVERVIEW_HEIGHT * camera.width / camera.height)
+                strip.append(_draw(experiment, case, frame, camera, width)[:OVERVIEW_HEIGHT])
+    if not strip:
+        return None
+    rows = min(picture.shape[0] for picture in strip)
+    imsave(folder / "overview.png", np.concatenate([p[:rows] for p in strip], axis=1))
     return "overview.png"

@@ -12,6 +12,7 @@ from .contact import Case, Experiment
 
 COLORS = {1: "#c2512c", 2: "#2f6db3"}
 STYLES = {"literal": "--", "mended": "-"}
+LINEAR_ENERGY = 100.0  # J; above it the energy axis is logarithmic
 SHALLOWEST = 1e-3  # mm; the bottom of the depth axis, where no penetration is drawn
 
 
@@ -41,9 +42,12 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
         for frame in experiment.frames:
             panel.axvline(frame, color="0.6", lw=0.8, zorder=0)
     depth.set(yscale="log", ylim=(SHALLOWEST, None), ylabel="deepest triangle [mm]")
-    depth.legend(ncols=2, fontsize="small")
+    depth.legend(ncols=4, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
     energy.set(ylabel="contact energy [J]", xlabel="frame (grey: those of the paper's table)")
-    energy.set_yscale("symlog", linthresh=10)
+    energies = (abs(value) for case in cases for value in case.history["contact_energy"])
+    if max(energies, default=0.0) > LINEAR_ENERGY:
+        energy.set_yscale("symlog", linthresh=LINEAR_ENERGY)
+        energy.set_ylim(bottom=-LINEAR_ENERGY)
     name = f"{experiment.table}_history.png"
     figure.savefig(folder / name, dpi=120)
     return name
@@ -54,14 +58,14 @@ def methods(result: dict, folder: Path) -> str:
     figure, (panel,) = _figure(8, 3.8)
     for row in result["rows"]:
         windows = row["windows"]
-        mean, slow, fast = (
+        middle, low, high = (
             np.array([w[name] for w in windows]) / result["frame_steps"]
-            for name in ("steps_per_second", "slowest", "fastest")
+            for name in ("steps_per_second", "lower_quartile", "upper_quartile")
         )
         panel.errorbar(
             np.arange(1, len(windows) + 1) + 0.04 * (row["method"] - 1.5),
-            mean,
-            yerr=[mean - slow, fast - mean],
+            middle,
+            yerr=[middle - low, high - middle],
             marker="o",
             capsize=4,
             color=COLORS[row["method"]],
@@ -71,7 +75,7 @@ def methods(result: dict, folder: Path) -> str:
         xlabel=f"window of {result['window_frames']} frames",
         ylabel=f"frames/s\n(a frame is {result['frame_steps']} steps)",
         xticks=range(1, len(windows) + 1),
-        ylim=(0, None),
+        yscale="log",
     )
     steps = panel.secondary_yaxis(
         "right",
@@ -84,7 +88,7 @@ def methods(result: dict, folder: Path) -> str:
         ls=":",
         label=f"{paper.FRAMES_PER_SECOND} steps/s: the paper's frames/s, one step each",
     )
-    panel.legend(fontsize="small")
+    panel.legend(fontsize="small", loc="center")
     figure.savefig(folder / "figure9.png", dpi=120)
     return "figure9.png"
 

@@ -24,10 +24,11 @@ GRID_LINE = 0.05  # half width of a drawn grid line, in cells
 
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic view: `direction` points from the scene to the eye, `height` is in metres."""
+    """An orthographic view: `direction` points from the scene to the eye, sizes are in metres."""
 
     direction: tuple[float, float, float]
     target: tuple[float, float, float]
+    width: float
     height: float
 
     def axes(self) -> np.ndarray:
@@ -39,14 +40,13 @@ class Camera:
         return np.stack([right, np.cross(depth, right), depth])
 
     @classmethod
-    def around(cls, direction, points, margin: float = 0.03, aspect: float = 1.0) -> Camera:
-        """The camera looking along `direction` that just holds `points`, shape (n, 3)."""
-        axes = cls(direction, (0.0, 0.0, 0.0), 1.0).axes()
+    def around(cls, direction, points, margin: float = 0.03) -> Camera:
+        """The view along `direction` that holds `points`, shape (n, 3), no taller than wide."""
+        axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
         seen = np.asarray(points, float).reshape(-1, 3) @ axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        width, height = (high - low)[:2]
-        target = 0.5 * (low + high) @ axes
-        return cls(direction, tuple(target), (1 + 2 * margin) * max(height, width / aspect))
+        width, height = (high - low)[:2] + 2 * margin * (high - low)[:2].max()
+        return cls(direction, tuple(0.5 * (low + high) @ axes), max(width, height), height)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Ball:
     solid: bool = True
 
 
-def render(positions, triangles, balls, camera: Camera, size=(560, 560), samples: int = 2):
+def render(positions, triangles, balls, camera: Camera, width: int = 520, samples: int = 2):
     """Draw the cloth and the balls.
 
     Parameters
@@ -70,8 +70,8 @@ def render(positions, triangles, balls, camera: Camera, size=(560, 560), samples
         Point indices of the cloth's triangles.
     balls : sequence of Ball
     camera : Camera
-    size : (width, height)
-        Pixels of the picture.
+    width : int
+        Pixels along the picture; its height follows from the camera.
     samples : int
         Samples a pixel along each axis.
 
@@ -79,8 +79,9 @@ def render(positions, triangles, balls, camera: Camera, size=(560, 560), samples
     -------
     uint8 array, shape (height, width, 3)
     """
+    size = width, max(1, round(width * camera.height / camera.width))
     width, height = size[0] * samples, size[1] * samples
-    axes, scale = camera.axes(), height / camera.height
+    axes, scale = camera.axes(), width / camera.width
     positions = np.asarray(positions, float)
 
     def to_screen(points):
@@ -147,7 +148,7 @@ def _nearest_triangles(screen, triangles, width, height):
 
 
 def _cloth_color(positions, corners, weights, towards_eye):
-    rows, columns = positions.shape[:2]
+    columns = positions.shape[1]
     along_rows, along_columns = np.gradient(positions, axis=(0, 1))
     normals = np.cross(along_rows, along_columns).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
@@ -166,10 +167,10 @@ def _shade(color, normals, towards_eye):
     normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
     key = np.array([0.3, 1.0, 0.25]) / np.linalg.norm([0.3, 1.0, 0.25])
     light = (
-        0.42
+        0.46
         + 0.10 * normals[..., 1]
-        + 0.38 * np.maximum(normals @ key, 0)
-        + 0.22 * np.maximum(normals @ towards_eye, 0)
+        + 0.32 * np.maximum(normals @ key, 0)
+        + 0.28 * np.maximum(normals @ towards_eye, 0)
     )
     return color * light[..., None]
 

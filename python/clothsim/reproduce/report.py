@@ -83,9 +83,13 @@ def _aligned(table: Table) -> list[str]:
     """Right-aligned columns; a heading's words stand one a line above them."""
     words = [heading.split(" ") for heading in table.headings]
     height = max(map(len, words))
-    head = list(zip(*([""] * (height - len(column)) + column for column in words)))
-    widths = [max(map(len, column)) for column in zip(*head, *table.rows)]
-    lines = ["  ".join(c.rjust(w) for c, w in zip(row, widths)) for row in (*head, *table.rows)]
+    head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))
+    widths = [max(map(len, column)) for column in zip(*head, *table.rows, strict=True)]
+    body = (*head, *table.rows)
+    lines = [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in body
+    ]
     return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
 
 

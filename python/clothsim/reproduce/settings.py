@@ -20,7 +20,8 @@ class Settings:
     static_frames, moving_frames : tuple of int
         Frames that are measured and drawn.
     study_dts : tuple of float
-        Coarser steps at which experiment 1 is run once more, to see what the step does [s].
+        Coarser steps at which experiment 1 is run once more, to see what the step does [s];
+        the last one is a step a frame.
     timing_dt : float
         Integration step of experiments 3 and 4 [s]. The cost of a step does not depend on it.
     runs : int
@@ -31,8 +32,8 @@ class Settings:
         Frames that one measurement of experiment 3 averages over.
     speedup_steps : int
         Steps in one measurement of experiment 4.
-    picture_size : int
-        Pixels along each side of a picture.
+    picture_width : int
+        Pixels along a picture.
     """
 
     static_dt: float = PAPER_DT
@@ -40,13 +41,13 @@ class Settings:
     frame_dt: float = 1.6e-3
     static_frames: tuple[int, ...] = (150, 500, 800)
     moving_frames: tuple[int, ...] = (200, 1300, 3100)
-    study_dts: tuple[float, ...] = (1e-4, 4e-4, 8e-4)
+    study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)
     timing_dt: float = PAPER_DT
     runs: int = 10
     windows: int = 4
     window_frames: int = 200
     speedup_steps: int = 20_000
-    picture_size: int = 520
+    picture_width: int = 520
 
     def steps_per_frame(self, dt: float) -> int:
         """Steps of `dt` that one frame takes."""
@@ -61,7 +62,7 @@ class Settings:
 
 FULL = Settings()
 QUICK = Settings(
-    static_dt=1e-5, moving_dt=5e-5, timing_dt=5e-5, runs=3, speedup_steps=2_000, picture_size=400
+    static_dt=2e-5, moving_dt=5e-5, timing_dt=5e-5, runs=3, speedup_steps=1_000, picture_width=400
 )
 
 

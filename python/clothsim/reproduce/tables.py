@@ -22,6 +22,11 @@ def number(value: float, digits: int = 3) -> str:
     return "0" if text == "-0" else text
 
 
+def per_frame(penetration: list[dict], part: str) -> str:
+    """Depths in mm, frame after frame."""
+    return " / ".join(number(1e3 * depth[part]) for depth in penetration)
+
+
 CONTACT = (
     Column("frame", lambda r: str(r["frame"])),
     Column("t [s]", lambda r: f"{r['time']:.2f}"),
@@ -38,8 +43,8 @@ CONTACT = (
 STUDY = (
     Column("dt [s]", lambda r: number(r["dt"])),
     Column("method", lambda r: str(r["method"])),
-    Column("deepest point [mm]", lambda r: number(1e3 * r["deepest_so_far"]["points"])),
-    Column("deepest triangle [mm]", lambda r: number(1e3 * r["deepest_so_far"]["triangles"])),
+    Column("deepest point [mm]", lambda r: per_frame(r["penetration"], "points")),
+    Column("deepest triangle [mm]", lambda r: per_frame(r["penetration"], "triangles")),
     Column("contact energy [J]", lambda r: number(r["contact_energy"])),
 )
 
@@ -48,8 +53,8 @@ METHODS = (
     Column("window", lambda r: str(r["window"])),
     Column("us/step", lambda r: number(r["microseconds_per_step"])),
     Column("steps/s", lambda r: number(r["steps_per_second"])),
-    Column("slowest run", lambda r: number(r["slowest"])),
-    Column("fastest run", lambda r: number(r["fastest"])),
+    Column("lower quartile", lambda r: number(r["lower_quartile"])),
+    Column("upper quartile", lambda r: number(r["upper_quartile"])),
     Column("frames/s", lambda r: number(r["frames_per_second"])),
 )
 
@@ -59,8 +64,8 @@ SPEEDUP = (
     Column("threads", lambda r: str(r["threads"])),
     Column("us/step", lambda r: number(r["microseconds_per_step"])),
     Column("steps/s", lambda r: number(r["steps_per_second"])),
-    Column("slowest run", lambda r: number(r["slowest"])),
-    Column("fastest run", lambda r: number(r["fastest"])),
+    Column("lower quartile", lambda r: number(r["lower_quartile"])),
+    Column("upper quartile", lambda r: number(r["upper_quartile"])),
     Column("frames/s", lambda r: number(r["frames_per_second"])),
     Column("times the reference", lambda r: number(r["speedup"])),
     Column("set-up [ms]", lambda r: number(1e3 * r["setup_seconds"])),
@@ -81,7 +86,7 @@ def tables(number: str, experiment: dict) -> list[Table]:
     if number in ("1", "2"):
         made = [_table("", CONTACT, sorted(experiment["cells"], key=lambda cell: cell["frame"]))]
         if experiment.get("step_study"):
-            caption = "The same with coarser steps, literal: deepest over the whole run"
+            caption = "The same frames with coarser steps, literal"
             made.append(_table(caption, STUDY, experiment["step_study"]))
         return made
     if number == "4":

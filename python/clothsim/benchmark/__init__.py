@@ -1,0 +1,143 @@
+"""The bench: how fast this machine steps, beside its limits, other implementations and the targets.
+
+`docs/benchmarks.md` says how the figures are taken; `clothsim bench` is the command.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .settings import FULL, NORMAL, QUICK, Settings
+
+__all__ = ["FULL", "NORMAL", "QUICK", "SECTIONS", "Settings", "bench"]
+
+SECTIONS = ("limits", "steps", "features", "batch", "grids", "frames", "calls", "accuracy")
+
+
+def bench(
+    out: str | os.PathLike[str] | None = "benchmarks/results",
+    *,
+    settings: Settings = NORMAL,
+    sections: Collection[str] = SECTIONS,
+    progress: bool = False,
+) -> dict[str, Any]:
+    """Measure, compare with the targets, and write the figures as CSV and plots.
+
+    Parameters
+    ----------
+    out : path or None, default "benchmarks/results"
+        Folder of the files, made if missing; earlier files of this machine are replaced. None
+        writes nothing.
+    settings : Settings
+        How much is measured: `QUICK`, `NORMAL`, `FULL` or one's own.
+    sections : collection of str, default all
+        Parts of the bench to run, of `SECTIONS`.
+    progress : bool, default False
+        Show on stderr what is being measured (needs tqdm).
+
+    Returns
+    -------
+    dict
+        "schema"; "machine": processor, cores, load average, build; "settings"; "limits": peak
+        arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s]; "figures": one entry a
+        measured time (see `clothsim.benchmark.figures.Figure`); "accuracy"; "targets": one entry
+        a target with its value, or why it has none; "skipped"; "files": those written.
+
+    Raises
+    ------
+    ValueError
+        For an unknown section.
+
+    Examples
+    --------
+    >>> from clothsim.benchmark import Settings, bench
+    >>> report = bench(None, settings=Settings(windows=1, seconds=1e-4), sections=["calls"])
+    >>> {figure["work"] for figure in report["figures"]} == {"2 x 2", "2 x 2, a step a call"}
+    True
+    """
+    from . import machine, numba_peer, report, sections as parts, targets
+    from .figures import Figures
+
+    unknown = set(sections) - set(SECTIONS)
+    if unknown or not sections:
+        raise ValueError(f"sections must be some of {SECTIONS}, got {tuple(sections)!r}")
+    about = machine.describe()
+    figures = Figures()
+    try:
+        numba_peer.import_kernels()
+        numba = True
+    except ImportError as error:
+        numba = False
+        figures.skip(str(error), by="numba gather")
+        figures.skip(str(error), by="numba strided")
+    counts = tuple(sorted({1, min(2, about["cores"]), about["cores"]}))
+    supported = tuple(about["build"]["instruction_sets_supported"])
+    chosen = about["build"]["instruction_set"]
+    instruction_sets = (chosen, *(name for name in supported if name != chosen))
+    kernels = parts.kernels()
+
+    limits: dict[str, Any] = {}
+    accuracy = None
+    with _bar(progress) as bar:
+        bar.say("limits")
+        if "limits" in sections:
+            limits = machine.limits(instruction_sets, counts)
+        plan = parts.Bench(settings, figures, kernels, instruction_sets, counts, numba, bar.advance)
+        for name, measure in parts.ALL.items():
+            if name in sections:
+                bar.say(name)
+                measure(plan)
+        if "accuracy" in sections:
+            bar.say("accuracy")
+            accuracy = parts.accuracy(plan)
+
+    measured = targets.Measured(
+        figures, settings, kernels, instruction_sets, counts, limits, accuracy
+    )
+    result: dict[str, Any] = {
+        "schema": 1,
+        "machine": about,
+        "settings": asdict(settings),
+        "limits": machine.as_plain(limits),
+        "figures": [figure.as_dict() for figure in figures],
+        "accuracy": accuracy,
+        "efficiency": report.efficiency(measured),
+        "targets": [target.evaluate(measured) for target in targets.TARGETS],
+        "skipped": figures.skipped,
+        "files": [],
+    }
+    if out is not None:
+        result["files"] = report.write(result, Path(out))
+    return result
+
+
+class _bar:
+    """A tqdm bar of windows; silent without tqdm or `progress`."""
+
+    def __init__(self, progress: bool) -> None:
+        self.bar = None
+        if progress:
+            try:
+                from tqdm import tqdm
+            except ImportError:
+                return
+            self.bar = tqdm(unit=" windows")
+
+    def say(self, what: str) -> None:
+        if self.bar is not None:
+            self.bar.set_description(what)
+
+    def advance(self, windows: int) -> None:
+        if self.bar is not None:
+            self.bar.update(windows)
+
+    def __enter__(self) -> _bar:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.bar is not None:
+            self.bar.close()

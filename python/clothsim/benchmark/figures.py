@@ -1,0 +1,106 @@
+"""What was measured, and why something was not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+class Missing(LookupError):
+    """A figure that this run does not have; the message says why."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured time.
+
+    Parameters
+    ----------
+    work : str
+        What is stepped, such as "swing+bend", "batch" or "grid 64".
+    by : str
+        Kernel of the core ("gather", "edge"), or "reference", "numpy", "numba gather",
+        "numba strided".
+    precision : str
+    threads : int or None
+        None: left to the core.
+    instruction_set : str
+        Empty for what is not the core's.
+    strict : bool
+        The core's strict arithmetic.
+    points, springs : int
+        Of one cloth.
+    minimum, median : float
+        Seconds per step of one cloth.
+    windows, steps : int
+        How many windows, and the steps in one.
+    error : float or None
+        Largest distance of a mass point from where the double reference has it after
+        `error_steps` steps of the same size [m].
+    flops : int or None
+        Per step as `Scene.explain` counts them; the core only.
+    """
+
+    work: str
+    by: str
+    precision: str
+    threads: int | None
+    instruction_set: str
+    strict: bool
+    points: int
+    springs: int
+    minimum: float
+    median: float
+    windows: int
+    steps: int
+    error: float | None = None
+    error_steps: int | None = None
+    flops: int | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+class Figures:
+    """All figures of a run; a lookup that fails says why (`Missing`)."""
+
+    def __init__(self) -> None:
+        self._figures: list[Figure] = []
+        self._reasons: list[tuple[dict[str, Any], str]] = []
+
+    def __iter__(self) -> Iterator[Figure]:
+        return iter(self._figures)
+
+    def add(self, figures: Iterable[Figure]) -> None:
+        self._figures += figures
+
+    def skip(self, reason: str, **labels: Any) -> None:
+        """Say why figures with these labels are missing."""
+        self._reasons.append((labels, reason))
+
+    @property
+    def skipped(self) -> list[dict[str, Any]]:
+        return [{**labels, "reason": reason} for labels, reason in self._reasons]
+
+    def find(self, **labels: Any) -> list[Figure]:
+        """All figures with these labels."""
+        return [f for f in self._figures if all(getattr(f, k) == v for k, v in labels.items())]
+
+    def get(self, **labels: Any) -> Figure:
+        """The one figure with these labels.
+
+        Raises
+        ------
+        Missing
+            If there is none.
+        """
+        found = self.find(**labels)
+        if len(found) > 1:
+            raise ValueError(f"{len(found)} figures have the labels {labels}")
+        if found:
+            return found[0]
+        for skipped, reason in self._reasons:
+            if all(labels.get(k, v) == v for k, v in skipped.items()):
+                raise Missing(reason)
+        raise Missing("not measured in this run")

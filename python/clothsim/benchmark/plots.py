@@ -1,0 +1,132 @@
+"""Plots: time against grid size with the machine's limits, threads, and the price of features."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .report import _BYTES
+from .targets import ALL_SPRINGS
+
+_COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}
+
+
+def draw(report: dict[str, Any], folder: Path, name: str) -> list[str]:
+    """Draw what the report has figures for; the paths of the files."""
+    files = []
+    for what, function in (("grids", _grids), ("threads", _threads), ("features", _features)):
+        figure = function(report)
+        if figure is not None:
+            path = folder / f"{name}-{what}.png"
+            figure.savefig(path, dpi=120)
+            files.append(str(path))
+    return files
+
+
+def _figure(width: float, height: float, columns: int = 1) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, columns, squeeze=False, sharey=True)[0]
+    for panel in panels:
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.grid(alpha=0.3)
+    return figure, panels
+
+
+def _grids(report: dict[str, Any]) -> Any:
+    names = {f"grid {rows}" for rows in report["settings"]["sizes"]}
+    figures = [f for f in report["figures"] if f["work"] in names and f["threads"]]
+    if not figures:
+        return None
+    from matplotlib.ticker import NullFormatter
+
+    figure, panels = _figure(11, 4.6, 2)
+    for panel, precision in zip(panels, ("single", "double"), strict=True):
+        chosen = [f for f in figures if f["precision"] == precision]
+        for by, threads in dict.fromkeys((f["by"], f["threads"]) for f in chosen):
+            line = sorted((f["points"], 1e9 * f["minimum"] / f["points"]) for f in chosen
+                          if (f["by"], f["threads"]) == (by, threads))  # fmt: skip
+            panel.plot(
+                *zip(*line, strict=True), "o-" if threads == 1 else "s--", ms=4,
+                color=_COLORS.get(by, "0.4"), label=f"{by}, {threads} thread{'s' * (threads > 1)}",
+            )  # fmt: skip
+        if report["limits"]:
+            _limit_lines(panel, report, precision, chosen)
+        panel.set(yscale="log", title=precision, xlabel="mass points (rows x columns)")
+        panel.set_xscale("log", base=2)
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter(NullFormatter())
+        panel.legend(fontsize="x-small", ncols=2)
+    panels[0].set_ylabel("ns per mass point and step")
+    return figure
+
+
+def _limit_lines(
+    panel: Any, report: dict[str, Any], precision: str, figures: list[dict[str, Any]]
+) -> None:
+    """The compute limit of the leanest kernel and the memory limit, for most threads."""
+    limits = report["limits"]
+    threads = max(f["threads"] for f in figures)
+    isa = report["machine"]["build"]["instruction_set"]
+    labels = {"instruction_set": isa, "precision": precision, "threads": threads}
+    peak = next(p for p in limits["peak"] if all(p[k] == v for k, v in labels.items()))
+    counted = [f for f in figures if f["flops"]]
+    by = min(counted, key=lambda f: f["flops"] / f["points"])["by"]
+    compute = sorted((f["points"], 1e9 * f["flops"] / f["points"] / peak["flops_per_second"])
+                     for f in counted if f["by"] == by)  # fmt: skip
+    panel.plot(
+        *zip(*compute, strict=True), "k:", lw=1.2, label=f"peak arithmetic, {by}, {threads} threads"
+    )
+    memory = 1e9 * _BYTES[precision] / limits["bandwidth"][threads]
+    panel.axhline(memory, color="0.5", lw=1.2, ls="-.",
+                  label=f"memory, state read and written once, {threads} threads")  # fmt: skip
+
+
+def _bars(panel: Any, labels: list[str], groups: dict[str, list[float]]) -> None:
+    height = 0.8 / len(groups)
+    for k, (name, values) in enumerate(groups.items()):
+        at = [i + (k - (len(groups) - 1) / 2) * height for i in range(len(labels))]
+        bars = panel.barh(at, values, height, label=name, color=_COLORS.get(name.split(",")[0], "0.4"),
+                          alpha=1.0 if k % 2 == 0 else 0.55)  # fmt: skip
+        panel.bar_label(bars, fmt="%.1f", fontsize="x-small", padding=2)
+    panel.set_yticks(range(len(labels)), labels)
+    panel.invert_yaxis()
+    panel.legend(fontsize="small")
+
+
+def _threads(report: dict[str, Any]) -> Any:
+    isa = report["machine"]["build"]["instruction_set"]
+    figures = [f for f in report["figures"] if f["work"] in ("static", "static+bend")
+               and f["instruction_set"] == isa]  # fmt: skip
+    if not figures:
+        return None
+    works = list(dict.fromkeys((f["springs"], f["precision"]) for f in figures))
+    groups = {}
+    for by, threads in sorted({(f["by"], f["threads"]) for f in figures}):
+        times = {(f["springs"], f["precision"]): 1e6 * f["minimum"] for f in figures
+                 if (f["by"], f["threads"]) == (by, threads)}  # fmt: skip
+        groups[f"{by}, {threads} thread{'s' * (threads > 1)}"] = [times[w] for w in works]
+    figure, (panel,) = _figure(8, 4.5)
+    _bars(panel, [f"{springs:,} springs\n{precision}" for springs, precision in works], groups)
+    panel.axvline(5.0, color="0.3", lw=1, ls=":")
+    panel.set_xlabel("us per step of 32 x 32 mass points (dotted: real time at the paper's 5 us)")
+    return figure
+
+
+def _features(report: dict[str, Any]) -> Any:
+    figures = [f for f in report["figures"] if f["work"].startswith("feature: ")]
+    if not any(f["work"] == ALL_SPRINGS for f in figures):
+        return None
+    works = list(dict.fromkeys(f["work"] for f in figures))
+    groups = {}
+    for by, precision in dict.fromkeys((f["by"], f["precision"]) for f in figures):
+        times = {f["work"]: 1e6 * f["minimum"] for f in figures
+                 if (f["by"], f["precision"]) == (by, precision)}  # fmt: skip
+        groups[f"{by}, {precision}"] = [times[work] for work in works]
+    figure, (panel,) = _figure(8, 8)
+    _bars(panel, [work.removeprefix("feature: ") for work in works], groups)
+    panel.set_xlabel("us per step of 32 x 32 mass points, one thread")
+    return figure

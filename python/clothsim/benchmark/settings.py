@@ -1,0 +1,60 @@
+"""How much is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+PAPER_DT = 5e-6  # s, the time step of Kim et al.
+STATE_TIME = 0.25  # s that the paper's cloth has fallen where it is timed; it touches no sphere yet
+CONTACT_TIME = 0.6  # s, where it lies on the sphere
+STATE_DT = 1e-4  # s
+BATCH = 64
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Sizes of a run of the bench.
+
+    Parameters
+    ----------
+    windows : int
+        Windows per figure.
+    seconds : float
+        Length of a window [s].
+    large_windows : int
+        Windows per figure where a single step takes longer than a window.
+    error_steps : int
+        Steps of 5 us after which a figure's error is taken.
+    sizes : tuple of int
+        Rows (= columns) of the grids.
+    numba_sizes : tuple of int
+        Those at which the strong numba kernel is timed too (each is a compilation).
+    numba_parallel : bool
+        Whether the strong numba kernel is timed on several threads and on the batch too (each is a
+        compilation).
+    reference_dt : float
+        Time step [s] of the solution against which the accuracy of dt = 1e-4 s is taken.
+    """
+
+    windows: int = 40
+    seconds: float = 4e-3
+    large_windows: int = 7
+    error_steps: int = 1000
+    sizes: tuple[int, ...] = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
+    numba_sizes: tuple[int, ...] = (1024,)
+    numba_parallel: bool = True
+    reference_dt: float = 1e-5
+
+
+NORMAL = Settings()
+QUICK = Settings(
+    windows=8,
+    seconds=2e-3,
+    large_windows=3,
+    error_steps=200,
+    sizes=(8, 32, 64, 256, 1024),
+    numba_sizes=(),
+    numba_parallel=False,
+    reference_dt=2e-5,
+)
+FULL = Settings(windows=100, large_windows=11, sizes=(*NORMAL.sizes, 4096))

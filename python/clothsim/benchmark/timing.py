@@ -1,0 +1,105 @@
+"""Short windows of work, timed in turn."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+
+class Work(Protocol):
+    """Something whose steps can be timed."""
+
+    def prepare(self) -> None:
+        """Called before each window, untimed."""
+
+    def run(self, steps: int) -> None:
+        """Do `steps` steps."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds per step over the windows, and how many steps a window had."""
+
+    minimum: float
+    median: float
+    windows: int
+    steps: int
+
+
+def calibrate(work: Work, seconds: float, clock: Callable[[], float] = perf_counter) -> int:
+    """Steps that take about `seconds`, by the best of three tries each."""
+    work.run(1)  # the first call pays for what is made lazily
+
+    def once(steps: int) -> float:
+        start = clock()
+        work.run(steps)
+        return clock() - start
+
+    steps = 1
+    while True:
+        took = once(steps)
+        if took >= 0.8 * seconds:  # or did something else have the processor?
+            took = min(took, once(steps), once(steps)) if took < 100 * seconds else took
+        if took >= 0.8 * seconds:
+            return steps
+        wanted = math.ceil(steps * seconds / took) if took > 0 else 10 * steps
+        steps = max(steps + 1, min(10 * steps, wanted))
+
+
+def measure(
+    works: Sequence[Work],
+    windows: int,
+    seconds: float,
+    clock: Callable[[], float] = perf_counter,
+    advance: Callable[[int], object] = lambda windows: None,
+) -> list[Timing]:
+    """Time every work in `windows` windows of about `seconds`.
+
+    The works take turns, in another order in every round, so that a slow spell of the machine
+    meets all of them and none is always the one after the same other. Before a window is timed
+    a quarter of it is run, which wakes threads and fills the caches.
+
+    Parameters
+    ----------
+    works : sequence of Work
+    windows : int
+        Rounds, >= 1.
+    seconds : float
+        Length of a window [s].
+    clock : callable
+        Gives the time [s].
+    advance : callable
+        Told 1 after each window.
+
+    Returns
+    -------
+    list of Timing
+        In the order of `works`.
+    """
+    steps = []
+    for work in works:
+        work.prepare()
+        steps.append(calibrate(work, seconds, clock))
+    taken = np.empty((len(works), windows))
+    order = list(range(len(works)))
+    shuffle = random.Random(0).shuffle
+    for window in range(windows):
+        shuffle(order)
+        for k in order:
+            works[k].prepare()
+            if warm := steps[k] // 4:
+                works[k].run(warm)
+            start = clock()
+            works[k].run(steps[k])
+            taken[k, window] = (clock() - start) / steps[k]
+            advance(1)
+    return [
+        Timing(float(row.min()), float(np.median(row)), windows, count)
+        for row, count in zip(taken, steps, strict=True)
+    ]

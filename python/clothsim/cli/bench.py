@@ -1,0 +1,51 @@
+"""`clothsim bench`: measure speed on this machine beside its limits, other codes and the targets."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from ._common import add_command, as_json
+
+
+def add_parser(subparsers: Any) -> None:
+    from clothsim.benchmark import SECTIONS
+
+    command = add_command(
+        subparsers, "bench", run, "Measure speed beside the machine's limits and the targets."
+    )
+    size = command.add_mutually_exclusive_group()
+    size.add_argument(
+        "--quick", action="store_true", help="fewer and shorter windows: below a minute"
+    )
+    size.add_argument(
+        "--full", action="store_true", help="more windows, and 4096 x 4096 (takes 8 GB of memory)"
+    )
+    command.add_argument(
+        "--out",
+        default="benchmarks/results",
+        metavar="DIR",
+        help="folder of the CSV files and plots (default: benchmarks/results)",
+    )
+    command.add_argument(
+        "--section",
+        choices=SECTIONS,
+        action="append",
+        help="only this one; may be given several times (default: all)",
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, bench
+    from clothsim.benchmark.report import text
+
+    report = bench(
+        args.out,
+        settings=QUICK if args.quick else FULL if args.full else NORMAL,
+        sections=args.section or SECTIONS,
+        progress=sys.stderr.isatty(),
+    )
+    print(as_json(report) if args.json else text(report))
+    if not args.json:
+        print("\nWritten: " + ", ".join(report["files"]))

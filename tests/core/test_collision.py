@@ -1,0 +1,312 @@
+"""Contacts: the responses against formulas written here, kernels against the reference."""
+
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+CENTER = np.array([0.2, -0.3, 0.1])
+RADIUS = 0.5
+DT = 1e-3
+
+
+def drifting(x, spheres, pins=()):
+    """A scene without any force, so that a step moves points by v dt and then answers contacts."""
+    cloth = cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=pins)
+    return cs.Scene(cloth, spheres=spheres, gravity=(0, 0, 0))
+
+
+def ball(**arguments):
+    return cs.Sphere(CENTER, RADIUS, **{"offset": "none", **arguments})
+
+
+def cloud(seed=1, shape=(11, 19), reach=1.0):
+    """Points all over a cube around the sphere, with velocities in all directions."""
+    rng = np.random.default_rng(seed)
+    x = CENTER + rng.uniform(-reach, reach, (*shape, 3)) * RADIUS
+    return x, rng.normal(size=(*shape, 3))
+
+
+def answered(x, v, sphere, t, radius=RADIUS):
+    """Kim et al., eq 7-12 with their errata mended, restitution and Coulomb friction, per point."""
+    center, velocity = sphere.center_at(t), sphere.velocity_at(t)
+    if sphere.literal:
+        velocity = np.zeros(3)
+    x, v = x.copy(), v.copy()
+    for at in np.ndindex(x.shape[:2]):
+        m, u = x[at] - center, v[at] - velocity
+        if np.linalg.norm(m) >= radius:
+            continue
+        if sphere.response == "ray":
+            if m @ u > 0 and not sphere.literal:
+                continue
+            # |m - s u| = radius, the root s > 0
+            s = max(np.roots([u @ u, -2 * m @ u, m @ m - radius**2]).real)
+            m = m - s * u
+            x[at] = center + m
+        n = m / np.linalg.norm(m)
+        speed = u @ n
+        if speed >= 0 and not sphere.literal:
+            continue
+        impulse = (1 + sphere.restitution) * speed
+        tangential = u - speed * n
+        slip = np.linalg.norm(tangential)
+        taken = min(slip, sphere.friction * abs(impulse))
+        v[at] = v[at] - impulse * n - taken * tangential / slip
+    return x, v
+
+
+@pytest.mark.parametrize("literal", [False, True])
+@pytest.mark.parametrize("restitution, friction", [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)])
+@pytest.mark.parametrize("motion", [None, cs.Linear((1.5, -0.7, 0.4))], ids=["still", "moving"])
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_responses_are_those_of_the_formulas(
+    double_variant, response, motion, restitution, friction, literal
+):
+    sphere = ball(
+        response=response, motion=motion, restitution=restitution, friction=friction,
+        literal=literal,
+    )  # fmt: skip
+    x, v = cloud()
+    t = 0.03
+    expected = answered(x + DT * v, v, sphere, t + DT)
+    touched = np.abs(expected[1] - v).max(axis=-1) > 1e-6
+    assert 20 < touched.sum() < 150
+    result = cs.step(drifting(x, sphere), x, v, DT, t=t, **double_variant.options)
+    np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(result[1], expected[1], rtol=0, atol=1e-13)
+    reference = cs.reference_step(drifting(x, sphere), x, v, DT, t=t)
+    np.testing.assert_allclose(reference[0], expected[0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(reference[1], expected[1], rtol=0, atol=1e-13)
+
+
+def one_point(position, velocity, sphere, dt=1e-9, **options):
+    """Where a point at `position` (from the centre) is after a step too short to move it."""
+    x = np.full((2, 2, 3), 50.0)
+    v = np.zeros((2, 2, 3))
+    x[0, 0], v[0, 0] = CENTER + position, velocity
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, **options)
+    assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
+    return xt[0, 0] - CENTER, vt[0, 0]
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_a_head_on_hit(response):
+    """Straight down on the pole, 0.1 m deep: eq 7 turns the velocity, eq 12 moves the point up."""
+    x, v = one_point((0, 0.4, 0), (0, -2, 0), ball(response=response))
+    np.testing.assert_allclose(v, (0, 2, 0), atol=1e-14)
+    np.testing.assert_allclose(x, (0, 0.4 if response == "reflect" else 0.5, 0), atol=1e-8)
+
+
+def test_a_slanting_ray():
+    """From (0.3, 0) back along +x to (0.4, 0.3) on the circle of radius 1/2: a 3-4-5 triangle."""
+    x, v = one_point((0.1, 0.3, 0), (-1, 0, 0), ball(response="ray"))
+    np.testing.assert_allclose(x, (0.4, 0.3, 0), atol=1e-8)
+    n = np.array([0.8, 0.6, 0])
+    np.testing.assert_allclose(v, np.array([-1, 0, 0]) + 2 * 0.8 * n, atol=1e-8)
+
+
+def test_restitution_scales_the_normal_speed_alone():
+    x, v = one_point((0, 0.49, 0), (3, -2, 0), ball(response="reflect", restitution=0.25))
+    np.testing.assert_allclose(v, (3, 0.5, 0), atol=1e-7)
+
+
+@pytest.mark.parametrize("friction, left", [(0.1, 3 - 0.1 * 2 * 2), (5.0, 0.0)])
+def test_friction_takes_at_most_the_tangential_speed(friction, left):
+    x, v = one_point((0, 0.49, 0), (3, -2, 0), ball(response="reflect", friction=friction))
+    np.testing.assert_allclose(v, (left, 2, 0), atol=1e-7)
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_a_leaving_point_is_left_alone_unless_literal(response):
+    out = (0.0, 0.4, 0.0), (0.3, 1.0, 0.0)
+    x, v = one_point(*out, ball(response=response))
+    np.testing.assert_allclose(v, out[1], atol=1e-15)
+    np.testing.assert_allclose(x, out[0], atol=1e-8)
+    _, v = one_point(*out, ball(response=response, literal=True))
+    assert v @ np.array([0, 1, 0]) < 0
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_a_moving_sphere_kicks_a_resting_point(response):
+    """Relative velocity: off at twice its speed. Literal: nothing, as the point has no velocity."""
+    motion = cs.Linear((0, 3, 0))
+    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion))
+    np.testing.assert_allclose(v, (0, 6, 0), atol=1e-12)
+    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion, literal=True))
+    np.testing.assert_allclose(v, (0, 0, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-300, 1e-200, 1e-170, 1e-160, 1e-155, 1e-100, 1e-20])
+@pytest.mark.parametrize("literal", [False, True])
+def test_ray_puts_a_point_on_the_surface_however_slow(variant, literal, speed):
+    """No velocity has no ray: the point is projected along the normal. A slow one still has one."""
+    position = np.array([0.1, -0.2, 0.15])
+    sphere = ball(response="ray", literal=literal)
+    x, v = one_point(position, -speed * position, sphere, **variant.options)
+    bound = {"double": 1e-12, "single": 1e-7}[variant.precision]
+    assert abs(np.linalg.norm(x) - RADIUS) < bound
+    np.testing.assert_allclose(x, RADIUS * position / np.linalg.norm(position), atol=bound)
+    assert np.abs(v).max() <= max(speed, 1e-300)
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+@pytest.mark.parametrize("velocity", [(0, 0, 0), (0, 0, -2.0)], ids=["at rest", "fast"])
+def test_a_point_at_the_exact_centre(precision, kernel, response, velocity):
+    """At rest it leaves upwards; one with a velocity goes back to where it came from."""
+    sphere = cs.Sphere((1, 2, 3), RADIUS, response=response, offset="none")
+    dt, v = 2.0**-10, np.zeros((2, 2, 3))
+    x = np.full((2, 2, 3), 50.0)
+    v[0, 0] = velocity
+    x[0, 0] = (1, 2, 3) - dt * v[0, 0]  # exact, so that the step ends exactly at the centre
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, kernel=kernel, precision=precision)
+    if response == "reflect":
+        np.testing.assert_array_equal(xt[0, 0], sphere.center)
+        np.testing.assert_array_equal(vt[0, 0], velocity)  # no part of it is along the normal, y
+    else:
+        way = np.array((0, 0, 1) if any(velocity) else (0, 1, 0))
+        np.testing.assert_array_equal(xt[0, 0], sphere.center + RADIUS * way)
+        np.testing.assert_array_equal(vt[0, 0], -v[0, 0])
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_pinned_points_never_move(variant, response):
+    x, v = cloud()
+    pins = np.random.default_rng(2).random(x.shape[:2]) < 0.5
+    v[pins] = 0
+    x = x.astype(np.float32).astype(float)
+    sphere = ball(response=response, motion=cs.Linear((0.2, 0.1, 0.0)))
+    inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
+    assert (inside & pins).sum() > 10
+    xt, vt = cs.step(drifting(x, sphere, pins), x, v, DT, 50, **variant.options)
+    np.testing.assert_array_equal(xt[pins], x[pins])
+    assert (vt[pins] == 0).all()
+    assert (np.abs(vt - v)[inside & ~pins].max(axis=-1) > 0).any()
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_several_spheres_are_met_in_their_order(double_variant, response):
+    spheres = [
+        ball(response=response, restitution=0.5),
+        cs.Sphere(CENTER + (0.3, 0.1, 0), 0.4, response=response, offset=0.02),
+        cs.Sphere(CENTER - (0.2, 0.2, 0.1), 0.3, cs.Linear((1, 0, 0)), response, 0.0, 0.8, 0.2),
+    ]
+    x, v = cloud()
+    expected = x + DT * v, v
+    for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
+        expected = answered(*expected, sphere, DT, radius)
+    result = cs.step(drifting(x, spheres), x, v, DT, **double_variant.options)
+    for part, wanted in zip(result, expected):
+        np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
+    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, **double_variant.options)
+    assert np.abs(other[0] - result[0]).max() + np.abs(other[1] - result[1]).max() > 1e-3
+
+
+MOTIONS = [
+    cs.Linear((0.4, -0.3, 0.2)),
+    cs.Reciprocate((1, 1, 0), 0.4, 0.05, 3.0, 0.2),
+    cs.Reciprocate((0, 1, 0), 0.4, 0.05, 0.0),
+    cs.Keyframes([0.0, 0.02, 0.05], [CENTER, CENTER + (0.1, 0, 0), CENTER - (0, 0.2, 0)]),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
+def test_the_core_moves_spheres_as_python_does(motion):
+    """A point at rest inside lands on the surface of the sphere where it is at the step's end."""
+    sphere = ball(response="ray", literal=True, motion=motion)
+    for t in (0.0, 0.013, 0.02, 0.031, 0.049, 0.08, -0.01):
+        center = sphere.center_at(t + DT)
+        x = np.tile(center + (0.05, 0.1, -0.02), (2, 2, 1))
+        after, _ = cs.step(drifting(x, sphere), x, 0 * x, DT, t=t)
+        np.testing.assert_allclose(np.linalg.norm(after - center, axis=-1), RADIUS, rtol=1e-13)
+        core = ball(response="reflect", motion=motion)
+        _, v = cs.step(drifting(x, core), x, 0 * x, DT, t=t)
+        n = (x[0, 0] - center) / np.linalg.norm(x[0, 0] - center)
+        kick = -2 * min(-core.velocity_at(t + DT) @ n, 0) * n
+        np.testing.assert_allclose(v[0, 0], kick, atol=1e-11)
+
+
+@pytest.mark.parametrize("radius, spacing", [(0.25, 1 / 31), (0.02, 0.1), (100.0, 1e-3)])
+def test_eq_13_keeps_the_middle_of_a_spring_out(radius, spacing):
+    """Both ends on the contact radius: the middle just touches the true sphere."""
+    cloth = cs.Cloth((4, 4), size=(3 * spacing, 3 * spacing))
+    sphere = cs.Sphere(radius=radius, offset="edge")
+    reach = sphere.contact_radius(cloth)
+    middle = math.sqrt(reach**2 - (spacing / 2) ** 2)
+    assert abs(middle - radius) < 4e-16 * radius
+    printed = math.sqrt((spacing / 2) ** 2 + radius**2) - radius
+    assert abs(sphere.offset_length(cloth) - printed) < 1e-15 * radius
+
+
+@pytest.mark.parametrize("offset, reach", [("none", 0.25), ("edge", 0.25 + 5.2e-4), (0.03, 0.28)])
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
+    """On the paper's cloth eq 13 gives 0.52 mm."""
+    scene = cs.Scene(
+        cs.Cloth(stiffness=0.0, damping=0.0, pins=()), gravity=(0, 0, 0),
+        spheres=cs.Sphere((0, 0, 0), 0.25, response=response, offset=offset),
+    )  # fmt: skip
+    exact = scene.spheres[0].contact_radius(scene.cloth)
+    assert abs(exact - reach) < 2e-6
+    x = np.full((32, 32, 3), 9.0)
+    v = np.zeros((32, 32, 3))
+    x[5, 7], v[5, 7] = (0, exact + 2e-6, 0), (0, -1e-3, 0)
+    x[6, 8], v[6, 8] = (0, exact - 2e-6, 0), (0, -1e-3, 0)
+    xt, vt = cs.step(scene, x, v, 1e-6, **variant.options)
+    assert vt[5, 7, 1] < 0 < vt[6, 8, 1]
+    if response == "ray":
+        assert abs(xt[6, 8, 1] - exact) < {"double": 1e-15, "single": 1e-7}[variant.precision]
+
+
+@pytest.mark.parametrize("motion", [None, cs.Linear((0.0, 1.5, 0.3))], ids=["still", "moving"])
+@pytest.mark.parametrize("literal", [False, True])
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_kernels_agree_with_the_reference_over_contact(
+    variant, crumpled, relative, response, literal, motion
+):
+    spheres = [
+        cs.Sphere((0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, literal=literal),
+        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, literal=literal),
+    ]
+    scene, x, v, dt = crumpled(spheres=spheres)
+    free = cs.reference_step(scene.replace(spheres=()), x, v, dt, 40)
+    expected = cs.reference_step(scene, x, v, dt, 40)
+    assert relative(expected, free, x) > 1e-2
+    result = cs.step(scene, x, v, dt, 40, **variant.options)
+    # Contact multiplies rounding: 1e4 times what it is without.
+    assert relative(result, expected, x) < {"double": 1e-10, "single": 1e-2}[variant.precision]
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_mended_ray_leaves_no_approaching_point_inside(precision):
+    scene = cs.scenes.paper_static("ray")
+    sphere = scene.spheres[0]
+    reach = sphere.contact_radius(scene.cloth)
+    stepper = cs.Stepper(scene, precision=precision, threads=1)
+    stepper.advance(3200, 1e-4)
+    met = 0
+    for _ in range(50):
+        stepper.advance(4, 1e-4)
+        x, v = stepper.positions, stepper.velocities
+        m = x - np.array(sphere.center)
+        distance = np.linalg.norm(m, axis=-1)
+        approaching = (m * v).sum(axis=-1) < -1e-9
+        met += int((distance < reach + 1e-4).sum())
+        assert not (approaching & (distance < reach - 1e-7)).any()
+    assert met > 100
+
+
+def test_literal_reflect_lets_points_in_and_mended_moving_spheres_do_not_shoot_them_away():
+    """A sphere driven into a resting cloth: relative velocity pushes it ahead, absolute not."""
+    x = np.stack(np.broadcast_arrays(*np.ogrid[-1:1:17j, 0:0:1j, -1:1:17j]), axis=-1)[:, 0] * 0.3
+    depth = {}
+    for literal in (True, False):
+        sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none",
+                           literal=literal)  # fmt: skip
+        scene = drifting(x, sphere)
+        stepper = cs.Stepper(scene, x, 0 * x)
+        stepper.advance(300, DT)
+        depth[literal] = cs.penetration(stepper.positions, sphere, stepper.time)["points"]
+    assert depth[True] > 0.3
+    assert depth[False] < 2.1 * DT

@@ -1,0 +1,259 @@
+"""Energy, penetration depth and the stable time step against formulas in NumPy."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+
+def test_energy_is_that_of_the_spring_table(crumpled):
+    scene, x, v, _ = crumpled()
+    table, m = scene.cloth.spring_table(), scene.cloth.mass_per_point
+    flat = x.reshape(-1, 3)
+    stretch = np.linalg.norm(flat[table["j"]] - flat[table["i"]], axis=1) - table["rest_length"]
+    expected = {
+        "kinetic": (m * (v**2).sum(axis=-1)).sum() / 2,
+        "elastic": (table["stiffness"] * stretch**2).sum() / 2,
+        "gravity": -(m[..., None] * x * np.array(scene.gravity)).sum(),
+    }
+    result = cs.energy(scene, x, v)
+    assert set(result) == {*expected, "total"}
+    for name, value in expected.items():
+        np.testing.assert_allclose(result[name], value, rtol=1e-12)
+    np.testing.assert_allclose(result["total"], sum(expected.values()), rtol=1e-12)
+
+
+@pytest.mark.parametrize("springs", [("structural",), ("shear",), ("bend",)], ids="-".join)
+@pytest.mark.parametrize("shape", [(2, 1), (1, 3), (4, 2)], ids=str)
+def test_energy_of_each_family_and_of_chains(crumpled, shape, springs):
+    scene, x, v, _ = crumpled(shape=shape, springs=springs)
+    table, flat = scene.cloth.spring_table(), x.reshape(-1, 3)
+    stretch = np.linalg.norm(flat[table["j"]] - flat[table["i"]], axis=1) - table["rest_length"]
+    elastic = (table["stiffness"] * stretch**2).sum() / 2
+    np.testing.assert_allclose(cs.energy(scene, x, v)["elastic"], elastic, rtol=1e-12)
+
+
+def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
+    scene, x, v, _ = crumpled(damped=False, pins=())
+    v = 0 * v
+    a = cs.acceleration(scene, x, v, **double_variant.options)
+    way = np.random.default_rng(4).normal(size=x.shape)
+    h = 1e-6
+    slope = (
+        cs.energy(scene, x + h * way, v)["total"] - cs.energy(scene, x - h * way, v)["total"]
+    ) / (2 * h)
+    power = (scene.cloth.mass_per_point[..., None] * a * way).sum()
+    np.testing.assert_allclose(power, -slope, rtol=1e-7)
+
+
+def test_energy_of_a_batch(crumpled):
+    scene, x, v, _ = crumpled()
+    batch = cs.energy(scene, np.stack([x, 2 * x]), np.stack([v, -v]))
+    for k, one in enumerate([(x, v), (2 * x, -v)]):
+        for name, value in cs.energy(scene, *one).items():
+            assert batch[name].shape == (2,) and batch[name][k] == value
+
+
+def nearest_on_triangles(p, corners):
+    """Distances to triangles (n, 3, 3): of the projection where it is inside, else of an edge."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    best = np.full(len(corners), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        d = end - start
+        length = (d**2).sum(axis=1)
+        s = np.clip(((p - start) * d).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
+        best = np.minimum(best, np.linalg.norm(p - start - s[:, None] * d, axis=1))
+    e, f = b - a, c - a
+    gram = np.array([[(e * e).sum(1), (e * f).sum(1)], [(e * f).sum(1), (f * f).sum(1)]])
+    det = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+    flat = det <= 1e-14 * gram[0, 0] * gram[1, 1]
+    det = np.where(flat, 1, det)
+    r = np.array([((p - a) * e).sum(1), ((p - a) * f).sum(1)])
+    s = (gram[1, 1] * r[0] - gram[0, 1] * r[1]) / det
+    t = (gram[0, 0] * r[1] - gram[0, 1] * r[0]) / det
+    inside = ~flat & (s >= 0) & (t >= 0) & (s + t <= 1)
+    height = np.linalg.norm(p - a - s[:, None] * e - t[:, None] * f, axis=1)
+    return np.where(inside, height, best)
+
+
+def depths(x, sphere, t=0.0):
+    center = sphere.center_at(t)
+    points = sphere.radius - np.linalg.norm(x - center, axis=-1).min()
+    corners = x.reshape(-1, 3)[cs.triangles(x.shape[:2])]
+    triangles = sphere.radius - nearest_on_triangles(center, corners).min()
+    return max(points, 0.0), max(triangles, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["wild", "sliver", "line", "point", "edge", "thin"])
+def test_penetration_of_one_cell_of_any_kind(kind):
+    """Two random triangles at a time: any region of each is nearest somewhere."""
+    rng = np.random.default_rng(11)
+    regions = set()
+    for _ in range(400):
+        x = rng.normal(size=(2, 2, 3))
+        a, b = x[0, 0].copy(), x[0, 1].copy()
+        if kind == "sliver":
+            x[1, 0] = a + 0.6 * (b - a) + 1e-9 * rng.normal(size=3)
+        elif kind == "line":
+            x[1, 0], x[1, 1] = a + 0.5 * (b - a), a + 2 * (b - a)
+        elif kind == "point":
+            x[:] = a
+        elif kind == "edge":
+            x[1, 0] = a
+            x[1, 1] = b
+        elif kind == "thin":
+            x[1] = x[0] + 1e-4 * rng.normal(size=(2, 3))
+        sphere = cs.Sphere(tuple(rng.normal(size=3)), 10.0)
+        result = cs.penetration(x, sphere)
+        points, triangles = depths(x, sphere)
+        regions.add(points < triangles - 1e-9)
+        np.testing.assert_allclose(result["points"], points, rtol=1e-14)
+        bound = 1e-7 if kind == "sliver" else 1e-10
+        np.testing.assert_allclose(result["triangles"], triangles, rtol=0, atol=bound)
+    assert regions == ({False} if kind == "point" else {False, True})
+
+
+def test_penetration_is_never_less_than_sampling_finds():
+    rng = np.random.default_rng(12)
+    w = rng.dirichlet(np.ones(3), 4000)
+    for _ in range(30):
+        x = rng.normal(size=(2, 2, 3))
+        sphere = cs.Sphere(tuple(0.5 * rng.normal(size=3)), 10.0)
+        corners = x.reshape(-1, 3)[cs.triangles((2, 2))]
+        samples = np.einsum("sk,tkc->tsc", w, corners)
+        found = 10.0 - np.linalg.norm(samples - sphere.center, axis=-1).min()
+        exact = cs.penetration(x, sphere)["triangles"]
+        assert found - 1e-12 <= exact < found + 0.15
+
+
+def test_penetration_of_a_sheet(crumpled):
+    _, x, _, _ = crumpled()
+    for center in ((0.6, -0.2, 0.4), (0.6, 0.0, 0.4), (0.62, 0.23, 0.45), (3.0, 3.0, 3.0)):
+        sphere = cs.Sphere(center, 0.25, cs.Linear((0.1, 0.0, 0.0)), offset=0.1)
+        result = cs.penetration(x, sphere, t=0.2)
+        np.testing.assert_allclose(
+            [result["points"], result["triangles"]], depths(x, sphere, 0.2), rtol=0, atol=1e-13
+        )
+        assert result["triangles"] >= result["points"] >= 0
+
+
+def test_penetration_of_chains_batches_and_float32():
+    x = np.array([[[0.0, 0, 0], [0.1, 0, 0], [1.0, 0, 0]]])
+    sphere = cs.Sphere((0, 0, 0), 0.5)
+    assert cs.penetration(x, sphere) == {"points": 0.5, "triangles": 0.5}
+    batch = cs.penetration(np.stack([x, x + 5]).astype(np.float32), sphere)
+    np.testing.assert_array_equal(batch["points"], [0.5, 0.0])
+
+
+def laplacian(cloth, values):
+    """Dense weighted Laplacian per unit mass, of the points that are free, made symmetric."""
+    table = cloth.spring_table()
+    n = cloth.rows * cloth.columns
+    matrix = np.zeros((n, n))
+    for i, j, k in zip(table["i"], table["j"], values):
+        matrix[[i, j], [i, j]] += k
+        matrix[[i, j], [j, i]] -= k
+    root = 1 / np.sqrt(cloth.mass_per_point.ravel())
+    free = ~cloth.pinned.ravel()
+    return (root[:, None] * matrix * root)[np.ix_(free, free)]
+
+
+def growth(stiffness, damping, dt):
+    """Largest factor of a mode of x'' = -stiffness x - damping x' in one step of RK4."""
+    n = len(stiffness)
+    rate = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+    z = np.linalg.eigvals(rate) * dt
+    return np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).max()
+
+
+def matrices(cloth):
+    table = cloth.spring_table()
+    stiffness = laplacian(cloth, table["stiffness"])
+    damping = laplacian(cloth, table["damping"])
+    mass = cloth.mass_per_point[~cloth.pinned]
+    return stiffness, damping + np.diag(cloth.point_damping / mass)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_max_stable_dt_is_never_above_the_limit(seed):
+    """Random small cloths, against the eigenvalues of the dense Laplacian."""
+    rng = np.random.default_rng(seed)
+    families = [f for f in ("structural", "shear", "bend") if rng.random() < 0.6] or ["structural"]
+    shape = tuple(int(n) for n in rng.integers(1, 9, 2))
+    if shape == (1, 1):
+        shape = (1, 2)
+    model = "spring" if rng.random() < 0.6 else "point"
+    strength = 10 ** rng.uniform(-3, 1)
+    cloth = cs.Cloth(
+        shape,
+        mass=rng.uniform(0.1, 0.5, shape) if rng.random() < 0.5 else 3.0,
+        stiffness={f: 10 ** rng.uniform(0, 4) for f in families},
+        damping=0.0 if rng.random() < 0.3 else 10 * strength if model == "point" else
+        {f: strength * 10 ** rng.uniform(0, 1) for f in families},
+        damping_model=model,
+        springs=families,
+        pins=[(0, 0)] if rng.random() < 0.5 else (),
+    )  # fmt: skip
+    dt = cs.max_stable_dt(cs.Scene(cloth))
+    assert dt > 0
+    if np.isfinite(dt):
+        assert growth(*matrices(cloth), dt) < 1 + 1e-6
+    elif cloth.spring_count():
+        assert not cloth.damped and not any(cloth.family_stiffness.values())
+
+
+@pytest.mark.parametrize(
+    "springs", [("structural",), ("structural", "shear"), ("structural", "shear", "bend")],
+    ids="-".join,
+)  # fmt: skip
+@pytest.mark.parametrize("damping", [0.0, 3000.0])
+def test_max_stable_dt_is_close_to_the_limit_of_a_uniform_cloth(springs, damping):
+    """Where stiffness or damping alone decides; with both it is safe by more."""
+    edge = [(0, column) for column in range(16)]
+    cloth = cs.Cloth((16, 16), mass=128.0, damping=damping, springs=springs, pins=edge)
+    dt = cs.max_stable_dt(cs.Scene(cloth))
+    # Damping is a multiple of stiffness, so each mode of the one is one of the other.
+    largest = np.linalg.eigvalsh(laplacian(cloth, cloth.spring_table()["stiffness"]))[-1:]
+    m = np.diag(largest), np.diag(largest * damping / 35_000.0)
+    assert growth(*m, dt) < 1
+    assert growth(*m, 1.04 * dt) > 1.01
+
+
+@pytest.mark.parametrize(
+    "springs", [("structural",), ("structural", "shear", "bend")], ids="-".join
+)
+def test_max_stable_dt_holds_for_every_ratio_of_damping_to_stiffness(springs):
+    """The stability region of RK4 is narrowest, 2.6155, between the two axes."""
+    edge = [(0, column) for column in range(16)]
+    cloth = cs.Cloth((16, 16), mass=128.0, springs=springs, pins=edge)
+    largest = np.linalg.eigvalsh(laplacian(cloth, cloth.spring_table()["stiffness"]))[-1:]
+    growths = []
+    for damping in np.geomspace(1, 1e4, 60):
+        dt = cs.max_stable_dt(cs.Scene(cloth.replace(damping=damping)))
+        growths.append(growth(np.diag(largest), np.diag(largest * damping / 35_000.0), dt))
+    assert max(growths) < 1
+
+
+def test_max_stable_dt_of_the_paper():
+    """kappa = 12 with shear: damping decides, 2.785 m / (12 c); undamped 2.828 / sqrt(12 K / m)."""
+    scene = cs.scenes.paper_swing()
+    np.testing.assert_allclose(cs.max_stable_dt(scene), 2.785 * 0.5 / 1200, rtol=1e-12)
+    free = scene.replace(cloth=scene.cloth.replace(damping=0.0))
+    np.testing.assert_allclose(
+        cs.max_stable_dt(free), 2.828 / np.sqrt(12 * 35_000 / 0.5), rtol=1e-12
+    )
+
+
+def test_max_stable_dt_without_forces_is_infinite():
+    cloth = cs.Cloth((2, 2), stiffness=0.0, damping=0.0)
+    assert cs.max_stable_dt(cs.Scene(cloth)) == np.inf
+
+
+def test_the_swing_is_stable_at_the_stable_time_step(double_variant):
+    scene = cs.scenes.paper_swing()
+    stepper = cs.Stepper(scene, **double_variant.options)
+    totals = []
+    for _ in range(10):
+        totals.append(cs.energy(scene, stepper.positions, stepper.velocities)["total"])
+        stepper.advance(100, cs.max_stable_dt(scene))
+    assert (np.diff(totals) < 0).all()
+    assert np.abs(stepper.velocities).max() < 10

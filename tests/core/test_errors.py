@@ -1,0 +1,301 @@
+"""Bad input: the error names the argument, and nothing that was passed in has changed."""
+
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+SCENE = cs.Scene(cs.Cloth((4, 5)))
+X, V = SCENE.initial_position, SCENE.initial_velocity
+
+
+def nan_at(array, value=math.nan):
+    array = array.copy()
+    array[2, 3, 1] = value
+    return array
+
+
+BAD_STATES = {
+    "shape": (X[:3], ValueError),
+    "flat": (X.reshape(-1, 3), ValueError),
+    "transposed": (X.swapaxes(0, 1), ValueError),
+    "two components": (X[..., :2], ValueError),
+    "empty batch": (np.empty((0, 4, 5, 3)), ValueError),
+    "five dimensions": (X[None, None], ValueError),
+    "scalar": (1.0, ValueError),
+    "ragged": ([[[0.0, 0.0, 0.0]], [[1.0, 1.0]]], ValueError),
+    "nan": (nan_at(X), ValueError),
+    "inf": (nan_at(X, -math.inf), ValueError),
+    "complex": (X.astype(complex), TypeError),
+    "bool": (X.astype(bool), TypeError),
+    "text": (X.astype(str), TypeError),
+    "object": (X.astype(object), TypeError),
+    "a word": ("rest", TypeError),
+    "a dict": ({}, TypeError),
+}
+STEPPING = {
+    "step": lambda x, v, **k: cs.step(SCENE, x, v, 1e-3, **k),
+    "acceleration": lambda x, v, **k: cs.acceleration(SCENE, x, v, **k),
+    "Stepper": lambda x, v, **k: cs.Stepper(SCENE, x, v, **k),
+    "energy": lambda x, v: cs.energy(SCENE, x, v),
+    "reference_step": lambda x, v: cs.reference_step(SCENE, x, v, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", ["x", "v"])
+@pytest.mark.parametrize("call", STEPPING.values(), ids=STEPPING)
+@pytest.mark.parametrize("value, error", BAD_STATES.values(), ids=BAD_STATES)
+def test_states(call, value, error, name):
+    kept = value.copy() if isinstance(value, np.ndarray) else value
+    arguments = {"x": X, "v": V, name: value}
+    with pytest.raises(error, match=rf"^{name} must be an array of shape \(4, 5, 3\)") as raised:
+        call(**arguments)
+    assert "got" in str(raised.value)
+    if isinstance(value, np.ndarray):
+        assert value.tobytes() == kept.tobytes() or value.dtype == object
+
+
+def test_nan_is_named_by_its_index():
+    with pytest.raises(ValueError, match=r"got nan at index \(2, 3, 1\)"):
+        cs.step(SCENE, nan_at(X), V, 1e-3)
+
+
+def test_x_and_v_of_one_shape():
+    with pytest.raises(ValueError, match="x and v must have one shape"):
+        cs.step(SCENE, X[None], V, 1e-3)
+
+
+def test_one_state_for_the_reference():
+    with pytest.raises(ValueError, match="x must be one state"):
+        cs.reference_step(SCENE, X[None], V[None], 1e-3)
+
+
+@pytest.mark.parametrize("call", [cs.step, cs.reference_step])
+@pytest.mark.parametrize(
+    "name, value, error",
+    [("dt", 0.0, ValueError), ("dt", -1e-3, ValueError), ("dt", math.nan, ValueError),
+     ("dt", math.inf, ValueError), ("dt", "1", TypeError), ("dt", None, TypeError),
+     ("dt", True, TypeError), ("dt", np.array([1e-3]), TypeError), ("dt", 1j, TypeError),
+     ("steps", -1, ValueError), ("steps", 1.0, TypeError), ("steps", True, TypeError),
+     ("steps", "3", TypeError), ("steps", None, TypeError), ("steps", 2**63, ValueError),
+     ("t", math.nan, ValueError), ("t", "0", TypeError)],
+    ids=str,
+)  # fmt: skip
+def test_numbers(call, name, value, error):
+    arguments = {"dt": 1e-3, "steps": 1, "t": 0.0, name: value}
+    with pytest.raises(error, match=f"^{name} must be"):
+        call(SCENE, X, V, **arguments)
+
+
+@pytest.mark.parametrize(
+    "name, value, error",
+    [("integrator", "euler", ValueError), ("integrator", 4, TypeError),
+     ("precision", "half", ValueError), ("precision", None, TypeError),
+     ("kernel", "gahter", ValueError), ("kernel", 0, TypeError),
+     ("strict", 1, TypeError), ("strict", "no", TypeError)],
+    ids=str,
+)  # fmt: skip
+def test_options(name, value, error):
+    calls = [
+        lambda **k: cs.step(SCENE, X, V, 1e-3, **k),
+        lambda **k: cs.Stepper(SCENE, **k),
+        lambda **k: cs.simulate(SCENE, 0.01, 1e-3, **k),
+    ]
+    for call in calls:
+        with pytest.raises(error, match=f"^{name} must be"):
+            call(**{name: value})
+
+
+def test_a_misspelt_option_is_answered_with_the_nearest():
+    with pytest.raises(ValueError, match="did you mean 'gather'"):
+        cs.step(SCENE, X, V, 1e-3, kernel="gahter")
+
+
+@pytest.mark.parametrize(
+    "scene, error",
+    [(None, TypeError), ("paper", TypeError), (SCENE.cloth, TypeError), ([], ValueError),
+     ([SCENE, SCENE.cloth], TypeError), ([SCENE, cs.Scene(cs.Cloth((5, 4)))], ValueError)],
+    ids=["None", "text", "cloth", "none", "mixed", "shapes"],
+)  # fmt: skip
+def test_scenes(scene, error):
+    with pytest.raises(error, match="scene must be"):
+        cs.step(scene, X, V, 1e-3)
+
+
+def test_as_many_scenes_as_states():
+    for batch in (X, X[None], np.stack([X] * 3)):
+        with pytest.raises(ValueError, match=r"x must be an array of shape \(2, 4, 5, 3\)"):
+            cs.step([SCENE, SCENE], batch, batch, 1e-3)
+
+
+def read_only(array):
+    array.flags.writeable = False
+    return array
+
+
+def unaligned(shape, dtype=np.float64):
+    raw = np.zeros(math.prod(shape) * 8 + 1, np.uint8)
+    return raw[1:].view(dtype).reshape(shape)
+
+
+OUTS = {
+    "shape": (np.empty((5, 4, 3)), ValueError),
+    "batch": (np.empty((1, 4, 5, 3)), ValueError),
+    "float32": (np.empty((4, 5, 3), np.float32), ValueError),
+    "integer": (np.empty((4, 5, 3), np.int64), ValueError),
+    "big-endian": (np.empty((4, 5, 3), ">f8"), ValueError),
+    "read-only": (read_only(np.empty((4, 5, 3))), ValueError),
+    "Fortran": (np.empty((4, 5, 3), order="F"), ValueError),
+    "strided": (np.empty((4, 5, 6))[..., ::2], ValueError),
+    "unaligned": (unaligned((4, 5, 3)), ValueError),
+    "list": ([[0.0]], TypeError),
+    "None": (None, TypeError),
+}
+
+
+@pytest.mark.parametrize("k", [0, 1])
+@pytest.mark.parametrize("out, error", OUTS.values(), ids=OUTS)
+def test_out(out, error, k):
+    good = np.full((4, 5, 3), 5.0)
+    pair = [good, good.copy()]
+    pair[k] = out
+    kept = out.tobytes() if isinstance(out, np.ndarray) else None
+    with pytest.raises(error, match=rf"^out\[{k}\] must be a writeable"):
+        cs.step(SCENE, X, V, 1e-3, out=tuple(pair))
+    assert (pair[1 - k] == 5.0).all()
+    if kept is not None:
+        assert out.tobytes() == kept
+    if k == 0 and out is not None:
+        with pytest.raises(error, match="^out must be a writeable"):
+            cs.acceleration(SCENE, X, V, out=out)
+
+
+def test_out_is_two_arrays():
+    one = np.empty((4, 5, 3))
+    for out, error in [((one,), ValueError), ((one, one, one), ValueError), (7, TypeError)]:
+        with pytest.raises(error, match="^out must be a sequence of 2 arrays"):
+            cs.step(SCENE, X, V, 1e-3, out=out)
+    with pytest.raises(ValueError, match="share no memory"):
+        cs.step(SCENE, X, V, 1e-3, out=(one, one))
+    both = np.empty((5, 5, 3))
+    with pytest.raises(ValueError, match="share no memory"):
+        cs.step(SCENE, X, V, 1e-3, out=(both[:4], both[1:]))
+
+
+def test_out_is_written_and_returned(variant, crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    expected = cs.step(scene, x, v, dt, 20, **variant.options)
+    out = np.empty_like(x), np.empty_like(v)
+    result = cs.step(scene, x, v, dt, 20, out=out, **variant.options)
+    assert result[0] is out[0] and result[1] is out[1]
+    assert same_bits(out, expected)
+    x_in_place, v_in_place = x.copy(), v.copy()
+    cs.step(scene, x_in_place, v_in_place, dt, 20, out=(x_in_place, v_in_place), **variant.options)
+    assert same_bits((x_in_place, v_in_place), expected)
+    x_swapped, v_swapped = x.copy(), v.copy()
+    cs.step(scene, x_swapped, v_swapped, dt, 20, out=(v_swapped, x_swapped), **variant.options)
+    assert same_bits((v_swapped, x_swapped), expected)
+    a = np.empty_like(x)
+    assert cs.acceleration(scene, x, v, out=a, **variant.options) is a
+    assert same_bits([a], [cs.acceleration(scene, x, v, **variant.options)])
+
+
+def test_inputs_are_never_changed(variant, crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    for dtype in (np.float64, np.float32):
+        given = x.astype(dtype), v.astype(dtype)
+        kept = given[0].copy(), given[1].copy()
+        cs.step(scene, *given, dt, 5, **variant.options)
+        cs.acceleration(scene, *given, **variant.options)
+        cs.Stepper(scene, *given, **variant.options).advance(5, dt)
+        cs.energy(scene, *given)
+        cs.reference_step(scene, *given, dt)
+        cs.penetration(given[0], cs.Sphere())
+        assert same_bits(given, kept)
+
+
+def test_any_layout_and_number_type_is_taken_as_its_values(crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    expected = cs.step(scene, x, v, dt, 5)
+    for change in (
+        np.asfortranarray, lambda a: np.repeat(a, 2, axis=0)[::2], lambda a: a.tolist(),
+        lambda a: a.astype(">f8"), read_only, lambda a: a[::-1][::-1],
+    ):  # fmt: skip
+        assert same_bits(cs.step(scene, change(x.copy()), change(v.copy()), dt, 5), expected)
+    shifted = unaligned(x.shape)
+    shifted[...] = x
+    assert same_bits(cs.step(scene, shifted, v, dt, 5), expected)
+    whole = np.arange(x.size).reshape(x.shape)
+    assert same_bits(
+        cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt)
+    )
+
+
+@pytest.mark.parametrize(
+    "x_dtype, v_dtype, result",
+    [(np.float32, np.float32, np.float32), (np.float64, np.float64, np.float64),
+     (np.float32, np.float64, np.float64), (np.float64, np.float32, np.float64),
+     (np.float16, np.float16, np.float64), (np.int32, np.int32, np.float64)],
+)  # fmt: skip
+def test_the_result_has_the_dtype_of_the_input(variant, crumpled, x_dtype, v_dtype, result):
+    scene, x, v, dt = crumpled()
+    x, v = cs.step(scene, x.astype(x_dtype), v.astype(v_dtype), dt / 10, **variant.options)
+    assert x.dtype == v.dtype == result
+    assert cs.acceleration(scene, x, v, **variant.options).dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    "change, error, name",
+    [({"shape": (1, 1)}, ValueError, "shape"), ({"shape": (0, 3)}, ValueError, "shape"),
+     ({"shape": (2.0, 3)}, TypeError, r"shape\[0\]"), ({"size": (1, 0)}, ValueError, r"size\[1\]"),
+     ({"size": (1, math.inf)}, ValueError, "size"), ({"mass": 0}, ValueError, "mass"),
+     ({"mass": -1.0}, ValueError, "mass"), ({"mass": np.ones((5, 4))}, ValueError, "mass"),
+     ({"mass": np.zeros((4, 5))}, ValueError, "mass"), ({"mass": "1"}, TypeError, "mass"),
+     ({"stiffness": -1}, ValueError, "stiffness"), ({"stiffness": math.nan}, ValueError, "stiff"),
+     ({"damping": -0.1}, ValueError, "damping"), ({"damping": None}, TypeError, "damping"),
+     ({"damping_model": "air"}, ValueError, "damping_model"),
+     ({"springs": ("diagonal",)}, ValueError, "springs"),
+     ({"pins": [(4, 0)]}, ValueError, r"pins\[0\]\[0\]"),
+     ({"pins": [(0, 0), (0, -6)]}, ValueError, r"pins\[1\]\[1\]"),
+     ({"pins": [(0.0, 1)]}, TypeError, "pins"), ({"pins": [(0, 0, 0)]}, ValueError, "pins"),
+     ({"pins": np.ones((5, 4), bool)}, ValueError, "pins")],
+    ids=str,
+)  # fmt: skip
+def test_cloths(change, error, name):
+    with pytest.raises(error, match=name):
+        cs.Cloth(**{"shape": (4, 5), **change})
+
+
+@pytest.mark.parametrize(
+    "x, error",
+    [(X[..., :2], ValueError), (X[0], ValueError), (nan_at(X), ValueError),
+     (np.empty((0, 5, 3)), ValueError), ("x", TypeError), (X.astype(complex), TypeError)],
+)  # fmt: skip
+def test_penetration(x, error):
+    with pytest.raises(error, match="x must be"):
+        cs.penetration(x, cs.Sphere())
+    with pytest.raises(TypeError, match="sphere must be"):
+        cs.penetration(X, None)
+    with pytest.raises(ValueError, match="t must be"):
+        cs.penetration(X, cs.Sphere(), t=math.inf)
+
+
+def test_measures():
+    with pytest.raises(TypeError, match="scene must be"):
+        cs.max_stable_dt([SCENE])
+    with pytest.raises(ValueError, match="integrator must be"):
+        cs.max_stable_dt(SCENE, "rk5")
+    with pytest.raises(TypeError, match="scene must be"):
+        cs.energy(SCENE.cloth, X, V)
+
+
+def test_a_stepper_stands_where_it_was_after_a_refused_advance(same_bits):
+    stepper = cs.Stepper(SCENE)
+    stepper.advance(3, 1e-3)
+    kept, time = (stepper.positions, stepper.velocities), stepper.time
+    for arguments in [(1, -1e-3), (-1, 1e-3), (1.5, 1e-3), (1, math.nan), (1, None), (2**63, 1e-3)]:
+        with pytest.raises((ValueError, TypeError)):
+            stepper.advance(*arguments)
+        assert stepper.time == time
+        assert same_bits((stepper.positions, stepper.velocities), kept)

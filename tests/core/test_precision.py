@@ -1,0 +1,85 @@
+"""What "single" promises: float32 arithmetic whose state does not stall at small steps."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+DT = 5e-6  # the paper's
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """The paper's swing after 0.1 s in double, and the state it starts from."""
+    scene = cs.scenes.paper_swing()
+    state = scene.initial_position, scene.initial_velocity
+    return scene, state, cs.step(scene, *state, DT, 20_000, threads=1)[0]
+
+
+def error(x, expected):
+    return np.linalg.norm(x - expected, axis=-1).max()
+
+
+def test_single_follows_double_at_the_papers_time_step(single_variant, swing):
+    scene, state, expected = swing
+    x, _ = cs.step(scene, *state, DT, 20_000, **single_variant.options)
+    assert error(x, expected) < 2e-7
+
+
+def test_so_it_does_with_float32_arrays(swing, kernel):
+    """The state is compensated inside a call, whatever the arrays hold."""
+    scene, (x, v), expected = swing
+    x, v = x.astype(np.float32), v.astype(np.float32)
+    x, v = cs.step(scene, x, v, DT, 20_000, precision="single", threads=1, kernel=kernel)
+    assert x.dtype == v.dtype == np.float32
+    assert error(x, expected) < 2e-7
+
+
+def test_float32_without_compensation_would_not(swing):
+    """float32 arrays drop it at each call: a call a step is plain float32, and stalls."""
+    scene, (x, v), _ = swing
+    steps = 2_000
+    expected, _ = cs.step(scene, x, v, DT, steps, threads=1)
+    kept, _ = cs.step(scene, x, v, DT, steps, precision="single", threads=1)
+    x, v = x.astype(np.float32), v.astype(np.float32)
+    for _ in range(steps):
+        x, v = cs.step(scene, x, v, DT, precision="single", threads=1)
+    assert error(x, expected) > 20 * error(kept, expected)
+    assert error(x, expected) > 4e-7  # after a tenth of the time that the bound above is for
+
+
+def test_float64_arrays_keep_the_compensation_between_calls(swing, relative):
+    scene, (x0, v0), _ = swing
+    at_once = cs.step(scene, x0, v0, DT, 1000, precision="single", threads=1)
+    x, v = x0, v0
+    for _ in range(1000):
+        x, v = cs.step(scene, x, v, DT, precision="single", threads=1)
+    double = cs.step(scene, x0, v0, DT, 1000, threads=1)
+    assert np.abs(x - at_once[0]).max() <= 0.1 * np.abs(at_once[0] - double[0]).max() + 1e-15
+    assert relative((x, v), at_once, x0) < 1e-6
+
+
+def test_single_differs_from_double(swing):
+    """Else it would not compute in float32 at all."""
+    scene, state, _ = swing
+    one, _ = cs.step(scene, *state, 1e-4, 100, precision="single")
+    two, _ = cs.step(scene, *state, 1e-4, 100)
+    assert 1e-12 < error(one, two) < 1e-7
+
+
+def test_acceleration_in_single_is_rounded_like_float32(variant, crumpled):
+    scene, x, v, _ = crumpled()
+    a = cs.acceleration(scene, x, v, **variant.options)
+    as_float32 = a.astype(np.float32).astype(float)
+    assert (a == as_float32).all() == (variant.precision == "single")
+
+
+@pytest.mark.parametrize("value", [1e39, -4e38])
+def test_what_float32_cannot_hold_is_no_finite_state(crumpled, value):
+    """Finite in the float64 given, infinite in single: an error, not an infinity handed back."""
+    scene, x, v, dt = crumpled()
+    x[2, 3, 1] = value
+    for steps in (0, 1):
+        with pytest.raises((ValueError, cs.UnstableError)) as raised:
+            cs.step(scene, x, v, dt, steps, precision="single")
+        if isinstance(raised.value, cs.UnstableError):
+            assert np.isfinite(raised.value.x).all()

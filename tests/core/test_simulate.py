@@ -1,0 +1,167 @@
+"""A whole run: frames, the last shorter step, the report, and the file."""
+
+import json
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+SCENE = cs.scenes.paper_static()
+
+
+def test_only_the_first_and_last_frame_by_default(same_bits):
+    run = cs.simulate(SCENE, 0.01, dt=1e-3)
+    np.testing.assert_array_equal(run.t, [0.0, 0.01])
+    assert run.x.shape == run.v.shape == (2, 32, 32, 3)
+    assert run.x.dtype == run.v.dtype == np.float64
+    start = SCENE.initial_position, SCENE.initial_velocity
+    assert same_bits((run.x[0], run.v[0]), start)
+    assert same_bits((run.x[1], run.v[1]), cs.step(SCENE, *start, 1e-3, 10))
+
+
+@pytest.mark.parametrize(
+    "every, times",
+    [(4, [0, 0.004, 0.008, 0.01]), (5, [0, 0.005, 0.01]), (1, np.arange(11) * 1e-3),
+     (10, [0, 0.01]), (99, [0, 0.01]), (np.int64(5), [0, 0.005, 0.01]),
+     (0.004, [0, 0.004, 0.008, 0.01]), (0.0025, [0, 0.0025, 0.005, 0.0075, 0.01]),
+     (0.01, [0, 0.01]), (3.0, [0, 0.01]), (np.float64(0.005), [0, 0.005, 0.01])],
+    ids=str,
+)  # fmt: skip
+def test_frames(every, times):
+    run = cs.simulate(SCENE, 0.01, dt=1e-3, every=every)
+    np.testing.assert_allclose(run.t, times, rtol=1e-12)
+    assert run.t[-1] == 0.01
+    assert len(run.x) == len(run.v) == len(times)
+
+
+def test_frames_in_steps_do_not_change_the_run(same_bits):
+    one = cs.simulate(SCENE, 0.02, dt=1e-3)
+    many = cs.simulate(SCENE, 0.02, dt=1e-3, every=3)
+    assert same_bits((one.x[-1], one.v[-1]), (many.x[-1], many.v[-1]))
+    for k, t in enumerate(many.t):
+        part = cs.step(SCENE, one.x[0], one.v[0], 1e-3, round(t / 1e-3))
+        assert same_bits((many.x[k], many.v[k]), part)
+
+
+def test_the_last_step_is_shorter_where_dt_does_not_divide(same_bits):
+    run = cs.simulate(SCENE, 0.0105, dt=1e-3)
+    state = cs.step(SCENE, run.x[0], run.v[0], 1e-3, 10)
+    state = cs.step(SCENE, *state, 5e-4, 1, t=0.01)
+    assert run.report["steps"] == 11 and run.t[-1] == 0.0105
+    np.testing.assert_allclose(run.x[-1], state[0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("duration, dt", [(0.3, 0.1), (0.7, 0.1), (1.0, 1 / 3), (0.05, 5e-4)])
+def test_rounding_makes_no_extra_step(duration, dt):
+    scene = cs.scenes.oscillator(stiffness=1.0)
+    run = cs.simulate(scene, duration, dt=dt)
+    assert run.report["steps"] == round(duration / dt)
+
+
+def test_a_run_shorter_than_a_step_is_one_shorter_step():
+    scene = cs.scenes.oscillator(stiffness=1.0, amplitude=0.1)
+    run = cs.simulate(scene, 0.01, dt=0.5)
+    assert run.report["steps"] == 1
+    assert abs(run.x[-1, 0, 1, 0] - (1 + 0.1 * math.cos(0.01))) < 1e-12
+
+
+def test_spheres_move_with_the_time_of_the_run():
+    """Also after a shorter step: the clock is that of the run."""
+    scene = cs.scenes.paper_moving("ray", phase=0.9).replace(gravity=(0, 0, 0))
+    sphere = scene.spheres[0]
+    target = sphere.center_at(0.0105)
+    x = np.broadcast_to(target + (0.01, 0.02, 0.0), (32, 32, 3))
+    cloth = scene.cloth.replace(stiffness=0.0, damping=0.0, pins=())
+    literal = scene.replace(cloth=cloth, position=x, spheres=sphere.replace(literal=True))
+    run = cs.simulate(literal, 0.0105, dt=1e-3)
+    distance = np.linalg.norm(run.x[-1] - target, axis=-1)
+    # Projected at every step: on the surface of where the sphere is at the very end, or outside.
+    reach = sphere.contact_radius(cloth)
+    assert distance.min() > reach * (1 - 1e-12)
+    assert distance.max() < reach + 0.01
+
+
+def test_the_report():
+    run = cs.simulate(
+        SCENE, 0.01, dt=1e-3, precision="single", threads=2, kernel="gather", strict=True
+    )
+    report = run.report
+    assert report["steps"] == 10 and report["force_evaluations"] == 40
+    assert report["dt"] == 1e-3 and report["integrator"] == "rk4"
+    assert report["wall_time"] > 0
+    np.testing.assert_allclose(report["steps_per_second"], 10 / report["wall_time"])
+    assert report["kernel"] == "gather" and report["strict"] is True
+    assert report["precision"] == "single" and report["threads"] == 2
+    assert report["instruction_set"] == cs.build_config()["instruction_set"]
+    assert report["version"] == cs.__version__
+    assert report["error_estimate"] is None
+    for moment, k in (("start", 0), ("end", -1)):
+        assert report["energy"][moment] == cs.energy(SCENE, run.x[k], run.v[k])
+    assert report["penetration"] == {"points": 0.0, "triangles": 0.0}
+    assert json.loads(json.dumps(report)) == report
+    assert cs.simulate(SCENE, 0.001).report["kernel"] in ("gather", "edge")
+
+
+def test_the_penetration_reported_is_the_deepest_of_the_frames():
+    scene = cs.scenes.paper_static("reflect", offset="none")
+    run = cs.simulate(scene, 0.45, dt=5e-4, every=50, threads=1)
+    depths = [cs.penetration(x, scene.spheres[0], t) for x, t in zip(run.x, run.t)]
+    for name in ("points", "triangles"):
+        assert run.report["penetration"][name] == max(d[name] for d in depths) > 1e-4
+
+
+def test_the_error_estimate_is_about_the_error():
+    scene = cs.scenes.paper_swing()
+    run = cs.simulate(scene, 0.1, dt=1e-3, threads=1, estimate_error=True)
+    fine = cs.simulate(scene, 0.1, dt=5e-5, threads=1)
+    error = np.linalg.norm(run.x[-1] - fine.x[-1], axis=-1).max()
+    assert 0.3 < run.report["error_estimate"]["max"] / error < 3
+
+
+def test_without_dt_a_safe_one_is_taken():
+    run = cs.simulate(SCENE, 0.01)
+    assert 0 < run.report["dt"] <= cs.max_stable_dt(SCENE)
+    still = cs.Scene(cs.Cloth((2, 2), stiffness=0.0, damping=0.0))
+    run = cs.simulate(still, 0.5)
+    np.testing.assert_allclose(run.x[-1, 0, 1, 1], -9.80665 / 8, rtol=1e-12)
+
+
+def test_save_and_load(tmp_path, same_bits):
+    run = cs.simulate(SCENE, 0.01, dt=1e-3, every=3)
+    for name in ("run", "run.npz", "with.dots"):
+        path = run.save(tmp_path / name)
+        assert path.suffix == ".npz" and path.exists()
+        again = cs.load_run(path)
+        assert again.scene == run.scene and again.report == run.report
+        assert same_bits((again.t, again.x, again.v), (run.t, run.x, run.v))
+    np.savez(tmp_path / "other.npz", a=1)
+    with pytest.raises(ValueError, match="is no run of clothsim"):
+        cs.load_run(tmp_path / "other.npz")
+
+
+def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
+    motion = cs.Keyframes([0.0, 1.0], [(0, 0, 0), (1, 0, 0)])
+    scene, x, v, dt = crumpled(spheres=cs.Sphere(radius=0.01, motion=motion, offset=0.002))
+    run = cs.simulate(scene.replace(position=x, velocity=v), 3.5 * dt, dt=dt)
+    assert cs.load_run(run.save(tmp_path / "run")).scene == run.scene
+
+
+@pytest.mark.parametrize(
+    "change, error, name",
+    [({"duration": 0.0}, ValueError, "duration"), ({"duration": -1.0}, ValueError, "duration"),
+     ({"duration": math.nan}, ValueError, "duration"), ({"duration": "1"}, TypeError, "duration"),
+     ({"dt": 0.0}, ValueError, "dt"), ({"dt": -1e-3}, ValueError, "dt"),
+     ({"dt": math.inf}, ValueError, "dt"), ({"dt": True}, TypeError, "dt"),
+     ({"every": 0}, ValueError, "every"), ({"every": -0.1}, ValueError, "every"),
+     ({"every": True}, TypeError, "every"), ({"every": "2"}, TypeError, "every"),
+     ({"every": math.nan}, ValueError, "every"),
+     ({"progress": 1}, TypeError, "progress"), ({"precision": "half"}, ValueError, "precision"),
+     ({"integrator": "rk5"}, ValueError, "integrator"), ({"kernel": "fast"}, ValueError, "kernel"),
+     ({"scene": 3}, TypeError, "scene"), ({"scene": [SCENE]}, TypeError, "scene")],
+    ids=str,
+)  # fmt: skip
+def test_refuses(change, error, name):
+    arguments = {"scene": SCENE, "duration": 0.01, "dt": 1e-3, **change}
+    with pytest.raises(error, match=name):
+        cs.simulate(**arguments)

@@ -1,0 +1,251 @@
+"""The state that stays in the core: snapshots, contact energy, and what an unstable run leaves."""
+
+import pickle
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+
+
+def arrays(stepper):
+    return stepper.positions, stepper.velocities
+
+
+def test_it_is_step_in_parts(variant, crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    stepper = cs.Stepper(scene, x, v, **variant.options)
+    for n in (1, 0, 7, 64, 28):
+        stepper.advance(n, dt)
+    assert same_bits(arrays(stepper), cs.step(scene, x, v, dt, 100, **variant.options))
+    assert stepper.time == 100 * dt
+    assert stepper.instruction_set == variant.instruction_set
+
+
+def test_it_starts_from_the_scene(crumpled, same_bits):
+    scene, x, v, _ = crumpled()
+    stepper = cs.Stepper(scene.replace(position=x, velocity=v), t=1.5)
+    assert same_bits(arrays(stepper), (x, v)) and stepper.time == 1.5
+    still = cs.Stepper(scene, x)
+    assert same_bits(arrays(still), (x, np.zeros_like(v)))
+
+
+def test_what_it_gives_are_copies(crumpled, same_bits):
+    scene, x, v, _ = crumpled()
+    stepper = cs.Stepper(scene, x, v)
+    stepper.positions[:] = 7.0
+    x_given = x.copy()
+    x[:] = 9.0
+    assert same_bits([stepper.positions], [x_given])
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("batch", [None, 1, 3])
+def test_a_restored_snapshot_continues_with_the_same_bits(
+    variant, crumpled, same_bits, dtype, batch
+):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    if batch:
+        x, v = np.stack([x] * batch), np.stack([v * (1 + k) for k in range(batch)])
+    stepper = cs.Stepper(
+        scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options,
+        track_contact_energy=True,
+    )  # fmt: skip
+    stepper.advance(40, dt)
+    snapshot = pickle.loads(pickle.dumps(stepper.snapshot()))
+    stepper.advance(60, dt)
+    for _ in range(2):  # a snapshot is not used up
+        other = cs.Stepper.restore(snapshot)
+        other.advance(60, dt)
+        assert other.positions.shape == x.shape
+        assert same_bits(arrays(other), arrays(stepper))
+        assert other.time == stepper.time
+        np.testing.assert_array_equal(other.contact_energy, stepper.contact_energy)
+    assert np.all(np.asarray(stepper.contact_energy) != 0)
+
+
+def test_a_snapshot_of_a_batch_of_scenes(crumpled, same_bits):
+    one, two = crumpled(seed=1), crumpled(seed=2, spheres=BALL)
+    for states in ([one, two], [one]):
+        stepper = cs.Stepper(
+            [s.scene for s in states], np.stack([s.x for s in states]),
+            np.stack([s.v for s in states]), precision="single",
+        )  # fmt: skip
+        stepper.advance(30, one.dt)
+        other = cs.Stepper.restore(stepper.snapshot())
+        stepper.advance(30, one.dt)
+        other.advance(30, one.dt)
+        assert same_bits(arrays(other), arrays(stepper))
+
+
+def test_single_would_not_continue_from_float32_arrays(crumpled, same_bits):
+    """So what a snapshot keeps beside the arrays, the compensation, is needed."""
+    scene, x, v, dt = crumpled()
+    stepper = cs.Stepper(scene, x.astype(np.float32), v.astype(np.float32), precision="single")
+    stepper.advance(40, dt)
+    other = cs.Stepper(scene, *arrays(stepper), precision="single")
+    stepper.advance(60, dt)
+    other.advance(60, dt)
+    assert not same_bits(arrays(other), arrays(stepper))
+
+
+def test_restore_refuses_what_is_no_snapshot():
+    with pytest.raises(TypeError, match="snapshot must be a Snapshot"):
+        cs.Stepper.restore({"scene": 1})
+
+
+def test_the_clock_does_not_drift():
+    """A million times 5e-6 s is 5 s, not 5 s and a million roundings."""
+    stepper = cs.Stepper(cs.scenes.oscillator())
+    for _ in range(1000):
+        stepper.advance(1000, 5e-6)
+    assert stepper.time == 10**6 * 5e-6
+    stepper.advance(10, 1e-3)
+    assert abs(stepper.time - 5.01) < 1e-14
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_contact_energy_is_what_the_collision_passes_add(variant, crumpled, response):
+    """Total energy after a step, less that after the same step without spheres, step by step."""
+    spheres = [
+        cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1, 0)), response, friction=0.1),
+        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5),
+    ]
+    scene, x, v, dt = crumpled(spheres=spheres)
+    stepper = cs.Stepper(scene, x, v, **variant.options, track_contact_energy=True)
+    free = scene.replace(spheres=())
+    expected, changes = 0.0, 0
+    for _ in range(40):
+        before = cs.step(free, *arrays(stepper), dt, **variant.options)
+        stepper.advance(1, dt)
+        change = (
+            cs.energy(scene, *arrays(stepper))["total"] - cs.energy(scene, *before)["total"]
+        )
+        expected += change
+        changes += change != 0
+    assert changes > 10 and abs(expected) > 0.1
+    bound = {"double": 1e-11, "single": 1e-5}[variant.precision]
+    assert abs(stepper.contact_energy - expected) < bound * abs(expected)
+
+
+def test_tracking_contact_energy_changes_no_bit(variant, crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    results = []
+    for track in (False, True):
+        stepper = cs.Stepper(scene, x, v, **variant.options, track_contact_energy=track)
+        stepper.advance(60, dt)
+        results.append(arrays(stepper))
+    assert same_bits(*results)
+
+
+def test_contact_energy_of_a_batch_is_per_member(crumpled):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    both = cs.Stepper(scene, np.stack([x, x]), np.stack([v, 2 * v]), track_contact_energy=True)
+    both.advance(20, dt)
+    for k in range(2):
+        one = cs.Stepper(scene, x, (1 + k) * v, track_contact_energy=True)
+        one.advance(20, dt)
+        assert both.contact_energy[k] == one.contact_energy != 0
+
+
+def test_contact_energy_not_tracked_is_refused(crumpled):
+    with pytest.raises(RuntimeError, match="track_contact_energy=True"):
+        cs.Stepper(crumpled().scene).contact_energy  # noqa: B018
+
+
+def stiff(shape=(9, 20)):
+    """An undamped sheet, for which the stability limit is sharp."""
+    cloth = cs.Cloth(shape, stiffness=900.0, damping=0.0, mass=0.1 * shape[0] * shape[1])
+    return cs.Scene(cloth)
+
+
+def disturbed(scene, size=1e-3):
+    return scene.initial_position + size * np.random.default_rng(1).normal(
+        size=scene.initial_position.shape
+    )
+
+
+def test_an_unstable_run_tells_where_and_stands_at_the_last_finite_state(variant, same_bits):
+    scene = stiff()
+    x = disturbed(scene)
+    dt = 1.4 * cs.max_stable_dt(scene)
+    stepper = cs.Stepper(scene, x, t=0.5, **variant.options)
+    stepper.advance(3, dt)
+    with pytest.raises(cs.UnstableError) as raised:
+        stepper.advance(5000, dt)
+    error = raised.value
+    assert error.dt == dt and error.max_stable_dt == cs.max_stable_dt(scene)
+    assert error.member is None
+    assert 1 <= error.step <= 5000
+    assert np.isfinite(error.x).all() and np.isfinite(error.v).all()
+    np.testing.assert_allclose(stepper.time, 0.5 + (3 + error.step - 1) * dt, rtol=1e-14)
+    np.testing.assert_allclose(error.time, stepper.time + dt, rtol=1e-14)
+    np.testing.assert_array_equal(error.x, stepper.positions)
+    np.testing.assert_array_equal(error.v, stepper.velocities)
+
+    again = cs.Stepper(scene, x, t=0.5, **variant.options)
+    again.advance(3 + error.step - 1, dt)  # this many steps raise nothing ...
+    assert same_bits(arrays(again), arrays(stepper))
+    with pytest.raises(cs.UnstableError) as raised:
+        again.advance(1, dt)  # ... and this one is it
+    assert (raised.value.step, raised.value.point) == (1, error.point)
+
+
+def test_the_point_named_is_the_first_that_is_not_finite(kernel):
+    """One point thrown at a speed whose square overflows reaches its neighbours first."""
+    scene = stiff()
+    v = np.zeros_like(scene.initial_position)
+    v[4, 7, 2] = 1e300
+    with pytest.raises(cs.UnstableError) as raised:
+        cs.step(scene, scene.initial_position, v, 1e-3, 10, kernel=kernel)
+    row, column = raised.value.point
+    assert raised.value.step == 1 and max(abs(row - 4), abs(column - 7)) <= 8
+    assert raised.value.v[4, 7, 2] == 1e300
+
+
+def test_an_unstable_batch_names_its_member(crumpled):
+    stable = crumpled(damped=False)
+    bad = stiff()
+    dt = 1.9 * cs.max_stable_dt(bad)
+    soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))
+    x = disturbed(bad)
+    stepper = cs.Stepper([soft, bad], np.stack([x, x]), np.zeros((2, *x.shape)))
+    with pytest.raises(cs.UnstableError, match="of batch member 1") as raised:
+        stepper.advance(5000, dt)
+    error = raised.value
+    assert error.member == 1 and error.x.shape == x.shape
+    np.testing.assert_array_equal(error.x, stepper.positions[1])
+    # The other one stands at the same step, as if it had been alone.
+    alone = cs.step(soft, x, 0 * x, dt, error.step - 1)
+    np.testing.assert_array_equal(stepper.positions[0], alone[0])
+    assert stable.scene.cloth.shape == bad.cloth.shape
+
+
+def test_step_writes_nothing_when_unstable():
+    scene = stiff()
+    x = disturbed(scene)
+    kept, out = x.copy(), (np.full_like(x, 3.0), np.full_like(x, 4.0))
+    with pytest.raises(cs.UnstableError):
+        cs.step(scene, x, 0 * x, 2 * cs.max_stable_dt(scene), 5000, out=out)
+    assert (out[0] == 3.0).all() and (out[1] == 4.0).all()
+    np.testing.assert_array_equal(x, kept)
+
+
+def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel):
+    """A sheet of 1 m whose points are 1e6 m apart is no result, finite or not."""
+    scene = stiff()
+    x, v = disturbed(scene), np.zeros_like(scene.initial_position)
+    dt = 2 * cs.max_stable_dt(scene)
+    with pytest.raises(cs.UnstableError) as raised:
+        for _ in range(1000):
+            x, v = cs.step(scene, x, v, dt, kernel=kernel)
+            assert np.abs(x).max() < 1e6
+    assert np.abs(raised.value.x).max() < 1e6
+
+
+def test_a_stable_run_right_below_the_limit(kernel):
+    scene = stiff()
+    x = disturbed(scene)
+    x, v = cs.step(scene, x, 0 * x, cs.max_stable_dt(scene), 5000, kernel=kernel)
+    assert np.abs(x).max() < 5

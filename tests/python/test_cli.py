@@ -1,0 +1,165 @@
+"""The command line: output, JSON, exit codes and one-line errors."""
+
+import json
+import subprocess
+import sys
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.cli import main
+
+
+def run(capsys, *arguments):
+    """Exit code, stdout and stderr of one command."""
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.mark.parametrize("command", [[], ["info"], ["run"], ["reproduce"]])
+def test_help(capsys, command):
+    code, out, err = run(capsys, *command, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith(" ".join(["usage: clothsim", *command]))
+    if command:
+        assert "--json" in out
+
+
+def test_version(capsys):
+    assert run(capsys, "--version") == (0, f"clothsim {cs.__version__}\n", "")
+
+
+def test_info(capsys):
+    config = cs.build_config()
+    code, out, _ = run(capsys, "info", "--json")
+    assert code == 0
+    assert json.loads(out) == json.loads(json.dumps(config))
+    code, out, _ = run(capsys, "info")
+    assert code == 0
+    for name in ("version", "compiler", "flags", "instruction_set", "eigen", "xsimd"):
+        (line,) = (line for line in out.splitlines() if line.startswith(f"{name}:"))
+        assert line.endswith(str(config[name]))
+
+
+def test_run_saves_what_simulate_gives(capsys, tmp_path):
+    path = tmp_path / "swing.npz"
+    code, out, err = run(
+        capsys, "run", "paper_swing", "--duration", "0.01", "--dt", "1e-3", "--every", "2",
+        "--threads", "1", "--out", path, "--json",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    report = json.loads(out)
+    assert report["steps"] == 10
+    expected = cs.simulate(cs.scenes.paper_swing(), 0.01, dt=1e-3, every=2, threads=1)
+    saved = cs.load_run(path)
+    assert np.array_equal(saved.t, expected.t) and len(saved.t) == 6
+    assert np.array_equal(saved.x, expected.x) and np.array_equal(saved.v, expected.v)
+    assert report["energy"]["end"] == expected.report["energy"]["end"]
+
+
+def test_every_is_seconds_where_it_is_no_whole_number(capsys, tmp_path):
+    path = tmp_path / "swing.npz"
+    options = ("--duration", "0.01", "--dt", "1e-3", "--every", "5e-3", "--out", path)
+    assert run(capsys, "run", "paper_swing", *options)[0] == 0
+    assert cs.load_run(path).t == pytest.approx([0, 0.005, 0.01])
+
+
+def test_run_prints_the_report_as_text(capsys):
+    code, out, _ = run(capsys, "run", "oscillator", "--duration", "0.1", "--precision", "single")
+    assert code == 0
+    shown = dict(line.split(":", 1) for line in out.splitlines() if line[0] != " ")
+    assert shown["precision"].strip() == "single"
+    assert int(shown["steps"]) >= 1
+
+
+@pytest.mark.parametrize(
+    "arguments, named",
+    [
+        ((), "COMMAND"),
+        (("nothing",), "nothing"),
+        (("run",), "SCENE"),
+        (("run", "no_such_scene"), "no_such_scene"),
+        (("run", "paper_swing", "--duration", "soon"), "--duration"),
+        (("run", "paper_swing", "--duration", "-1"), "duration"),
+        (("run", "paper_swing", "--dt", "nan"), "dt"),
+        (("run", "paper_swing", "--every", "often"), "--every"),
+        (("run", "paper_swing", "--every", "0"), "every"),
+        (("run", "paper_swing", "--precision", "half"), "--precision"),
+        (("run", "paper_swing", "--threads", "0"), "--threads"),
+        (("run", "paper_swing", "--out", "no/such/folder/x.npz"), "--out"),
+        (("reproduce", "--experiment", "5"), "--experiment"),
+        (("reproduce", "--threads", "two"), "--threads"),
+        (("info", "--colour"), "--colour"),
+    ],
+)
+def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("clothsim") and ": error: " in err
+    assert named in err and err.count("\n") == 1
+
+
+def test_unstable_run_is_code_1_and_one_line(capsys):
+    code, out, err = run(capsys, "run", "paper_swing", "--dt", "0.01", "--duration", "3")
+    assert (code, out) == (1, "")
+    assert "stability limit" in err and err.count("\n") == 1
+
+
+def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, out, err = run(capsys, "reproduce", "--quick", "--out", tmp_path)
+    assert (code, out) == (1, "")
+    assert "pip install clothsim[plot]" in err and err.count("\n") == 1
+
+
+def test_interrupt_is_code_130(capsys, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cs, "simulate", interrupted)
+    code, _, err = run(capsys, "run", "paper_swing")
+    assert code == 130 and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_json):
+    pytest.importorskip("matplotlib")
+    import clothsim.reproduce as module
+
+    small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4)
+    monkeypatch.setattr(module, "QUICK", small)
+    options = ["--json"] if as_json else []
+    code, out, _ = run(
+        capsys, "reproduce", "--quick", "--experiment", 4, "--threads", 1, "--out", tmp_path,
+        *options,
+    )  # fmt: skip
+    assert code == 0
+    if as_json:
+        report = json.loads(out)
+        assert report["folder"] == str(tmp_path)
+        assert list(report["experiments"]) == ["4"]
+    else:
+        assert (tmp_path / "report.txt").read_text() in out
+        assert out.splitlines()[-1].startswith(f"Report folder: {tmp_path}")
+    assert (tmp_path / "index.html").exists()
+
+
+def test_module_is_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True
+    )
+    assert json.loads(done.stdout)["version"] == cs.__version__
+
+
+def test_reader_that_leaves_early_is_no_error():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "clothsim", "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    assert process.wait() == 0

@@ -1,0 +1,342 @@
+"""The reproduction: its numbers, the sentences made of them, its pictures and its report folder."""
+
+import copy
+import json
+import re
+import signal
+import threading
+from html.parser import HTMLParser
+from pathlib import Path
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from clothsim.reproduce import FULL, QUICK, Settings, contact, findings, raster, reproduce, text
+from clothsim.reproduce.settings import reductions
+from matplotlib.image import imread
+
+SMALL = Settings(
+    static_dt=2e-4,
+    moving_dt=2e-4,
+    study_dts=(1.6e-3,),
+    timing_dt=2e-4,
+    runs=2,
+    windows=2,
+    window_frames=5,
+    speedup_steps=20,
+    picture_width=120,
+)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    return reproduce(tmp_path_factory.mktemp("report"), settings=SMALL, threads=1)
+
+
+@pytest.fixture(scope="module")
+def folder(report):
+    return Path(report["folder"])
+
+
+def cell(report, experiment, method, variant, frame):
+    (found,) = (
+        c
+        for c in report["experiments"][experiment]["cells"]
+        if (c["method"], c["variant"], c["frame"]) == (method, variant, frame)
+    )
+    return found
+
+
+def test_full_run_takes_the_papers_frames_and_step():
+    assert (FULL.static_dt, FULL.moving_dt, FULL.timing_dt) == (5e-6, 5e-6, 5e-6)
+    assert (FULL.static_frames, FULL.moving_frames) == ((150, 500, 800), (200, 1300, 3100))
+    assert (FULL.runs, FULL.window_frames) == (10, 200)
+    assert reductions(FULL) == []
+    assert (QUICK.static_frames, QUICK.moving_frames) == (FULL.static_frames, FULL.moving_frames)
+
+
+def test_every_reduction_is_told():
+    told = " ".join(reductions(QUICK))
+    for changed in ("2e-05", "5e-05", "3 instead of 10", "1000 instead of 20000"):
+        assert changed in told
+
+
+def test_cells_are_those_of_the_papers_tables(report):
+    for experiment, frames in (("1", FULL.static_frames), ("2", FULL.moving_frames)):
+        cells = report["experiments"][experiment]["cells"]
+        keys = [(c["variant"], c["method"], c["frame"]) for c in cells]
+        assert sorted(keys) == sorted(
+            (v, m, f) for v in ("literal", "mended") for m in (1, 2) for f in frames
+        )
+        for c in cells:
+            assert c["time"] == pytest.approx(1.6e-3 * c["frame"], rel=1e-12)
+            energy = c["energy"]
+            parts = energy["kinetic"] + energy["elastic"] + energy["gravity"]
+            assert energy["total"] == pytest.approx(parts, rel=1e-12)
+            assert 0 <= c["penetration"]["points"] <= c["penetration"]["triangles"]
+            assert c["penetration"]["triangles"] <= c["deepest_so_far"]["triangles"] <= 0.25
+
+
+def test_cell_is_what_stepping_the_scene_gives(report):
+    scene = cs.scenes.paper_static("ray")
+    stepper = cs.Stepper(scene, threads=1)
+    stepper.advance(150 * 8, 2e-4)
+    measured = cell(report, "1", 2, "mended", 150)
+    kinetic = cs.energy(scene, stepper.positions, stepper.velocities)["kinetic"]
+    assert measured["energy"]["kinetic"] == pytest.approx(kinetic, rel=1e-12)
+    depth = cs.penetration(stepper.positions, scene.spheres[0])
+    assert measured["penetration"] == pytest.approx(dict(depth), rel=1e-12)
+
+
+def test_static_sphere_is_touched_at_all_frames_and_energy_is_accounted_for(report):
+    for frame in FULL.static_frames:
+        assert cell(report, "1", 2, "mended", frame)["points_touching"] > 0
+        turned = cell(report, "1", 1, "mended", frame)["contact_energy"]
+        assert abs(turned) < 1e-9  # turning a velocity keeps its length
+    # Moving points makes energy in proportion to the step: 10.8 J at dt = 1e-4, 47 J at 4e-4.
+    assert 12 < cell(report, "1", 2, "mended", 800)["contact_energy"] < 40
+
+
+def test_printed_methods_fail_on_the_moving_sphere_and_mended_ones_hold(report):
+    assert cell(report, "2", 1, "literal", 200)["penetration"]["points"] > 0.04
+    assert cell(report, "2", 1, "literal", 1300)["penetration"]["points"] > 0.05
+    assert cell(report, "2", 2, "literal", 3100)["contact_energy"] > 1e5
+    for method in (1, 2):
+        last = cell(report, "2", method, "mended", 3100)
+        assert last["deepest_so_far"]["triangles"] < 2.5e-3
+        assert 1e3 < last["contact_energy"] < 2e4  # the moving sphere's work
+
+
+def test_moving_sphere_is_in_its_first_second_and_third_contact(report):
+    for frame in FULL.moving_frames:
+        for method in (1, 2):
+            assert cell(report, "2", method, "mended", frame)["points_touching"] > 0
+    motion = contact.experiment("2", FULL).scene().spheres[0].motion
+    halves = [int(1.6e-3 * frame / (motion.period / 2)) for frame in FULL.moving_frames]
+    assert halves == [0, 1, 2]
+
+
+def test_one_step_a_frame_shows_the_papers_static_difference(report):
+    first, second = report["experiments"]["1"]["step_study"]
+    assert (first["method"], second["method"]) == (1, 2)
+    assert first["penetration"][0]["points"] > 1e-3
+    assert all(depth["points"] == 0 for depth in second["penetration"])
+
+
+def test_rates_are_consistent(report):
+    for number in ("3", "4"):
+        entry = report["experiments"][number]
+        assert entry["frame_steps"] == 320
+        for row in entry["rows"]:
+            assert row["microseconds_per_step"] * row["steps_per_second"] == pytest.approx(1e6)
+            assert row["frames_per_second"] * 320 == pytest.approx(row["steps_per_second"])
+            assert row["lower_quartile"] <= row["steps_per_second"] <= row["upper_quartile"]
+    assert len(report["experiments"]["3"]["rows"][0]["windows"]) == 2
+    reference, *core = report["experiments"]["4"]["rows"]
+    assert reference["speedup"] == 1
+    for row in core:
+        expected = row["steps_per_second"] / reference["steps_per_second"]
+        assert row["speedup"] == pytest.approx(expected)
+        assert len(row["runs"]) == 2
+    assert report["experiments"]["4"]["agreement"] < 1e-12
+
+
+def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder):
+    assert json.loads((folder / "report.json").read_text()) == report
+    assert report["schema"] == 1
+    assert report["provenance"]["build"]["version"] == cs.__version__
+    assert report["provenance"]["machine"]["cpu"]
+    assert report["settings"]["static_dt"] == 2e-4
+
+
+def table_rows(lines, number, experiment):
+    """Cells of the main table of an experiment in report.txt, as strings."""
+    start = lines.index(f"Experiment {number}: {experiment['title']}")
+    rule = next(k for k in range(start + 2, len(lines)) if re.fullmatch(r"[- ]+", lines[k]))
+    end = lines.index("", rule)
+    return [re.split(r" {2,}", line.strip()) for line in lines[rule + 1 : end]]
+
+
+def test_text_shows_the_numbers_of_the_json(report, folder):
+    lines = (folder / "report.txt").read_text().splitlines()
+    assert text(report).splitlines() == lines
+    for number in ("1", "2"):
+        experiment = report["experiments"][number]
+        rows = table_rows(lines, number, experiment)
+        assert len(rows) == 12
+        for frame, time, method, variant, *values in rows:
+            c = cell(report, number, int(method), variant, int(frame))
+            expected = [
+                1e3 * c["penetration"]["points"],
+                1e3 * c["penetration"]["triangles"],
+                1e3 * c["deepest_so_far"]["triangles"],
+                c["points_touching"],
+                c["contact_energy"],
+                c["energy"]["kinetic"],
+            ]
+            shown = [float(value.replace(",", "")) for value in values]
+            assert shown == pytest.approx(expected, rel=5e-3)
+            assert float(time) == pytest.approx(c["time"], abs=5e-3)
+    for row, shown in zip(
+        report["experiments"]["4"]["rows"],
+        table_rows(lines, "4", report["experiments"]["4"]),
+        strict=True,
+    ):
+        assert float(shown[4].replace(",", "")) == pytest.approx(row["steps_per_second"], rel=5e-3)
+
+
+def test_claims_stand_beside_findings(report):
+    shown = " ".join(text(report).split())
+    assert "{" not in shown
+    for experiment in report["experiments"].values():
+        assert experiment["paper"] in shown
+        assert experiment["findings"]
+        for finding in experiment["findings"]:
+            assert finding in shown
+
+
+def test_findings_follow_the_numbers(report):
+    static = copy.deepcopy(report["experiments"]["1"])
+    for c in static["cells"]:
+        c["penetration"]["triangles"] = 0.010 if c["method"] == 1 else 0.001
+    assert any("Agrees with the paper in order" in f for f in findings.of("1", static))
+    for c in static["cells"]:
+        c["penetration"]["triangles"] = 0.001
+    assert any("about equally deep" in f for f in findings.of("1", static))
+
+    moving = copy.deepcopy(report["experiments"]["2"])
+    for c in moving["cells"]:
+        c["penetration"]["points"] = c["contact_energy"] = 0.0
+        c["deepest_so_far"]["points"] = 0.0
+    told = " ".join(findings.of("2", moving))
+    assert "Agrees with the paper: method 2 as printed stays quiet" in told
+    assert "Agrees with the paper at frame" not in told
+
+    rates = copy.deepcopy(report["experiments"]["3"])
+    for row in rates["rows"]:
+        row["microseconds_per_step"] = 10.0 * row["method"]
+        row["lower_quartile"] = row["upper_quartile"] = row["steps_per_second"] = 1e5
+    assert "100 % slower, as in the paper" in findings.of("3", rates)[0]
+
+
+class Page(HTMLParser):
+    VOID = frozenset({"meta", "img", "br"})
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.references = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.references += [v for k, v in attributes if k in ("src", "href", "srcset", "data")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_is_whole_and_fetches_nothing(report, folder):
+    source = (folder / "index.html").read_text()
+    page = Page()
+    page.feed(source)
+    assert page.open == []
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert len(page.references) == page.tags.count("img") == 24 + 4 + 1
+    assert all(r.startswith("data:image/png;base64,") for r in page.references)
+    style = source[source.index("<style>") : source.index("</style>")]
+    assert "url(" not in style and "@import" not in style
+
+
+def test_pictures_decode_and_show_something(report, folder):
+    pictures = sorted(folder.rglob("*.png"))
+    assert len(pictures) == 24 + 2 * 2 + 2 + 1
+    for path in pictures:
+        pixels = imread(path)[..., :3]
+        assert min(pixels.shape[:2]) >= 40
+        assert len(np.unique(pixels[::2, ::2].reshape(-1, 3), axis=0)) > 50
+        assert 0.005 < np.mean((pixels < 0.95).any(axis=-1)) < 0.9
+    shown = {p.relative_to(folder).as_posix() for p in pictures}
+    assert {c["picture"] for n in "12" for c in report["experiments"][n]["cells"]} <= shown
+
+
+def red(picture):
+    """Pixels of which red covers at least half; neither the cloth nor the sphere has r > g."""
+    r, g, _ = np.moveaxis(picture.astype(int), -1, 0)
+    return r > g
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.02])
+def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
+    cloth = cs.Cloth()
+    ball = raster.Ball((0.5, -0.25 + depth, 0.5), 0.25, raster.SPHERE)
+    camera = raster.Camera((0.0, 1.0, 1e-6), (0.5, 0.0, 0.5), 1.1, 1.1)
+    triangles = cs.triangles(cloth.shape)
+    picture = raster.render(cloth.rest_positions, triangles, [ball], camera, width=440)
+    area = red(picture).sum() * (1.1 / 440) ** 2
+    assert area == pytest.approx(np.pi * (2 * 0.25 * depth - depth**2), rel=0.03)
+    rows, columns = np.nonzero(red(picture))
+    assert (rows.mean(), columns.mean()) == pytest.approx((219.5, 219.5), abs=1)
+
+
+def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
+    cloth = cs.Cloth()
+    ball = raster.Ball((0.5, -0.2501, 0.5), 0.25, raster.SPHERE)
+    camera = raster.Camera((0.0, 1.0, 1e-6), (0.5, 0.0, 0.5), 1.1, 1.1)
+    triangles = cs.triangles(cloth.shape)
+    hidden = raster.render(cloth.rest_positions, triangles, [ball], camera, width=220)
+    bare = raster.render(cloth.rest_positions, triangles, [], camera, width=220)
+    assert np.array_equal(hidden, bare)
+
+
+def test_unstable_run_is_reported_not_hidden(tmp_path):
+    settings = Settings(
+        static_dt=3.2e-3,
+        frame_dt=3.2e-3,
+        static_frames=(10, 150),
+        study_dts=(3.2e-3,),
+        picture_width=60,
+    )
+    entry = reproduce(tmp_path, settings=settings, experiments=(1,))["experiments"]["1"]
+    assert all(h["failure"] for h in entry["histories"])
+    assert {c["frame"] for c in entry["cells"]} == {10}
+    assert entry["step_study"] == []
+    assert "ended early" in (tmp_path / "report.txt").read_text()
+    assert "ended early" in (tmp_path / "index.html").read_text()
+
+
+def test_interrupt_ends_all_cases():
+    done = []
+
+    def advance(frames):
+        done.append(frames)
+        if len(done) == 5:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        contact.run(contact.experiment("2", FULL), FULL, threads=2, advance=advance)
+    assert sum(done) < 50
+
+
+@pytest.mark.parametrize(
+    "arguments, named",
+    [
+        ({"experiments": (1, 5)}, "experiments"),
+        ({"experiments": ()}, "experiments"),
+        ({"threads": 0}, "threads"),
+        ({"settings": Settings(static_dt=3e-4), "experiments": (1,)}, "frame_dt"),
+    ],
+)
+def test_wrong_arguments_are_named(tmp_path, arguments, named):
+    with pytest.raises(ValueError, match=named):
+        reproduce(tmp_path, **arguments)
+
+
+def test_missing_matplotlib_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    with pytest.raises(ImportError, match=r"pip install clothsim\[plot\]"):
+        reproduce(tmp_path / "new")
+    assert not (tmp_path / "new").exists()
