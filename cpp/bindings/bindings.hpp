@@ -13,6 +13,7 @@ namespace clothsim {
 template <class T>
 using Array = py::array_t<T, py::array::c_style>;
 
+void bind_benchmark(py::module_& m);
 void bind_build(py::module_& m);
 void bind_model(py::module_& m);
 void bind_simulation(py::module_& m);

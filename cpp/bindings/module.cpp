@@ -4,6 +4,7 @@
 PYBIND11_MODULE(_core, m) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     clothsim::install_fork_handler();
+    clothsim::bind_benchmark(m);
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_simulation(m);

@@ -25,29 +25,36 @@ struct SphereOutline {
     Real radius_squared;
 };
 
-// A row is a record of planes, each `vectors` vectors long:
-//   0-5 state x_n, v_n   6-11 stage state   12-14 a1   15-17 a2 + a3   18-23 compensation (single)
-struct RowPlanes {
-    static constexpr int state = 0, stage = 6, first = 12, sum = 15, compensation = 18;
-    static constexpr int count = 18, count_compensated = 24;
+// A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors:
+struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n; in single the same of their compensation
+    static constexpr int compensation = 6, count = 6, count_compensated = 12;
+};
+struct WorkRecord {  // the state at the stage, a1, a2 + a3
+    static constexpr int first = 6, sum = 9, count = 12;
 };
 
+template <class Real>
+struct EdgeRowPointers {
+    Real* state;
+    Real* work;
+    const Real* free;          // 0 for pinned and padding points, else 1
+    const Real* inverse_mass;  // null: uniform
+    bool has_fixed;
+};
+
+// One stage over a band of rows.
 template <class Real>
 struct EdgeArguments {
     int vectors;  // per row, at least 2
     Stage stage;
-    std::ptrdiff_t record;     // elements from row to row
-    Real* rows;                // record of the band's first row
-    const Real* coefficients;  // [class][EdgeKind][EdgeCoefficientIndex][lane]
+    const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
+    const Real* coefficients;               // [class][EdgeKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
     Real gravity[3];
     Real half_h, h, h2_6, h_6;
     Real point_damping;
-    const Real* inverse_mass;  // one plane a row; null: uniform
-    const Real* free;          // one plane a row, 0 for pinned and padding points, else 1
-    const std::uint8_t* row_has_fixed;
-    // Scratch, three planes each: what the next row and the row after it have received so far, and the
-    // force on the current row.
+    // Scratch, three vectors a vector of mass points each: what the next row and the row after it have received so far (one pair for
+    // each stage), and the force on the current row.
     Real* received;
     Real* received_2;
     Real* force;
@@ -57,8 +64,7 @@ struct EdgeArguments {
     void* context;
 };
 
-// Sources of a row: the planes at which the stage looks, in this row and the two below it; null where the
-// cloth ends.
+// Where a stage looks for a row: its own records and those of the two rows further on; null where the cloth ends.
 template <class Real>
 struct EdgeSources {
     const Real* here;

@@ -7,13 +7,20 @@
 //     vector 1    1     m+1   2m+1    ...       the last vector stands vector 0 again, one lane further.
 //     ...
 //
-// A sweep goes down the rows. A row adds the force of each of its springs to its own points and hands the
+// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
+//
+// A sweep goes from row to row. A row adds the force of each of its springs to its own points and hands the
 // opposite force on: within the row in registers, to the next row in `received`, to the row after it in
 // `received_2`. When a row is done, so is the acceleration of its points, and the Runge-Kutta stage is
 // finished at once. Nothing needs the row's old stage state any more: the new one replaces it.
 //
-// The order of additions at a point does not depend on where a sweep starts, because `edge_halo` repeats
-// what the two rows above hand down: any number of threads gives the same bits.
+// Sweeps may start anywhere and go up or down: the force on a point is summed as
+//
+//     within the row + ((vertical + 2nd vertical) + (diagonal + other diagonal) of the rows before
+//                      -  the same of the rows behind)
+//
+// which gives the same bits either way, and `edge_halo` repeats what the two rows before a band hand on. So
+// do any number of threads.
 #pragma once
 
 #include "kernels/edge_arguments.hpp"
@@ -52,10 +59,10 @@ struct Springs {
 
 // `take(i, force per mass on the points at b)`; the difference d takes its second operand from memory.
 template <bool damped, class V, class Real, int count, class Take>
-CLOTHSIM_INLINE void spring_forces(const Springs<V, Real, count>& s, std::ptrdiff_t plane, Take take) {
+CLOTHSIM_INLINE void spring_forces(const Springs<V, Real, count>& s, Take take) {
     if constexpr (count > springs_side_by_side) {
         each<count>(CLOTHSIM_EACH(i) {
-            spring_forces<damped>(Springs<V, Real, 1>{{s.a[i]}, {s.b[i]}, {s.coefficients[i]}}, plane,
+            spring_forces<damped>(Springs<V, Real, 1>{{s.a[i]}, {s.b[i]}, {s.coefficients[i]}},
                                   [&](auto, const Vector3<V>& force) __attribute__((always_inline)) { take(i, force); });
         });
         return;
@@ -63,14 +70,14 @@ CLOTHSIM_INLINE void spring_forces(const Springs<V, Real, count>& s, std::ptrdif
     constexpr int W = int(V::size);
     Vector3<V> d[count];
     V l2[count], r[count], scale[count];
-    each<count>(CLOTHSIM_EACH(i) { d[i] = s.a[i]->x - load3<V>(s.b[i], plane); });
+    each<count>(CLOTHSIM_EACH(i) { d[i] = s.a[i]->x - load3<V>(s.b[i], W); });
     each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].x, d[i].x, V(smallest_squared_length<Real>)); });
     each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].y, d[i].y, l2[i]); });
     each<count>(CLOTHSIM_EACH(i) { l2[i] = xsimd::fma(d[i].z, d[i].z, l2[i]); });
     if constexpr (damped) {
         const auto w = [&](auto i, int k) __attribute__((always_inline)) {
             const V& v = k == 0 ? s.a[i]->v.x : k == 1 ? s.a[i]->v.y : s.a[i]->v.z;
-            return v - V::load_unaligned(s.b[i] + (3 + k) * plane);
+            return v - V::load_unaligned(s.b[i] + (3 + k) * W);
         };
         each<count>(CLOTHSIM_EACH(i) { scale[i] = w(i, 0) * d[i].x; });
         each<count>(CLOTHSIM_EACH(i) { scale[i] = xsimd::fma(w(i, 1), d[i].y, scale[i]); });
@@ -89,23 +96,28 @@ CLOTHSIM_INLINE void spring_forces(const Springs<V, Real, count>& s, std::ptrdif
     each<count>(CLOTHSIM_EACH(i) { take(i, Vector3<V>{scale[i] * d[i].x, scale[i] * d[i].y, scale[i] * d[i].z}); });
 }
 
+// Elements from vector to vector of the rows at which a stage looks.
+template <class V, class Real>
+CLOTHSIM_INLINE std::ptrdiff_t source_stride(const EdgeArguments<Real>& e) {
+    constexpr int state = sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count;
+    return (e.stage == Stage::first || e.stage == Stage::evaluate ? state : WorkRecord::count) * int(V::size);
+}
+
 template <class V, class Real, bool damped>
 struct EdgeRow {
     static constexpr int W = int(V::size);
     const EdgeArguments<Real>& e;
-    std::ptrdiff_t plane;
+    std::ptrdiff_t stride;
 
-    CLOTHSIM_INLINE Points<V> points(const Real* source, std::ptrdiff_t at) const {
-        if constexpr (damped) return {load3<V>(source + at, plane), load3<V>(source + 3 * plane + at, plane)};
-        else return {load3<V>(source + at, plane), {}};
+    CLOTHSIM_INLINE Points<V> points(const Real* source) const {
+        if constexpr (damped) return {load3<V>(source, W), load3<V>(source + 3 * W, W)};
+        else return {load3<V>(source, W), {}};
     }
     CLOTHSIM_INLINE const Real* coefficients(int k, EdgeKind kind) const {
         return e.coefficients + (e.coefficient_class[k] * edge_kind_count + kind) * EdgeCoefficientIndex::count * W;
     }
     // Where vector k of a row begins: behind the last vector stands the first, a lane on.
-    CLOTHSIM_INLINE std::ptrdiff_t column(int k) const {
-        return k < e.vectors ? std::ptrdiff_t(k) * W : std::ptrdiff_t(k - e.vectors) * W + 1;
-    }
+    CLOTHSIM_INLINE std::ptrdiff_t column(int k) const { return k < e.vectors ? k * stride : (k - e.vectors) * stride + 1; }
 };
 
 // All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band).
@@ -117,101 +129,119 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     constexpr bool vertical = features.structural && has_below;
     constexpr bool shear = features.shear && has_below;
     constexpr bool bend_down = features.bend && has_below_2;
-    const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * W;
-    const EdgeRow<V, Real, features.spring_damping> row{e, plane};
+    const EdgeRow<V, Real, features.spring_damping> row{e, source_stride<V>(e)};
     constexpr bool damped = features.spring_damping;
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
 
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
-    Vector3<V> diagonal = none;                   // of the vector before, for `received`
-    for (int k = 0; k < e.vectors; ++k) {
-        const std::ptrdiff_t at = std::ptrdiff_t(k) * W;
-        const std::ptrdiff_t next = row.column(k + 1);
-        const Points<V> here = row.points(source.here, at);
-        Vector3<V> f = none, down = none;
-        if constexpr (own) f = to_next + load3<V>(e.received + at, plane);
-        Vector3<V> hand_next = to_next_2;
-        if constexpr (features.bend && has_below) down = load3<V>(e.received_2 + at, plane);
+    // The diagonals behind the last vector reach the first one, a lane further: they are taken before it.
+    Vector3<V> falling = none, rising = none, last_falling = none, last_rising = none;
+    if constexpr (shear) {
+        const int k = e.vectors - 1;
+        const std::ptrdiff_t at = row.column(k), next = row.column(k + 1);
+        const Points<V> here = row.points(source.here + at), there = row.points(source.here + next);
+        const Real* const diagonals = row.coefficients(k, to_diagonal);
+        spring_forces<damped>(Springs<V, Real, 2>{{&here, &there}, {source.below + next, source.below + at}, {diagonals, diagonals}}, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                  (i == 0 ? last_falling : last_rising) = force;
+                              });
+        falling = shifted_lanes(last_falling);
+        rising = shifted_lanes(last_rising);
+    }
 
-        const Real* const right = source.here + next;
-        const Real* const right_2 = source.here + row.column(k + 2);
+    const auto column = [&]<bool last>(int k) __attribute__((always_inline)) {
+        const std::ptrdiff_t at = row.column(k), next = row.column(k + 1);
+        const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
+        const Points<V> here = row.points(source.here + at);
+        const auto coefficients = [&](EdgeKind kind) __attribute__((always_inline)) { return row.coefficients(k, kind); };
+
+        // Handed on within the row: by the vector before, and by the one before that.
+        Vector3<V> within = to_next, hand_next = to_next_2;
+        Vector3<V> straight = none, straight_2 = none;  // to the next row and the one after it
+        // A diagonal pair of a point: one spring of this vector, one of the vector before.
+        Vector3<V> own_pair = rising, handed_pair = falling;
+
         const auto take_right = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            f = f - force;
+            within = within - force;
             hand_next = hand_next + force;
         };
         const auto take_right_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            f = f - force;
+            within = within - force;
             to_next_2 = force;
         };
-        const auto take_below_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            f = f - force;
-            store3(e.received_2 + at, plane, force);
+        const auto take_below_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) { straight_2 = force; };
+        const auto take_below = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) { straight = force; };
+        const auto take_falling = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            own_pair = own_pair + force;
+            falling = force;
         };
-        const auto coefficients = [&](EdgeKind kind) { return row.coefficients(k, kind); };
+        const auto take_rising = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
+            handed_pair = handed_pair + force;
+            rising = force;
+        };
+        const auto one = [&](const Real* b, EdgeKind kind) __attribute__((always_inline)) {
+            return Springs<V, Real, 1>{{&here}, {b}, {coefficients(kind)}};
+        };
+
         if constexpr (own && features.structural && bend_down) {
             spring_forces<damped>(Springs<V, Real, 3>{{&here, &here, &here},
-                                                      {right, right_2, source.below_2 + at},
-                                                      {coefficients(to_right), coefficients(to_right_2), coefficients(to_below_2)}},
-                                  plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                                      {source.here + next, source.here + row.column(k + 2), source.below_2 + at},
+                                                      {coefficients(to_right), coefficients(to_right_2), coefficients(to_below_2)}}, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
                                       if constexpr (i == 0) take_right(i, force);
                                       if constexpr (i == 1) take_right_2(i, force);
                                       if constexpr (i == 2) take_below_2(i, force);
                                   });
         } else {
-            const auto one = [&](const Real* b, EdgeKind kind) {
-                return Springs<V, Real, 1>{{&here}, {b}, {coefficients(kind)}};
-            };
-            if constexpr (own && features.structural) spring_forces<damped>(one(right, to_right), plane, take_right);
-            if constexpr (own && features.bend) spring_forces<damped>(one(right_2, to_right_2), plane, take_right_2);
-            if constexpr (bend_down) spring_forces<damped>(one(source.below_2 + at, to_below_2), plane, take_below_2);
+            if constexpr (own && features.structural) spring_forces<damped>(one(source.here + next, to_right), take_right);
+            if constexpr (own && features.bend)
+                spring_forces<damped>(one(source.here + row.column(k + 2), to_right_2), take_right_2);
+            if constexpr (bend_down) spring_forces<damped>(one(source.below_2 + at, to_below_2), take_below_2);
         }
-        const auto take_below = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            f = f - force;
-            down = down + force;
-        };
-        const auto take_falling = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            f = f - force;
-            down = down + diagonal;
-            diagonal = force;
-        };
-        const auto take_rising = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
-            hand_next = hand_next - force;
-            down = down + force;
-        };
-        if constexpr (shear) {
-            const Points<V> there = row.points(source.here, next);
+        if constexpr (shear && !last) {
+            const Points<V> there = row.points(source.here + next);
             const Real* const diagonals = coefficients(to_diagonal);
             if constexpr (vertical) {
                 spring_forces<damped>(Springs<V, Real, 3>{{&here, &here, &there},
                                                           {source.below + at, source.below + next, source.below + at},
-                                                          {coefficients(to_below), diagonals, diagonals}},
-                                      plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                                                          {coefficients(to_below), diagonals, diagonals}}, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
                                           if constexpr (i == 0) take_below(i, force);
                                           if constexpr (i == 1) take_falling(i, force);
                                           if constexpr (i == 2) take_rising(i, force);
                                       });
             } else {
-                spring_forces<damped>(Springs<V, Real, 2>{{&here, &there},
-                                                          {source.below + next, source.below + at},
-                                                          {diagonals, diagonals}},
-                                      plane, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
+                spring_forces<damped>(Springs<V, Real, 2>{{&here, &there}, {source.below + next, source.below + at}, {diagonals, diagonals}}, [&](auto i, const Vector3<V>& force) __attribute__((always_inline)) {
                                           if constexpr (i == 0) take_falling(i, force);
                                           if constexpr (i == 1) take_rising(i, force);
                                       });
             }
-        } else if constexpr (vertical) {
-            spring_forces<damped>(Springs<V, Real, 1>{{&here}, {source.below + at}, {coefficients(to_below)}}, plane, take_below);
+        } else {
+            if constexpr (vertical) spring_forces<damped>(one(source.below + at, to_below), take_below);
+            if constexpr (shear) {
+                take_falling(0, last_falling);
+                take_rising(0, last_rising);
+            }
         }
-        if constexpr (has_below) store3(e.received + at, plane, down);
-        if constexpr (own) store3(e.force + at, plane, f);
+
+        if constexpr (own) {
+            const Vector3<V> behind = (straight + straight_2) + own_pair;
+            store3(e.force + vector, W, within + (load3<V>(e.received + vector, W) - behind));
+        }
+        if constexpr (has_below) {
+            Vector3<V> handed = straight;
+            if constexpr (features.bend) handed = handed + load3<V>(e.received_2 + vector, W);
+            store3(e.received + vector, W, handed + handed_pair);
+        }
+        if constexpr (bend_down) store3(e.received_2 + vector, W, straight_2);
         to_next = hand_next;
-    }
+    };
+    for (int k = 0; k < e.vectors - 1; ++k) column.template operator()<false>(k);
+    column.template operator()<true>(e.vectors - 1);
+
     // What was handed on past the last vector belongs to the first ones, a lane further.
     if constexpr (own) {
-        store3(e.force, plane, load3<V>(e.force, plane) + shifted_lanes(to_next));
-        if constexpr (features.bend) store3(e.force + W, plane, load3<V>(e.force + W, plane) + shifted_lanes(to_next_2));
+        store3(e.force, W, load3<V>(e.force, W) + shifted_lanes(to_next));
+        if constexpr (features.bend)
+            store3(e.force + 3 * W, W, load3<V>(e.force + 3 * W, W) + shifted_lanes(to_next_2));
     }
-    if constexpr (shear) store3(e.received, plane, load3<V>(e.received, plane) + shifted_lanes(diagonal));
 }
 
 // Finish the stage for one row whose force is complete. `special`: something that most rows do without, mass or
@@ -220,53 +250,54 @@ template <class V, class Real, Stage stage, bool special>
 void edge_update(const EdgeArguments<Real>& e, int row, const Real* source) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
-    const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * W;
-    Real* const record = e.rows + row * e.record;
-    Real* const state = record + RowPlanes::state * plane;
-    Real* const target = record + RowPlanes::stage * plane;
-    Real* const first = record + RowPlanes::first * plane;
-    Real* const sum = record + RowPlanes::sum * plane;
-    Real* const compensation = record + RowPlanes::compensation * plane;
+    constexpr int state_stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * W;
+    const EdgeRowPointers<Real>& pointers = e.rows[row];
     const V step(stage == Stage::third ? e.h : e.half_h), h(e.h), h2_6(e.h2_6), h_6(e.h_6);
+    const V gravity[3] = {V(e.gravity[0]), V(e.gravity[1]), V(e.gravity[2])};
+    const std::ptrdiff_t stride = source_stride<V>(e);
 
-    for (int j = 0; j < 3; ++j) {
-        const V gravity(e.gravity[j]);
-        for (std::ptrdiff_t at = j * plane; at < (j + 1) * plane; at += W) {
-            const V vs = V::load_aligned(source + 3 * plane + at);
-            V a = V::load_aligned(e.force + at);
+    for (int k = 0; k < e.vectors; ++k) {
+        Real* const state = pointers.state + k * state_stride;
+        Real* const work = pointers.work + k * (WorkRecord::count * W);
+        each<3>(CLOTHSIM_EACH(j) {
+            const V vs = V::load_aligned(source + k * stride + (3 + j) * W);
+            V a = V::load_aligned(e.force + (3 * k + j) * W);
             if constexpr (special) {
-                const std::ptrdiff_t point = row * plane + at - j * plane;
                 if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), vs, a);
-                if (e.inverse_mass) a = a * V::load_aligned(e.inverse_mass + point);
+                if (pointers.inverse_mass) a = a * V::load_aligned(pointers.inverse_mass + k * W);
                 const V zero(Real(0));
-                a = xsimd::select(V::load_aligned(e.free + point) != zero, a + gravity, zero);
+                a = xsimd::select(V::load_aligned(pointers.free + k * W) != zero, a + gravity[j], zero);
             } else {
-                a = a + gravity;
+                a = a + gravity[j];
             }
-            if constexpr (stage == Stage::first || stage == Stage::evaluate) a.store_aligned(first + at);
-            if constexpr (stage == Stage::second) a.store_aligned(sum + at);
-            if constexpr (stage == Stage::third) (V::load_aligned(sum + at) + a).store_aligned(sum + at);
-            if constexpr (stage == Stage::evaluate) continue;
-
-            const V v = V::load_aligned(state + 3 * plane + at);
-            if constexpr (stage == Stage::fourth) {
-                const V a1 = V::load_aligned(first + at);
-                const V middle = V::load_aligned(sum + at);
-                const V dx = xsimd::fma(h, v, h2_6 * (a1 + middle));
-                const V dv = h_6 * ((a1 + a) + (middle + middle));
-                add_increment<compensated>(state + at, compensation + at, dx);
-                add_increment<compensated>(state + 3 * plane + at, compensation + 3 * plane + at, dv);
-            } else {
-                xsimd::fma(step, vs, V::load_aligned(state + at)).store_aligned(target + at);
-                xsimd::fma(step, a, v).store_aligned(target + 3 * plane + at);
+            Real* const first = work + (WorkRecord::first + j) * W;
+            Real* const sum = work + (WorkRecord::sum + j) * W;
+            if constexpr (stage == Stage::first || stage == Stage::evaluate) a.store_aligned(first);
+            if constexpr (stage == Stage::second) a.store_aligned(sum);
+            if constexpr (stage == Stage::third) (V::load_aligned(sum) + a).store_aligned(sum);
+            if constexpr (stage != Stage::evaluate) {
+                Real* const x = state + j * W;
+                Real* const v = state + (3 + j) * W;
+                const V v_old = V::load_aligned(v);
+                if constexpr (stage == Stage::fourth) {
+                    const V a1 = V::load_aligned(first);
+                    const V middle = V::load_aligned(sum);
+                    const V dx = xsimd::fma(h, v_old, h2_6 * (a1 + middle));
+                    const V dv = h_6 * ((a1 + a) + (middle + middle));
+                    add_increment<compensated>(x, x + StateRecord::compensation * W, dx);
+                    add_increment<compensated>(v, v + StateRecord::compensation * W, dv);
+                } else {
+                    xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
+                    xsimd::fma(step, a, v_old).store_aligned(work + (3 + j) * W);
+                }
             }
-        }
+        });
     }
 }
 
 template <class V, class Real>
 CLOTHSIM_INLINE void edge_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
-    const bool special = e.row_has_fixed[row] || e.inverse_mass || e.point_damping != 0;
+    const bool special = e.rows[row].has_fixed || e.rows[row].inverse_mass || e.point_damping != 0;
     const auto finish = [&]<Stage stage>() {
         if (special) edge_update<V, Real, stage, true>(e, row, source);
         else edge_update<V, Real, stage, false>(e, row, source);
@@ -283,53 +314,58 @@ CLOTHSIM_INLINE void edge_finish(const EdgeArguments<Real>& e, int row, const Re
 template <class V, class Real>
 CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
     constexpr int W = int(V::size);
-    const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * W;
-    const Real* const state = e.rows + row * e.record + RowPlanes::state * plane;
+    constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
     for (int s = 0; s < e.sphere_count; ++s) {
         const SphereOutline<Real>& sphere = e.spheres[s];
+        const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
         for (int k = 0; k < e.vectors; ++k) {
-            const Vector3<V> x = load3<V>(state + std::ptrdiff_t(k) * W, plane);
-            const Vector3<V> m{x.x - V(sphere.center[0]), x.y - V(sphere.center[1]), x.z - V(sphere.center[2])};
+            const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
             const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
             if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
         }
     }
 }
 
-// Rows [begin, end) of a band; `sources(row)` for every one of them in the caller's table.
+// One stage of one row.
 template <class Arch, class Real, int index>
-void edge_rows(const EdgeArguments<Real>& e, const EdgeSources<Real>* sources, int begin, int end) {
+void edge_stage(const EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
     using V = Lanes<Real, Arch>;
-    for (int row = begin; row < end; ++row) {
-        const EdgeSources<Real>& source = sources[row];
-        if (source.below_2) edge_row<Arch, Real, index, true, true, true>(e, source);
-        else if (source.below) edge_row<Arch, Real, index, true, true, false>(e, source);
-        else edge_row<Arch, Real, index, true, false, false>(e, source);
-        edge_finish<V>(e, row, source.here);
-        if (e.stage == Stage::fourth && e.sphere_count > 0) edge_spheres<V>(e, row);
-    }
+    if (source.below_2) edge_row<Arch, Real, index, true, true, true>(e, source);
+    else if (source.below) edge_row<Arch, Real, index, true, true, false>(e, source);
+    else edge_row<Arch, Real, index, true, false, false>(e, source);
+    edge_finish<V>(e, row, source.here);
+    if (e.stage == Stage::fourth && e.sphere_count > 0) edge_spheres<V>(e, row);
 }
 
-// What the two rows above a band hand down to its first two.
+// The stages of `stages`, each `lag` rows behind the one before, the first of them over rows [begin, end); all
+// rows that are met have two more behind them in the band.
 template <class Arch, class Real, int index>
-void edge_halo(const EdgeArguments<Real>& e, const EdgeSources<Real>& above_2, const EdgeSources<Real>& above) {
+void edge_waves(const EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end) {
+    for (int front = begin; front < end; ++front)
+        for (int s = 0; s < stage_count; ++s) {
+            const EdgeArguments<Real>& e = stages[s];
+            const int row = front - s * lag;
+            const auto source = [&](int r) { return e.stage == Stage::first ? e.rows[r].state : e.rows[r].work; };
+            edge_stage<Arch, Real, index>(e, row, {source(row), source(row + 1), source(row + 2)});
+        }
+}
+
+// What the two rows before a band hand on to its first two.
+template <class Arch, class Real, int index>
+void edge_halo(const EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const EdgeSources<Real>& before) {
     using V = Lanes<Real, Arch>;
     constexpr Features features = Features::from_index(index);
-    const std::ptrdiff_t plane = std::ptrdiff_t(e.vectors) * int(V::size);
-    for (std::ptrdiff_t i = 0; i < 3 * plane; i += int(V::size)) V(Real(0)).store_aligned(e.received_2 + i);
+    constexpr int W = int(V::size);
     if constexpr (features.bend) {
-        if (above_2.here) {
-            const EdgeRow<V, Real, features.spring_damping> row{e, plane};
-            for (int k = 0; k < e.vectors; ++k) {
-                const std::ptrdiff_t at = std::ptrdiff_t(k) * int(V::size);
-                const Points<V> points = row.points(above_2.here, at);
-                spring_forces<features.spring_damping>(
-                    Springs<V, Real, 1>{{&points}, {above_2.below_2 + at}, {row.coefficients(k, to_below_2)}}, plane,
-                    [&](auto, const Vector3<V>& force) { store3(e.received_2 + at, plane, force); });
-            }
+        const EdgeRow<V, Real, features.spring_damping> row{e, source_stride<V>(e)};
+        for (int k = 0; k < e.vectors; ++k) {
+            const Points<V> points = row.points(before_2.here + row.column(k));
+            spring_forces<features.spring_damping>(
+                Springs<V, Real, 1>{{&points}, {before_2.below_2 + row.column(k)}, {row.coefficients(k, to_below_2)}},
+                [&](auto, const Vector3<V>& force) { store3(e.received_2 + k * 3 * W, W, force); });
         }
     }
-    edge_row<Arch, Real, index, false, true, true>(e, above);
+    edge_row<Arch, Real, index, false, true, true>(e, before);
 }
 
 }  // namespace

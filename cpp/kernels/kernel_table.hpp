@@ -4,6 +4,7 @@
 #include <array>
 #include <string_view>
 
+#include "benchmark/limit_kernels.hpp"
 #include "kernels/edge_arguments.hpp"
 #include "kernels/gather_arguments.hpp"
 
@@ -27,22 +28,26 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// Rows [begin, end) of a band, and what the two rows above it hand down to it.
+// The edge kernel: one row, several stages over many rows, and what the two rows before a band hand on to it.
 template <class Real>
-using EdgeRowsKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>*, int begin, int end);
+using EdgeStageKernel = void (*)(const EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
-using EdgeHaloKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>& above_2,
-                                const EdgeSources<Real>& above);
+using EdgeWavesKernel = void (*)(const EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end);
+template <class Real>
+using EdgeHaloKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
+                                const EdgeSources<Real>& before);
 
 template <class Real>
 struct RealKernels {
     std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
     std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
     SphereKernel<Real> sphere;
-    std::array<EdgeRowsKernel<Real>, Features::count> edge_rows;
+    std::array<EdgeStageKernel<Real>, Features::count> edge_stage;
+    std::array<EdgeWavesKernel<Real>, Features::count> edge_waves;
     std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     int lanes;
+    LimitKernels<Real> limits;
 };
 
 struct KernelTable {

@@ -1,6 +1,7 @@
 // The table of one instruction set.
 #pragma once
 
+#include "benchmark/limits_impl.hpp"
 #include "kernels/edge_impl.hpp"
 #include "kernels/gather_impl.hpp"
 
@@ -12,10 +13,12 @@ constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
     return {{&gather_tile<Arch, Real, Arithmetic::fused, index>...},
             {&gather_tile<Arch, Real, Arithmetic::strict, index>...},
             &sphere_tile<Arch, Real>,
-            {&edge_rows<Arch, Real, index>...},
+            {&edge_stage<Arch, Real, index>...},
+            {&edge_waves<Arch, Real, index>...},
             {&edge_halo<Arch, Real, index>...},
             root_scale<Real, Arch>(),
-            int(Lanes<Real, Arch>::size)};
+            int(Lanes<Real, Arch>::size),
+            limit_kernels<Arch, Real>()};
 }
 
 template <class Arch, class Real>

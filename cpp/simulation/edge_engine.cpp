@@ -1,12 +1,23 @@
-// How bands work side by side without a barrier.
+// How bands of rows work side by side without a barrier, and how large cloths stay in cache.
 //
-// Every thread sweeps its band of rows downwards, stage after stage. A sweep needs the two rows above the
-// band when it begins and the two rows below when it ends; a thread therefore hands its first two rows up as
-// soon as they are done and its last two down at the end. The thread below so runs a little behind the one
-// above, and once it does, nobody waits any more: what a thread needs has been there for most of a stage.
+// Two bands that share a border sweep away from it, or both towards it (the bands of even number go up, the
+// others down). At a border each needs the two rows of the other after the stage before, and hands over its own
+// two as soon as they are done:
 //
-// The rows go through mailboxes with two slots, by the parity of the stage. Two are enough: a thread can
-// finish a stage only with its neighbours' rows of the stage before, so it is never two stages ahead.
+//     band 0   ^  far end: edge of the cloth
+//              |  starts here
+//     ------- border -------  each finishes its first two rows at the beginning of a stage: the other needs
+//              |  starts here      them a stage later
+//     band 1   v
+//     ------- border -------  each finishes its last two rows at the end of a stage: the other needs them at
+//     band 2   ^                  the end of the next
+//
+// The rows go through mailboxes with two slots, by the parity of the stage. Two are enough: a band can finish a
+// stage only with its neighbour's rows of the stage before, so it is never two stages ahead.
+//
+// A cloth that fits in cache is swept stage by stage. In a larger one the four stages follow each other a few
+// rows apart, so that a step reads and writes the state about once; what a stage leaves for the next one lives
+// in a ring of rows.
 #include "simulation/edge_engine.hpp"
 
 #include <omp.h>
@@ -17,8 +28,20 @@
 namespace clothsim {
 namespace {
 
-constexpr int fewest_rows_per_band = 4;
-constexpr int spins_before_yield = 20000;
+constexpr int fewest_rows_per_band = 8;
+constexpr int spins_before_yield = 500;
+
+// Rows between two stages that follow each other. Two are needed; more give a neighbour time to answer.
+constexpr int rows_between_stages = 3;
+
+// A band whose state and work fit into this many bytes is swept stage by stage.
+constexpr std::ptrdiff_t bytes_kept_in_cache = 768 * 1024;
+
+// The positions of `records` records: where padding stays.
+template <class Real>
+void place_far_away(AlignedVector<Real>& memory, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
+    for (std::ptrdiff_t i = 0; i < records; ++i) std::fill_n(memory.begin() + i * stride, 3 * lanes, Real(far_away));
+}
 
 inline void relax() {
 #if defined(__x86_64__)
@@ -28,16 +51,19 @@ inline void relax() {
 
 }  // namespace
 
-// Two rows of source planes from a neighbour, for two stages, and the number of the newest stage in it.
+// Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it.
 template <class Real>
 struct Mailbox {
     AlignedVector<Real> rows;
+    int lanes = 0, vectors = 0;
     std::ptrdiff_t row_size = 0;
     alignas(64) std::atomic<std::int64_t> newest{-1};
 
-    void prepare(std::ptrdiff_t size) {
-        row_size = size;
-        rows.assign(4 * size + 16, Real(0));
+    void prepare(const LiftedLayout& layout) {
+        lanes = layout.lanes;
+        vectors = layout.vectors;
+        row_size = std::max(layout.row_size(), std::ptrdiff_t(vectors) * WorkRecord::count * lanes);
+        rows.assign(4 * row_size + lanes, Real(0));
     }
     Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
     void wait(std::int64_t stage) const {
@@ -46,13 +72,12 @@ struct Mailbox {
             if (spins > spins_before_yield) sched_yield();
         }
     }
-    void start(const Real* first, const Real* second) {
-        newest.store(-1, std::memory_order_relaxed);
-        put(0, first, second);
-    }
-    void put(std::int64_t stage, const Real* first, const Real* second) {
-        std::copy_n(first, row_size, row(stage, 0));
-        std::copy_n(second, row_size, row(stage, 1));
+    // Of a row only the state is copied; `stride` is that of the rows the stage will look at.
+    void put(std::int64_t stage, const Real* border, const Real* second, std::ptrdiff_t stride) {
+        for (int k = 0; k < vectors; ++k) {
+            std::copy_n(border + k * stride, 6 * lanes, row(stage, 0) + k * stride);
+            std::copy_n(second + k * stride, 6 * lanes, row(stage, 1) + k * stride);
+        }
         newest.store(stage, std::memory_order_release);
     }
 };
@@ -61,21 +86,34 @@ template <class Real>
 struct EdgeEngine<Real>::Band {
     EdgeEngine* engine;
     int begin, end;
-    Band* above = nullptr;
-    Band* below = nullptr;
-    Mailbox<Real> from_above, from_below;
-    AlignedVector<Real> scratch;
-    std::vector<EdgeSources<Real>> of_state, of_stage;
+    bool upwards;
+    Band* near = nullptr;  // the neighbour at the border where sweeps begin
+    Band* far = nullptr;   // the one where they end
+    Mailbox<Real> from_near, from_far;
+    AlignedVector<Real> scratch, work;
+    std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep
+    int lag;                                  // rows between two stages; all rows: stage by stage
     std::vector<Contact> contacts;
     std::vector<SphereOutline<Real>> outlines;
 
+    std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     int size() const { return end - begin; }
+    int cloth_row(int row) const { return upwards ? end - 1 - row : begin + row; }
+    const Real* source(Stage stage, int row) const {
+        return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
+    }
+    // Hand two rows that are done to the mailbox of a neighbour, which looks at them in stage `number`.
+    void hand(Mailbox<Real>& box, std::int64_t number, Stage done, int border, int second) const {
+        const bool whole = done == Stage::fourth;
+        const auto row = [&](int r) { return whole ? rows[std::size_t(r)].state : rows[std::size_t(r)].work; };
+        box.put(number, row(border), row(second), whole ? engine->layout_.stride : work_stride());
+    }
 
     static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
         Band& band = *static_cast<Band*>(context);
         const int vectors = band.engine->layout_.vectors;
         for (; lanes != 0; lanes &= lanes - 1)
-            band.engine->answer(band.contacts[std::size_t(sphere)], band.begin + row,
+            band.engine->answer(band.contacts[std::size_t(sphere)], band.cloth_row(row),
                                 __builtin_ctzll(lanes) * vectors + vector);
     }
 
@@ -93,22 +131,22 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan)
     : Base(plan, LiftedLayout(plan.cloth, kernels_of<Real>(*plan.kernels).lanes, Base::compensated), 0) {
     const Cloth& cloth = plan_.cloth;
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    rows_kernel_ = kernels.edge_rows[plan_.features().index()];
-    halo_kernel_ = kernels.edge_halo[plan_.features().index()];
+    const int features = plan_.features().index();
+    stage_kernel_ = kernels.edge_stage[features];
+    waves_kernel_ = kernels.edge_waves[features];
+    halo_kernel_ = kernels.edge_halo[features];
 
-    // An unaligned load behind the last vector reads one lane past the last plane.
-    memory_.assign(cloth.rows * layout_.record + layout_.lanes, Real(0));
-    for (int r = 0; r < cloth.rows; ++r)
-        for (const int planes : {RowPlanes::state, RowPlanes::stage})
-            std::fill_n(row_planes(r, planes), 3 * layout_.plane, Real(far_away));
+    // An unaligned load behind the last vector may read one lane past the last record.
+    memory_.assign(cloth.rows * layout_.row_size() + layout_.lanes, Real(0));
+    place_far_away(memory_, cloth.rows * layout_.vectors, layout_.stride, layout_.lanes);
 
-    free_.assign(cloth.rows * layout_.plane, Real(0));
+    free_.assign(cloth.rows * layout_.width(), Real(0));
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
-    row_has_fixed_.assign(cloth.rows, cloth.columns != layout_.plane);
+    row_has_fixed_.assign(cloth.rows, cloth.columns != layout_.width());
     for (int r = 0; r < cloth.rows; ++r)
         for (int c = 0; c < cloth.columns; ++c) {
             const int point = r * cloth.columns + c;
-            const std::ptrdiff_t place = r * layout_.plane + layout_.in_plane(c);
+            const std::ptrdiff_t place = r * layout_.width() + layout_.in_row(c);
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[r] |= cloth.pinned[point];
             if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
@@ -158,18 +196,11 @@ void EdgeEngine<Real>::build_coefficients() {
 }
 
 template <class Real>
-EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, double dt) {
+EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, Stage stage, double dt) {
     EdgeArguments<Real> e{};
-    e.rows = row_planes(band.begin, 0);
-    e.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + band.begin * layout_.plane;
-    e.free = free_.data() + band.begin * layout_.plane;
-    e.row_has_fixed = row_has_fixed_.data() + band.begin;
-    e.received = band.scratch.data();
-    e.received_2 = e.received + 3 * layout_.plane;
-    e.force = e.received_2 + 3 * layout_.plane;
-    e.context = &band;
     e.vectors = layout_.vectors;
-    e.record = layout_.record;
+    e.stage = stage;
+    e.rows = band.rows.data();
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
     for (int k = 0; k < 3; ++k) e.gravity[k] = Real(plan_.gravity[k]);
@@ -178,7 +209,12 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, double dt) {
     e.h2_6 = Real(dt * dt / 6);
     e.h_6 = Real(dt / 6);
     e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale());
+    const std::ptrdiff_t three = 3 * layout_.width();
+    e.force = band.scratch.data();
+    e.received = e.force + three + (stage == Stage::evaluate ? 0 : int(stage)) * 2 * three;
+    e.received_2 = e.received + three;
     e.hit = &Band::hit;
+    e.context = &band;
     return e;
 }
 
@@ -186,68 +222,102 @@ template <class Real>
 void EdgeEngine<Real>::form_bands(int team) {
     if (int(bands_.size()) == team) return;
     bands_.clear();
+    const std::ptrdiff_t work_row = layout_.vectors * WorkRecord::count * layout_.lanes;
     for (int t = 0; t < team; ++t) {
         auto band = std::make_unique<Band>();
         band->engine = this;
         band->begin = int(std::int64_t(rows()) * t / team);
         band->end = int(std::int64_t(rows()) * (t + 1) / team);
-        band->from_above.prepare(6 * layout_.plane);
-        band->from_below.prepare(6 * layout_.plane);
-        band->scratch.assign(9 * layout_.plane, Real(0));
+        band->upwards = team > 1 && t % 2 == 0;
+        band->from_near.prepare(layout_);
+        band->from_far.prepare(layout_);
+        band->scratch.assign(9 * 3 * layout_.width(), Real(0));
+
+        const int n = band->size();
+        const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
+        band->lag = bytes <= bytes_kept_in_cache ? n : rows_between_stages;
+        const int ring = std::min(n, 3 * band->lag + 3);
+        band->work.assign(ring * work_row + layout_.lanes, Real(0));
+        place_far_away(band->work, ring * layout_.vectors, band->work_stride(), layout_.lanes);
+        for (int i = 0; i < n; ++i) {
+            const int r = band->cloth_row(i);
+            band->rows.push_back({memory_.data() + r * layout_.row_size(), band->work.data() + i % ring * work_row,
+                                  free_.data() + r * layout_.width(),
+                                  inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
+                                  row_has_fixed_[std::size_t(r)] != 0});
+        }
         bands_.push_back(std::move(band));
     }
     for (int t = 0; t < team; ++t) {
         Band& band = *bands_[std::size_t(t)];
-        if (t > 0) band.above = bands_[std::size_t(t - 1)].get();
-        if (t + 1 < team) band.below = bands_[std::size_t(t + 1)].get();
-        for (const int planes : {RowPlanes::state, RowPlanes::stage}) {
-            auto& sources = planes == RowPlanes::state ? band.of_state : band.of_stage;
-            const auto own = [&](int row) { return row < band.end ? row_planes(row, planes) : nullptr; };
-            for (int row = band.begin; row < band.end; ++row) sources.push_back({own(row), own(row + 1), own(row + 2)});
-        }
+        Band* const above = t > 0 ? bands_[std::size_t(t - 1)].get() : nullptr;
+        Band* const below = t + 1 < team ? bands_[std::size_t(t + 1)].get() : nullptr;
+        band.near = band.upwards ? below : above;
+        band.far = band.upwards ? above : below;
     }
 }
 
 template <class Real>
-void EdgeEngine<Real>::run_band(int index, std::int64_t steps, const Clock& clock) {
-    Band& band = *bands_[std::size_t(index)];
+void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clock) {
     const int n = band.size();
     const bool tracked = this->track_contact_energy;
-    EdgeArguments<Real> e = arguments(band, clock.dt);
-    std::int64_t number = 0;  // of the stage in this call
-    for (std::int64_t k = 1; k <= steps; ++k) {
+    EdgeArguments<Real> stages[4];
+    for (int s = 0; s < 4; ++s) stages[s] = arguments(band, Stage(s), clock.dt);
+    std::int64_t number = 0;  // of the step's first stage in this call
+
+    const auto begin_stage = [&](int s) {
+        const EdgeArguments<Real>& e = stages[s];
+        if (!band.near) {
+            std::fill_n(e.received, 6 * layout_.width(), Real(0));
+            return;
+        }
+        band.from_near.wait(number + s);
+        const Real* const first = band.source(e.stage, 0);
+        halo_kernel_(e, {band.from_near.row(number + s, 1), nullptr, first},
+                     {band.from_near.row(number + s, 0), first, band.source(e.stage, 1)});
+    };
+    const auto run_row = [&](int s, int row) {
+        const EdgeArguments<Real>& e = stages[s];
+        if (row == 0) begin_stage(s);
+        const auto source = [&](int r) -> const Real* {
+            if (r < n) return band.source(e.stage, r);
+            if (!band.far) return nullptr;
+            band.from_far.wait(number + s);
+            return band.from_far.row(number + s, r - n);
+        };
+        stage_kernel_(e, row, {source(row), source(row + 1), source(row + 2)});
+        if (row == 1 && band.near)
+            band.hand(band.near->from_near, number + s + 1, e.stage, 0, 1);
+        if (row == n - 1 && band.far)
+            band.hand(band.far->from_far, number + s + 1, e.stage, n - 1, n - 2);
+    };
+    // Rows that need neither neighbour are left to the kernel in one go.
+    const int first_inner = std::min(2, n), end_inner = std::max(first_inner, n - 2);
+
+    for (std::int64_t k = 1; k <= steps; ++k, number += 4) {
         if (!plan_.spheres.empty() && !tracked) {
             band.place_spheres(clock.at(k));
-            e.spheres = band.outlines.data();
-            e.sphere_count = int(band.outlines.size());
+            stages[3].spheres = band.outlines.data();
+            stages[3].sphere_count = int(band.outlines.size());
         }
-        for (const Stage stage : {Stage::first, Stage::second, Stage::third, Stage::fourth}) {
-            e.stage = stage;
-            const int target = stage == Stage::fourth ? RowPlanes::state : RowPlanes::stage;
-            std::vector<EdgeSources<Real>>& sources = stage == Stage::first ? band.of_state : band.of_stage;
-
-            if (band.above) {
-                band.from_above.wait(number);
-                halo_kernel_(e, {band.from_above.row(number, 0), nullptr, sources[0].here},
-                             {band.from_above.row(number, 1), sources[0].here, sources[1].here});
-            } else {
-                std::fill_n(e.received, 6 * layout_.plane, Real(0));
+        if (band.lag >= n) {
+            for (int s = 0; s < 4; ++s) {
+                for (int row = 0; row < first_inner; ++row) run_row(s, row);
+                waves_kernel_(stages + s, 1, 0, first_inner, end_inner);
+                for (int row = end_inner; row < n; ++row) run_row(s, row);
             }
-            rows_kernel_(e, sources.data(), 0, std::min(2, n));
-            if (band.above)
-                band.above->from_below.put(number + 1, row_planes(band.begin, target), row_planes(band.begin + 1, target));
-            if (band.below) {
-                rows_kernel_(e, sources.data(), 2, n - 2);
-                band.from_below.wait(number);
-                sources[std::size_t(n - 2)].below_2 = band.from_below.row(number, 0);
-                sources[std::size_t(n - 1)].below = band.from_below.row(number, 0);
-                sources[std::size_t(n - 1)].below_2 = band.from_below.row(number, 1);
-                rows_kernel_(e, sources.data(), n - 2, n);
-                band.below->from_above.put(number + 1, row_planes(band.end - 2, target), row_planes(band.end - 1, target));
-            } else {
-                rows_kernel_(e, sources.data(), std::min(2, n), n);
+        } else {
+            const int begin_bulk = first_inner + 3 * band.lag;
+            for (int front = 0; front < n + 3 * band.lag; ++front) {
+                if (front == begin_bulk && begin_bulk < end_inner) {
+                    waves_kernel_(stages, 4, band.lag, begin_bulk, end_inner);
+                    front = end_inner;
+                }
+                for (int s = 0; s < 4; ++s) {
+                    const int row = front - s * band.lag;
+                    if (row >= 0 && row < n) run_row(s, row);
+                }
             }
-            ++number;
         }
         if (tracked) this->collide_all(clock.at(k));
     }
@@ -258,7 +328,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / fewest_rows_per_band);
     if (team <= 1) {
         form_bands(1);
-        run_band(0, steps, clock);
+        run_band(*bands_[0], steps, clock);
         return;
     }
 #pragma omp parallel num_threads(team)
@@ -268,12 +338,16 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
         {
             form_bands(omp_get_num_threads());
             for (auto& band : bands_) {
-                const auto row = [&](int r) { return row_planes(r, RowPlanes::state); };
-                if (band->above) band->above->from_below.start(row(band->begin), row(band->begin + 1));
-                if (band->below) band->below->from_above.start(row(band->end - 2), row(band->end - 1));
+                band->from_near.newest.store(-1, std::memory_order_relaxed);
+                band->from_far.newest.store(-1, std::memory_order_relaxed);
+            }
+            for (auto& band : bands_) {
+                const int n = band->size();
+                if (band->near) band->hand(band->near->from_near, 0, Stage::fourth, 0, 1);
+                if (band->far) band->hand(band->far->from_far, 0, Stage::fourth, n - 1, n - 2);
             }
         }
-        run_band(omp_get_thread_num(), steps, clock);
+        run_band(*bands_[std::size_t(omp_get_thread_num())], steps, clock);
     }
 }
 
@@ -281,13 +355,17 @@ template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
     form_bands(1);
     Band& band = *bands_[0];
-    EdgeArguments<Real> e = arguments(band, 0);
-    e.stage = Stage::evaluate;
-    std::fill_n(e.received, 6 * layout_.plane, Real(0));
-    rows_kernel_(e, band.of_state.data(), 0, rows());
-    for (int r = 0; r < rows(); ++r)
+    const EdgeArguments<Real> e = arguments(band, Stage::evaluate, 0);
+    std::fill_n(e.received, 6 * layout_.width(), Real(0));
+    for (int r = 0; r < rows(); ++r) {
+        const auto state = [&](int row) -> const Real* {
+            return row < rows() ? band.rows[std::size_t(row)].state : nullptr;
+        };
+        stage_kernel_(e, r, {state(r), state(r + 1), state(r + 2)});
+        const Real* const work = band.rows[std::size_t(r)].work;
         for (int c = 0; c < columns(); ++c)
-            for (int k = 0; k < 3; ++k) *a++ = double(memory_[layout_.at(r, c, RowPlanes::first + k)]);
+            for (int k = 0; k < 3; ++k) *a++ = double(work[c % layout_.vectors * band.work_stride() + (WorkRecord::first + k) * layout_.lanes + c / layout_.vectors]);
+    }
 }
 
 template class EdgeEngine<float>;

@@ -1,4 +1,4 @@
-// The engine of the "edge" kernel: row-lifted records, one band of rows a thread.
+// The engine of the "edge" kernel: row-lifted rows, one band of them a thread.
 #pragma once
 
 #include <atomic>
@@ -8,27 +8,25 @@
 
 namespace clothsim {
 
-// The layout that cpp/kernels/edge_impl.hpp draws: a record per row, column l m + k in vector k, lane l.
+// The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
+// records one after the other.
 struct LiftedLayout {
     int rows, lanes, vectors;
-    std::ptrdiff_t plane, record;
+    std::ptrdiff_t stride;  // elements from vector to vector
 
     LiftedLayout(const Cloth& cloth, int lanes, bool compensated)
         : rows(cloth.rows),
           lanes(lanes),
           vectors(std::max(2, (cloth.columns + lanes - 1) / lanes)),
-          plane(std::ptrdiff_t(vectors) * lanes),
-          record((compensated ? RowPlanes::count_compensated : RowPlanes::count) * plane) {}
-    std::ptrdiff_t in_plane(int column) const { return column % vectors * lanes + column / vectors; }
-    std::ptrdiff_t at(int row, int column, int k = 0) const { return row * record + k * plane + in_plane(column); }
-    std::ptrdiff_t compensation() const { return RowPlanes::compensation * plane; }
-    template <class Visit>
-    void for_each_run(bool compensated, Visit visit) const {
-        for (int r = 0; r < rows; ++r) {
-            visit(r * record, 6 * plane);
-            if (compensated) visit(r * record + compensation(), 6 * plane);
-        }
+          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {}
+    std::ptrdiff_t row_size() const { return vectors * stride; }
+    std::ptrdiff_t at(int row, int column, int k = 0) const {
+        return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
     }
+    std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
+    // Where a point stands among values of which there is one a point.
+    std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
+    std::ptrdiff_t width() const { return vectors * lanes; }
 };
 
 template <class Real>
@@ -45,14 +43,12 @@ private:
     struct Band;
 
     void build_coefficients();
-    EdgeArguments<Real> arguments(Band& band, double dt);
     void form_bands(int team);
-    void run_band(int index, std::int64_t steps, const Clock& clock);
-    Real* row_planes(int row, int first_plane) {
-        return memory_.data() + row * layout_.record + first_plane * layout_.plane;
-    }
+    void run_band(Band& band, std::int64_t steps, const Clock& clock);
+    EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);
 
-    EdgeRowsKernel<Real> rows_kernel_;
+    EdgeStageKernel<Real> stage_kernel_;
+    EdgeWavesKernel<Real> waves_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
     AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;

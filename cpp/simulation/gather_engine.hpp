@@ -15,10 +15,6 @@ struct PaddedLayout {
           plane(origin + cloth.rows * stride + group_size) {}
     std::ptrdiff_t at(int row, int column, int k = 0) const { return origin + row * stride + column + k * plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
-    template <class Visit>
-    void for_each_run(bool compensated, Visit visit) const {
-        visit(0, (compensated ? 12 : 6) * plane);
-    }
 };
 
 template <class Real>

@@ -29,18 +29,16 @@ public:
     std::int64_t first_bad_point(double speed_limit) const final {
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
-        const auto good = [&](int row, int column, int k) {  // no NaN is <= anything
-            return std::abs(memory_[layout_.at(row, column, k)]) <= (k < 3 ? largest : limit);
-        };
-        for (int r = 0; r < rows(); ++r) {
+        if (limit == largest) {  // the usual case, fast: all of memory, padding is finite; no NaN is <= anything
             int bad = 0;
-            for (int k = 0; k < 6; ++k)
-                for (int c = 0; c < columns(); ++c) bad |= !good(r, c, k);
-            if (!bad) continue;
+            for (const Real value : memory_) bad |= !(std::abs(value) <= largest);
+            if (!bad) return -1;
+        }
+        for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
                 for (int k = 0; k < 6; ++k)
-                    if (!good(r, c, k)) return std::int64_t(r) * columns() + c;
-        }
+                    if (!(std::abs(memory_[layout_.at(r, c, k)]) <= (k < 3 ? largest : limit)))
+                        return std::int64_t(r) * columns() + c;
         return -1;
     }
 
@@ -55,19 +53,8 @@ public:
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
     }
 
-    void save_checkpoint() final {
-        checkpoint_.clear();
-        layout_.for_each_run(compensated, [&](std::ptrdiff_t begin, std::ptrdiff_t length) {
-            checkpoint_.insert(checkpoint_.end(), memory_.begin() + begin, memory_.begin() + begin + length);
-        });
-    }
-    void restore_checkpoint() final {
-        auto next = checkpoint_.begin();
-        layout_.for_each_run(compensated, [&](std::ptrdiff_t begin, std::ptrdiff_t length) {
-            std::copy(next, next + length, memory_.begin() + begin);
-            next += length;
-        });
-    }
+    void save_checkpoint() final { checkpoint_ = memory_; }
+    void restore_checkpoint() final { memory_ = checkpoint_; }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;

@@ -59,7 +59,8 @@ def bench(
     >>> {figure["work"] for figure in report["figures"]} == {"2 x 2", "2 x 2, a step a call"}
     True
     """
-    from . import machine, numba_peer, report, sections as parts, targets
+    from . import machine, numba_peer, report, targets
+    from . import sections as parts
     from .figures import Figures
 
     unknown = set(sections) - set(SECTIONS)

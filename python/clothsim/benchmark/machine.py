@@ -86,5 +86,8 @@ def as_plain(measured: dict[str, Any]) -> dict[str, Any]:
     if not measured:
         return {}
     names = ("instruction_set", "precision", "threads")
-    rows = [dict(zip(names, key), flops_per_second=rate) for key, rate in measured["peak"].items()]
+    rows = [
+        dict(zip(names, key, strict=True), flops_per_second=rate)
+        for key, rate in measured["peak"].items()
+    ]
     return {**measured, "peak": rows}

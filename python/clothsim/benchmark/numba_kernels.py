@@ -1,4 +1,4 @@
-"""Two numba kernels: what a good user writes in an afternoon, and what a strong one writes in a week.
+"""Two numba kernels: what a good user writes in an afternoon, and a strong one in a week.
 
 Imported only where numba is installed (extra "bench"). Both take uniform mass and no spheres.
 """
@@ -90,13 +90,14 @@ def gather_steps(steps, x, v, work, offsets, spring, gravity, inverse_mass, free
 
 
 # ---- A week's: a plane per component with a border of points that no spring reaches, twelve
-# neighbours unrolled in one branch-free loop, Nystroem's form of RK4 (x' = x + h v + h^2/6 (a1 + a2 + a3),
-# v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)), fastmath. What makes LLVM vectorise it: the shape is a
-# constant of the compiled code, so that all of an array is one range for its check against
-# overlap, and indices are unsigned, so that none needs to be asked whether it is negative.
-# State (6, rows + 4, columns + 4), flat; `spring` (6 kinds, 3): stiffness, stiffness x rest length and
-# damping per mass; `column` (4, columns), flat: 1 where there is a point 1 right, 1 left, 2 right,
-# 2 left, else 0.
+# neighbours unrolled in one branch-free loop, RK4 in Nystroem's form
+# (x' = x + h v + h^2/6 (a1 + a2 + a3), v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)), fastmath.
+# What makes LLVM vectorise it: the shape is a constant of the compiled code, so that all of an
+# array is one range for the check against overlap, and indices are unsigned, so that none needs to
+# be asked whether it is negative.
+# State (6, rows + 4, columns + 4), flat; `spring` (6 kinds, 3): stiffness, stiffness x rest
+# length and damping per mass; `column` (4, columns), flat: 1 where there is a point 1 right,
+# 1 left, 2 right, 2 left, else 0.
 
 BORDER = 2
 

@@ -134,7 +134,7 @@ class NumbaStrided:
 
 
 def _strided_springs(scene: Scene, dtype: type) -> np.ndarray:
-    """Stiffness, stiffness x rest length and damping per mass of the six kinds; 0 for one not there."""
+    """Stiffness, stiffness x rest length and damping per mass of the six kinds; 0 if left out."""
     mass = scene.cloth.mass_per_point[0, 0]
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
     every = [offset for offsets in OFFSETS.values() for offset in offsets]

@@ -1,4 +1,4 @@
-"""The same cloth in vectorised NumPy, as one writes it without a compiler: slices, in-place sums."""
+"""The same cloth in vectorised NumPy, as one writes it without a compiler: slices, sums."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _ends(r: int, c: int):
 
 
 class NumpyPeer:
-    """A scene without spheres and with uniform mass; RK4 on (x, v) in `dtype`, one array a component."""
+    """A scene without spheres, of uniform mass; RK4 on (x, v), each (3, rows, columns)."""
 
     def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type) -> None:
         self.x = np.ascontiguousarray(np.moveaxis(x, -1, 0), dtype)

@@ -59,8 +59,9 @@ def _grids(report: dict[str, Any]) -> Any:
         panel.set_xscale("log", base=2)
         panel.yaxis.set_major_formatter("{x:g}")
         panel.yaxis.set_minor_formatter(NullFormatter())
-        panel.legend(fontsize="x-small", ncols=2)
     panels[0].set_ylabel("ns per mass point and step")
+    lines = panels[0].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=4, fontsize="small")
     return figure
 
 
@@ -89,8 +90,8 @@ def _bars(panel: Any, labels: list[str], groups: dict[str, list[float]]) -> None
     height = 0.8 / len(groups)
     for k, (name, values) in enumerate(groups.items()):
         at = [i + (k - (len(groups) - 1) / 2) * height for i in range(len(labels))]
-        bars = panel.barh(at, values, height, label=name, color=_COLORS.get(name.split(",")[0], "0.4"),
-                          alpha=1.0 if k % 2 == 0 else 0.55)  # fmt: skip
+        look = {"color": _COLORS.get(name.split(",")[0], "0.4"), "alpha": 0.55 if k % 2 else 1.0}
+        bars = panel.barh(at, values, height, label=name, **look)
         panel.bar_label(bars, fmt="%.1f", fontsize="x-small", padding=2)
     panel.set_yticks(range(len(labels)), labels)
     panel.invert_yaxis()

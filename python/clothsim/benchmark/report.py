@@ -17,7 +17,7 @@ as many compensations."""
 
 
 def efficiency(measured: Measured) -> list[dict[str, Any]]:
-    """Flops, share of the peak, least traffic and what bounds each kernel, 5,826 springs, one thread."""
+    """Flops, share of the peak, least traffic and bound of each kernel: 5,826 springs, 1 thread."""
     rows = []
     for by in measured.kernels:
         for precision in ("single", "double"):

@@ -128,7 +128,7 @@ def _numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) 
 
 
 def steps(bench: Bench) -> None:
-    """The paper's cloth: kernels, precisions, threads, instruction sets; and what others make of it."""
+    """The paper's cloth by every kernel, precision, thread count, instruction set, and peer."""
     candidates = []
     for bend in (False, True):
         for sphere in (False, True):

@@ -49,7 +49,7 @@ def falling(bend: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def paper(bend: bool, sphere: bool) -> Start:
-    """The paper's cloth in free fall; with `sphere`, that of its section 6 is there, untouched yet."""
+    """The paper's cloth in free fall; with `sphere`, its section 6's is there, not yet touched."""
     scene = cs.scenes.paper_static(bend=bend) if sphere else cs.scenes.paper_swing(bend=bend)
     name = ("static" if sphere else "swing") + ("+bend" if bend else "")
     return Start(name, scene, *falling(bend), STATE_TIME)

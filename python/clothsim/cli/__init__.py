@@ -15,9 +15,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import info, reproduce, run
+from . import bench, info, reproduce, run
 
-SUBCOMMANDS = (info, run, reproduce)
+SUBCOMMANDS = (info, run, reproduce, bench)
 
 
 class _Parser(argparse.ArgumentParser):

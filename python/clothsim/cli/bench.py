@@ -1,4 +1,4 @@
-"""`clothsim bench`: measure speed on this machine beside its limits, other codes and the targets."""
+"""`clothsim bench`: measure speed beside the machine's limits, other codes and the targets."""
 
 from __future__ import annotations
 

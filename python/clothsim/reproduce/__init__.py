@@ -164,7 +164,8 @@ def _performance(number, settings, threads, progress, folder):
             entry = performance.speedup(settings, threads=threads, advance=advance)
         entry["title"] = "Method 2: the SIMD core against one scalar thread"
         entry["setting"] = (
-            f"{settings.speedup_steps} steps of {dt:g} s a run from the same state in contact, "
+            f"{settings.speedup_steps} steps of {dt:g} s a run, fewer where they take more than "
+            f"{settings.speedup_seconds:g} s, from the same state in contact, "
             f"{settings.runs} runs, the steppers in turn. The scalar reference walks the springs "
             f"one by one, compiled with -O3. A frame is {frame} steps of {PAPER_DT:g} s. The GPU "
             "side of Figure 10 belongs to the compute shader and is not run here."

@@ -242,7 +242,7 @@ def _speedup(entry: dict) -> list[str]:
         why = (
             "1,024 mass points are little work to share"
             if gain > 1
-            else "another process kept a processor busy, and each stage waits for the last thread"
+            else "what a busy processor does, as each step waits for the last thread"
         )
         lines.append(f"{most} threads are {number(gain)} times as fast as one: {why}.")
     best = max(row["speedup"] for row in core if row["precision"] == "double")

@@ -32,6 +32,8 @@ class Settings:
         Frames that one measurement of experiment 3 averages over.
     speedup_steps : int
         Steps in one measurement of experiment 4.
+    speedup_seconds : float
+        Wall time after which such a measurement ends early [s].
     picture_width : int
         Pixels along a picture.
     """
@@ -47,6 +49,7 @@ class Settings:
     windows: int = 4
     window_frames: int = 200
     speedup_steps: int = 20_000
+    speedup_seconds: float = 5.0
     picture_width: int = 520
 
     def steps_per_frame(self, dt: float) -> int:
@@ -62,7 +65,13 @@ class Settings:
 
 FULL = Settings()
 QUICK = Settings(
-    static_dt=2e-5, moving_dt=5e-5, timing_dt=5e-5, runs=3, speedup_steps=1_000, picture_width=400
+    static_dt=2e-5,
+    moving_dt=5e-5,
+    timing_dt=5e-5,
+    runs=3,
+    speedup_steps=1_000,
+    speedup_seconds=1.0,
+    picture_width=400,
 )
 
 
@@ -84,6 +93,7 @@ def reductions(settings: Settings) -> list[str]:
         ("windows", "windows a run in experiment 3"),
         ("window_frames", "frames a window in experiment 3"),
         ("speedup_steps", "steps a run in experiment 4"),
+        ("speedup_seconds", "seconds after which a run of experiment 4 ends early"),
     ):
         if getattr(settings, name) < getattr(FULL, name):
             lines.append(f"{what}: {getattr(settings, name)} instead of {getattr(FULL, name)}")
