@@ -53,12 +53,12 @@ void store(SharedSimulation& shared, Array<T>& x, Array<T>& v) {
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(px + i * size, pv + i * size);
 }
 
-py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
+py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
     Outcome outcome;
     {
         py::gil_scoped_release release;
-        outcome = simulation->advance(steps, dt, threads, signal_pending);
+        outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
     if (outcome.interrupted) throw py::error_already_set();
     py::dict result;

@@ -21,18 +21,16 @@
 #include "simulation/edge_engine.hpp"
 
 #include <omp.h>
-#include <sched.h>
-
-#include <map>
 
 namespace clothsim {
 namespace {
 
 constexpr int fewest_rows_per_band = 8;
-constexpr int spins_before_yield = 500;
+// A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
+constexpr int spins_before_sleep = 500;
 
-// Rows between two stages that follow each other. Two are needed; more give a neighbour time to answer.
-constexpr int rows_between_stages = 3;
+// Rows between two stages that follow each other: a row needs the two after it.
+constexpr int rows_between_stages = 2;
 
 // A band whose state and work fit into this many bytes is swept stage by stage.
 constexpr std::ptrdiff_t bytes_kept_in_cache = 768 * 1024;
@@ -67,10 +65,12 @@ struct Mailbox {
     }
     Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
     void wait(std::int64_t stage) const {
-        for (int spins = 0; newest.load(std::memory_order_acquire) < stage; ++spins) {
+        for (int spins = 0; spins < spins_before_sleep; ++spins) {
+            if (newest.load(std::memory_order_acquire) >= stage) return;
             relax();
-            if (spins > spins_before_yield) sched_yield();
         }
+        for (auto seen = newest.load(std::memory_order_acquire); seen < stage; seen = newest.load(std::memory_order_acquire))
+            newest.wait(seen, std::memory_order_acquire);
     }
     // Of a row only the state is copied; `stride` is that of the rows the stage will look at.
     void put(std::int64_t stage, const Real* border, const Real* second, std::ptrdiff_t stride) {
@@ -79,6 +79,7 @@ struct Mailbox {
             std::copy_n(second + k * stride, 6 * lanes, row(stage, 1) + k * stride);
         }
         newest.store(stage, std::memory_order_release);
+        newest.notify_one();
     }
 };
 
@@ -219,9 +220,9 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, Stage stage, double 
 }
 
 template <class Real>
-void EdgeEngine<Real>::form_bands(int team) {
-    if (int(bands_.size()) == team) return;
-    bands_.clear();
+auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
+    auto& bands = bands_[team];
+    if (!bands.empty()) return bands;
     const std::ptrdiff_t work_row = layout_.vectors * WorkRecord::count * layout_.lanes;
     for (int t = 0; t < team; ++t) {
         auto band = std::make_unique<Band>();
@@ -246,15 +247,16 @@ void EdgeEngine<Real>::form_bands(int team) {
                                   inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
                                   row_has_fixed_[std::size_t(r)] != 0});
         }
-        bands_.push_back(std::move(band));
+        bands.push_back(std::move(band));
     }
     for (int t = 0; t < team; ++t) {
-        Band& band = *bands_[std::size_t(t)];
-        Band* const above = t > 0 ? bands_[std::size_t(t - 1)].get() : nullptr;
-        Band* const below = t + 1 < team ? bands_[std::size_t(t + 1)].get() : nullptr;
+        Band& band = *bands[std::size_t(t)];
+        Band* const above = t > 0 ? bands[std::size_t(t - 1)].get() : nullptr;
+        Band* const below = t + 1 < team ? bands[std::size_t(t + 1)].get() : nullptr;
         band.near = band.upwards ? below : above;
         band.far = band.upwards ? above : below;
     }
+    return bands;
 }
 
 template <class Real>
@@ -327,8 +329,7 @@ template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / fewest_rows_per_band);
     if (team <= 1) {
-        form_bands(1);
-        run_band(*bands_[0], steps, clock);
+        run_band(*bands(1)[0], steps, clock);
         return;
     }
 #pragma omp parallel num_threads(team)
@@ -336,25 +337,24 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
         // As many bands as threads were really given: a band without a thread would be waited for.
 #pragma omp single
         {
-            form_bands(omp_get_num_threads());
-            for (auto& band : bands_) {
+            auto& all = bands(omp_get_num_threads());
+            for (auto& band : all) {
                 band->from_near.newest.store(-1, std::memory_order_relaxed);
                 band->from_far.newest.store(-1, std::memory_order_relaxed);
             }
-            for (auto& band : bands_) {
+            for (auto& band : all) {
                 const int n = band->size();
                 if (band->near) band->hand(band->near->from_near, 0, Stage::fourth, 0, 1);
                 if (band->far) band->hand(band->far->from_far, 0, Stage::fourth, n - 1, n - 2);
             }
         }
-        run_band(*bands_[std::size_t(omp_get_thread_num())], steps, clock);
+        run_band(*bands(omp_get_num_threads())[std::size_t(omp_get_thread_num())], steps, clock);
     }
 }
 
 template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
-    form_bands(1);
-    Band& band = *bands_[0];
+    Band& band = *bands(1)[0];
     const EdgeArguments<Real> e = arguments(band, Stage::evaluate, 0);
     std::fill_n(e.received, 6 * layout_.width(), Real(0));
     for (int r = 0; r < rows(); ++r) {

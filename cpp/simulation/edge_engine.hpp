@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <map>
 #include <memory>
 
 #include "simulation/state_engine.hpp"
@@ -43,7 +44,7 @@ private:
     struct Band;
 
     void build_coefficients();
-    void form_bands(int team);
+    std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_band(Band& band, std::int64_t steps, const Clock& clock);
     EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);
 
@@ -52,7 +53,7 @@ private:
     EdgeHaloKernel<Real> halo_kernel_;
     AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
-    std::vector<std::unique_ptr<Band>> bands_;
+    std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
 };
 
 }  // namespace clothsim

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <utility>
 
 namespace clothsim {
 namespace {
@@ -13,11 +14,28 @@ using std::chrono::steady_clock;
 constexpr std::int64_t most_steps_unchecked = 64;
 constexpr double seconds_between_polls = 0.01;
 
+// How often the alternative of a team choice is tried again, at the price of one chunk each time.
+constexpr double seconds_between_trials = 0.5;
+constexpr double disaster = 3;  // times what the alternative cost
+
 double seconds_since(steady_clock::time_point start) {
     return std::chrono::duration<double>(steady_clock::now() - start).count();
 }
 
 }  // namespace
+
+void TeamChoice::observe(double seconds_per_step, double seconds) {
+    const double other = cost_[!use_team_];
+    since_change_ += seconds;
+    // The first chunk after a change wakes threads and fills caches; only a disaster counts.
+    if (std::exchange(just_changed_, false) && (other == 0 || seconds_per_step < disaster * other)) return;
+    cost_[use_team_] = seconds_per_step;
+    if (other == 0 || seconds_per_step > other || since_change_ > seconds_between_trials) {
+        use_team_ = !use_team_;
+        just_changed_ = true;
+        since_change_ = 0;
+    }
+}
 
 Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(plans) {
     members_.reserve(plans.size());
@@ -65,16 +83,17 @@ Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int thread
     return {0, 0, steps, clock.now()};  // not reached: the same steps give the same bits
 }
 
-Outcome Simulation::advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted) {
+Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
+                            const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
-    std::int64_t chunk = 1;
     auto last_poll = steady_clock::now();
     while (outcome.steps < steps) {
-        const std::int64_t n = std::min(chunk, steps - outcome.steps);
+        const std::int64_t n = std::min(chunk_, steps - outcome.steps);
+        const int team = optional && !choice_.team() ? 1 : threads;
         for (auto& member : members_) member->save_checkpoint();
         const auto start = steady_clock::now();
-        advance_members(n, threads);
+        advance_members(n, team);
         if (first_bad_member() >= 0) {
             outcome.unstable = rewind_to_last_good(n, threads);
             outcome.unstable->step += outcome.steps;
@@ -83,8 +102,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, const st
         }
         clock.steps += n;
         outcome.steps += n;
-        const double per_step = seconds_since(start) / double(n);
-        chunk = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
+        const double seconds = seconds_since(start);
+        const double per_step = seconds / double(n);
+        if (optional && threads > 1) choice_.observe(per_step, seconds);
+        chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
                            most_steps_unchecked);
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {

@@ -20,6 +20,20 @@ struct Outcome {
     std::optional<Unstable> unstable;  // state: the last good one, one step before
 };
 
+// Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
+// either way, so a machine whose processors are taken by others costs time, not a result.
+class TeamChoice {
+public:
+    bool team() const { return use_team_; }
+    void observe(double seconds_per_step, double seconds);
+
+private:
+    double cost_[2] = {0, 0};  // last seconds per step of one thread and of the team; 0: not seen yet
+    double since_change_ = 0;  // seconds
+    bool use_team_ = true;
+    bool just_changed_ = true;
+};
+
 class Simulation {
 public:
     explicit Simulation(const std::vector<Plan>& plans, double time);
@@ -30,8 +44,10 @@ public:
 
     Clock clock;
 
+    // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
     // `interrupted` is asked about every 10 ms, between steps.
-    Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
+    Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
+                    const std::function<bool()>& interrupted);
 
 private:
     void advance_members(std::int64_t steps, int threads);
@@ -39,6 +55,8 @@ private:
     std::int64_t first_bad_member() const;
     Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
 
+    TeamChoice choice_;
+    std::int64_t chunk_ = 1;  // steps between two looks at the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step

@@ -132,6 +132,7 @@ class State:
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
+        self.threads_optional = threads is None
         self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
         plans = [core_plan(s, precision, kernel, strict) for s in scenes]
         self.kernel = choose_kernel(kernel, strict)
@@ -145,7 +146,7 @@ class State:
         """Advance all members; see `Stepper.advance`."""
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
-        outcome = self.core.advance(steps, dt, self.threads)
+        outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if "point" in outcome:
             self._raise_unstable(outcome, dt)
 

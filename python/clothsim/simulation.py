@@ -249,7 +249,7 @@ def _frame_times(duration: float, dt: float, every: int | float | None) -> list[
     """Times of the frames: 0, each multiple of `every` before the end, and the end."""
     if every is None:
         return [0.0, duration]
-    if isinstance(every, float):
+    if isinstance(every, (float, np.floating)):
         between = check.number("every", every, minimum=0, exclusive=True)
     else:
         between = check.integer("every", every, minimum=1) * dt

@@ -53,7 +53,8 @@ def step(
         Arithmetic. "single" computes in float32 and keeps what rounding takes from x and v in a
         second float32 each (compensated summation), without which small steps stall.
     threads : int, optional
-        Threads used, 1 to 256. Default: by size. The result has the same bits for any number.
+        Threads used, 1 to 256. Default: by size, and by what steps are seen to cost: one thread
+        wherever that is faster. The result has the same bits for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"

@@ -105,7 +105,7 @@ def _cells(experiment: dict, folder: Path) -> list[str]:
 def _image(folder: Path, name: str, caption: str) -> str:
     data = b64encode((folder / name).read_bytes()).decode("ascii")
     below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    alt = escape(caption or "Method 2 through the paper's frames", quote=True)
+    alt = escape(caption or "Cloth and sphere in the experiments below", quote=True)
     return f'<img src="data:image/png;base64,{data}" alt="{alt}">{below}'
 
 

@@ -17,7 +17,7 @@ from .tables import number
 FRONT = (1.0, 0.6, 1.3)
 BACK = (-0.6, 0.9, 0.7)
 BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
-STAGE = (-1.1, -1.1, -0.2), (1.1, 0.2, 1.2)  # m; what a cloth that is thrown about leaves is cut
+STAGE = (-0.7, -1.1, -0.1), (1.1, 0.2, 1.1)  # m; what a cloth that is thrown about leaves is cut
 OVERVIEW_HEIGHT = 420  # pixels
 # (which of the experiment's frames, method, variant)
 OVERVIEW = {
