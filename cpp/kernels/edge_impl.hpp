@@ -162,7 +162,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
 
         const auto take_right = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
             within = within - force;
-            hand_next = hand_next + force;
+            hand_next = features.bend ? hand_next + force : force;
         };
         const auto take_right_2 = [&](auto, const Vector3<V>& force) __attribute__((always_inline)) {
             within = within - force;
@@ -222,13 +222,16 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         }
 
         if constexpr (own) {
-            const Vector3<V> behind = (straight + straight_2) + own_pair;
+            // What is not there is not added either: a compiler may not leave out + 0.
+            Vector3<V> behind = bend_down ? straight + straight_2 : straight;
+            if constexpr (shear) behind = behind + own_pair;
             store3(e.force + vector, W, within + (load3<V>(e.received + vector, W) - behind));
         }
         if constexpr (has_below) {
             Vector3<V> handed = straight;
             if constexpr (features.bend) handed = handed + load3<V>(e.received_2 + vector, W);
-            store3(e.received + vector, W, handed + handed_pair);
+            if constexpr (shear) handed = handed + handed_pair;
+            store3(e.received + vector, W, handed);
         }
         if constexpr (bend_down) store3(e.received_2 + vector, W, straight_2);
         to_next = hand_next;
