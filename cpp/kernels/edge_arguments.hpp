@@ -44,15 +44,12 @@ struct EdgeRowPointers {
 
 // One stage over a band of rows.
 template <class Real>
-struct EdgeArguments {
+struct EdgeArguments : StepConstants<Real> {
     int vectors;  // per row, at least 2
     Stage stage;
     const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
     const Real* coefficients;               // [class][EdgeKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
-    Real gravity[3];
-    Real half_h, h, h2_6, h_6;
-    Real point_damping;
     // Scratch, three vectors a vector of mass points each: what the next row and the row after it have received so far (one pair for
     // each stage), and the force on the current row.
     Real* received;

@@ -18,6 +18,14 @@ namespace clothsim {
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
 enum class Stage : int { first, second, third, fourth, evaluate };
 
+// What every point of a cloth shares in a step, in either kernel.
+template <class Real>
+struct StepConstants {
+    Real gravity[3];
+    Real half_h, h, h2_6, h_6;
+    Real point_damping;  // divided by mass where it is uniform; 0: none
+};
+
 // One value per column (padded like a row), so that a neighbour that does not exist has coefficient 0
 // and costs no test. Scaled by 1/mass where the mass is uniform.
 template <class Real>
@@ -28,15 +36,12 @@ struct SpringCoefficients {
 };
 
 template <class Real>
-struct GatherArguments {
+struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
     int rows, columns;
     Stage stage;
     SpringCoefficients<Real> spring[neighbour_count];
-    Real gravity[3];
-    Real half_h, h, h2_6, h_6;
-    Real point_damping;           // divided by mass where it is uniform; 0: none
     const Real* inverse_mass;     // null: uniform
     const Real* free;             // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;

@@ -199,17 +199,12 @@ void EdgeEngine<Real>::build_coefficients() {
 template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, Stage stage, double dt) {
     EdgeArguments<Real> e{};
+    static_cast<StepConstants<Real>&>(e) = this->step_constants(dt);
     e.vectors = layout_.vectors;
     e.stage = stage;
     e.rows = band.rows.data();
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
-    for (int k = 0; k < 3; ++k) e.gravity[k] = Real(plan_.gravity[k]);
-    e.half_h = Real(dt / 2);
-    e.h = Real(dt);
-    e.h2_6 = Real(dt * dt / 6);
-    e.h_6 = Real(dt / 6);
-    e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale());
     const std::ptrdiff_t three = 3 * layout_.width();
     e.force = band.scratch.data();
     e.received = e.force + three + (stage == Stage::evaluate ? 0 : int(stage)) * 2 * three;

@@ -58,18 +58,13 @@ void GatherEngine<Real>::build_coefficients() {
 template <class Real>
 GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     GatherArguments<Real> g{};
+    static_cast<StepConstants<Real>&>(g) = this->step_constants(dt);
     g.stride = layout_.stride;
     g.plane = layout_.plane;
     g.rows = rows();
     g.columns = columns();
     g.stage = stage;
     std::copy(std::begin(spring_), std::end(spring_), std::begin(g.spring));
-    for (int k = 0; k < 3; ++k) g.gravity[k] = Real(plan_.gravity[k]);
-    g.half_h = Real(dt / 2);
-    g.h = Real(dt);
-    g.h2_6 = Real(dt * dt / 6);
-    g.h_6 = Real(dt / 6);
-    g.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale());
     const std::ptrdiff_t origin = layout_.origin;
     g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
     g.free = free_.data() + origin;

@@ -67,6 +67,15 @@ protected:
     // 1 / mass where it is uniform and so folded into the coefficients.
     double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
 
+    StepConstants<Real> step_constants(double dt) const {
+        return {{Real(plan_.gravity[0]), Real(plan_.gravity[1]), Real(plan_.gravity[2])},
+                Real(dt / 2),
+                Real(dt),
+                Real(dt * dt / 6),
+                Real(dt / 6),
+                Real(plan_.cloth.point_damping * coefficient_scale())};
+    }
+
     double value(std::ptrdiff_t place) const {
         if constexpr (compensated) return double(memory_[place]) + double(memory_[place + layout_.compensation()]);
         else return memory_[place];
