@@ -53,6 +53,8 @@ private:
     EdgeHaloKernel<Real> halo_kernel_;
     AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
+    double force_scale_ = 1;  // what the forces the kernel sums are to be multiplied by
+    bool complete_ = false;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
 };
 
