@@ -109,7 +109,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     >>> import tempfile, clothsim as cs
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
-    >>> print(text.splitlines()[4])
+    >>> print(text.splitlines()[6])
     mass = 512.0  # kg in all, or per mass point
     """
     if not isinstance(scene, Scene):

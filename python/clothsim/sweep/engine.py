@@ -5,15 +5,17 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import _core
 from .. import _validate as check
 from .planning import Planner
 from .task import TaskResult, run_task
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
 
 _AHEAD = 2  # tasks a worker has waiting, so that none is idle while another is planned
 _WORKERS_UNKNOWN = 32  # of an executor that does not tell
@@ -23,6 +25,8 @@ class Workers:
     """Where tasks are done, and how many at a time."""
 
     def __init__(self, executor: Any, threads: int | None) -> None:
+        from concurrent.futures import Executor, ThreadPoolExecutor
+
         if threads is not None:
             threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
         self.threads = threads

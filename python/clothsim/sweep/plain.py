@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +21,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
         if value.size > _LARGEST_LISTED:
-            digits = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+            digits = _sha256(np.ascontiguousarray(value).tobytes())
             return {"shape": list(value.shape), "dtype": value.dtype.str, "sha256": digits}
         return value.tolist()
     if isinstance(value, np.generic):
@@ -38,8 +37,13 @@ def plain(value: Any) -> Any:
 
 def digest(value: Any) -> str:
     """A short text that is equal for equal values alone."""
-    text = json.dumps(plain(value), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return _sha256(json.dumps(plain(value), sort_keys=True).encode())
+
+
+def _sha256(data: bytes) -> str:
+    import hashlib  # loads OpenSSL, which `import clothsim` shall not wait for
+
+    return hashlib.sha256(data).hexdigest()
 
 
 def label(value: Any) -> str:

@@ -1,10 +1,11 @@
 """The solution that the metric "error" compares with.
 
 `solve` is the one place that makes it: RK4 in double with equal steps of at most 1/32 of the
-guaranteed stable time step, where truncation is below what rounding and the motion itself make of
-it (docs/sweeps.md has the figures). Its error is bounded by its distance from a second solution
-with twice the step: while truncation rules that is 15 times its own error (order 4), and where
-rounding rules it is the difference of two independent roundings.
+guaranteed stable time step, and again with twice the step; the two are extrapolated as befits order
+4, x = fine + (fine - coarse) / 15. The bound of its error is the distance of the two. While
+truncation rules, that is 15 times the error of the finer alone; where rounding rules, it is the
+difference of two independent roundings; and where a contact has made the motion chaotic, it is as
+large as the spread of the trajectories.
 
 It depends on the cloth alone, never on which other members a sweep has; members that differ in
 numerics share it, and each process keeps the last ones.
@@ -61,7 +62,8 @@ def solve(
         fine, coarse = (_end(scene, duration, n, threads, stopped) for n in (steps, steps // 2))
     except UnstableError:
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
-    return Reference(fine, float(np.linalg.norm(fine - coarse, axis=-1).max()))
+    difference = fine - coarse
+    return Reference(fine + difference / 15, float(np.linalg.norm(difference, axis=-1).max()))
 
 
 def _end(

@@ -64,6 +64,8 @@ class Store(Results):
         self.path = path
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
+        if path.exists() and not path.is_dir():
+            raise ValueError(f"store must be a folder, got the file {str(path)!r}")
         exists = path.exists() and any(path.iterdir())
         if exists:
             attrs = _check(self.zarr, path, identity, resume)

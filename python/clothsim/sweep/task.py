@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import socket
+import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def run_task(task: Task, stopped: Callable[[], bool] | None = None) -> TaskResul
         tuple(records),
         time.perf_counter() - start,
         task.weight,
-        socket.gethostname(),
+        platform.node(),
         str(build_config()["instruction_set"]),
         gave_up,
     )
@@ -113,7 +113,8 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
 def _diverged(record: Record, error: UnstableError, step: int, settings: Settings) -> Record:
     record.status = UNSTABLE
     record.unstable_step, record.unstable_time = step, error.time
-    record.message = str(error)
+    error.member = None  # its number in a batch says nothing to the reader of a sweep
+    record.message = error._message()
     if any(metric.name == "stable" for metric in settings.metrics):
         record.values["stable"] = False
     return record
