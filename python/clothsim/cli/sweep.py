@@ -18,7 +18,7 @@ from .run import ready_scenes, scene_of
 
 _SPEC = (
     "VALUES: numbers or names with commas between, and ranges first:last:log9 (nine values, equal "
-    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS, a vector X;Y;Z. One value "
+    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z. One value "
     "is a setting, several make a dimension of the result."
 )
 
@@ -175,6 +175,8 @@ def _value(name: str, item: str) -> Any:
     if name in _VECTORS:
         separator, kind = ("x", int) if name == "shape" else (";", float)
         try:
+            if name == "shape" and item.isdigit():
+                return (int(item), int(item))
             return tuple(kind(part) for part in item.split(separator))
         except ValueError:
             example = "32x32" if name == "shape" else "0;-9.8;0"

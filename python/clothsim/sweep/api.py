@@ -198,8 +198,10 @@ def _run(workers: Workers, results: Results, session: dict[str, Any], progress: 
     finally:
         session["wall_time"] = time.perf_counter() - start
         bar.close()
-        results.flush(final=True)
-        results.close()
+        try:
+            results.flush(final=True)
+        finally:
+            results.close()
 
 
 def _every(every: Any) -> int | float | None:

@@ -135,7 +135,7 @@ def _coordinates(
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]
     if any(not isinstance(v, str) for v in values) and (unit := units(name)):
         attrs["units"] = unit
-    result = [Coordinate(name, dimension, np.array(texts, np.dtypes.StringDType()), attrs)]
+    result = [Coordinate(name, dimension, np.array(texts), attrs)]
     if name == "shape" and labels is None:
         for part, side in enumerate(("rows", "columns")):
             result.append(Coordinate(side, dimension, np.array([v[part] for v in values]), {}))

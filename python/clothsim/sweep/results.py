@@ -13,8 +13,6 @@ from ..simulation import _frame_times
 from .grid import Coordinate, Grid
 from .member import FAILED, PENDING, STATUS, Record, Settings
 
-MESSAGE = np.dtypes.StringDType()
-
 
 @dataclass
 class Variable:
@@ -45,7 +43,7 @@ class Results:
         self._add("max_stable_dt", float, np.nan, _attrs("guaranteed stable time step", "s"))
         self._add("unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1"))
         self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
-        self._add("message", MESSAGE, "", {"long_name": "why a member did not come to its end"})
+        self._add("message", object, "", {"long_name": "why a member did not come to its end"})
         for metric in self.settings.metrics:
             for name, attrs in metric.variables.items():
                 dtype, fill = (np.bool_, False) if name == "stable" else (float, np.nan)
@@ -60,7 +58,7 @@ class Results:
             shape = (len(times), rows, columns, 3)
             self._add(name, float, np.nan, _attrs(f"{name} of the mass points", unit), dims, shape)
         self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
-        names = np.array(["x", "y", "z"], MESSAGE)
+        names = np.array(["x", "y", "z"])
         self.coordinates.append(Coordinate("component", "component", names, {}))
 
     def _largest_shape(self) -> tuple[int, int]:

@@ -87,7 +87,7 @@ class Store(Results):
             self.attrs, self.session = attrs, provenance
             self._write_attrs()
         except BaseException:
-            self.close()
+            self._release()
             raise
 
     def _allocate(
@@ -104,7 +104,7 @@ class Store(Results):
                 name,
                 shape=shape,
                 chunks=chunks,
-                dtype="str" if isinstance(dtype, np.dtypes.StringDType) else dtype,
+                dtype="str" if dtype is object else dtype,
                 fill_value=fill,
                 dimension_names=(*self.grid.dimensions, *more),
             )
@@ -130,7 +130,7 @@ class Store(Results):
         for coordinate in self.coordinates:
             if coordinate.name in self.group:
                 continue
-            text = coordinate.values.dtype.kind == "T"
+            text = coordinate.values.dtype.kind == "U"
             array = self.group.create_array(
                 coordinate.name,
                 shape=coordinate.values.shape,
@@ -138,7 +138,7 @@ class Store(Results):
                 dimension_names=(coordinate.dimension,),
                 attributes=coordinate.attrs,
             )
-            array[...] = coordinate.values
+            array[...] = coordinate.values.astype(object) if text else coordinate.values
 
     def _set(self, name: str, place: tuple[int, ...], value: Any) -> None:
         super()._set(name, place, value)
@@ -170,10 +170,15 @@ class Store(Results):
 
     def close(self) -> None:
         """Let the store go; its metadata in one place make it quick to open."""
-        if self._lock is not None:
+        try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # zarr calls consolidated metadata not yet standard
                 self.zarr.consolidate_metadata(self.path)
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
