@@ -67,7 +67,7 @@ def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, preci
         if k in diverged:
             with pytest.raises(cs.UnstableError) as caught:
                 cs.simulate(scene, 0.5, dt=3e-3, precision=precision)
-            assert outcome.error_step == caught.value.step
+            assert outcome.error.step == caught.value.step
             assert outcome.error.time == caught.value.time
             assert outcome.error.x.tobytes() == caught.value.x.tobytes()
         else:
@@ -76,12 +76,14 @@ def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, preci
             assert outcome.v[-1].tobytes() == alone.v[-1].tobytes()
 
 
-def test_a_member_that_diverges_is_marked():
+@pytest.mark.parametrize(("dt", "late"), [(2e-2, False), (9.5e-3, True)])
+def test_a_member_that_diverges_is_marked(dt, late):
     with pytest.warns(RuntimeWarning, match="'len'"):
-        result = sweep(SMALL, {"dt": [1e-3, 2e-2]}, duration=0.5,
+        result = sweep(SMALL, {"dt": [1e-3, dt]}, duration=2.0,
                        metrics=["stable", "energy_drift", "error", len])  # fmt: skip
     with pytest.raises(cs.UnstableError) as caught:
-        cs.simulate(SMALL, 0.5, dt=2e-2)
+        cs.simulate(SMALL, 2.0, dt=dt)
+    assert (caught.value.step > 100) == late  # later than the sweep's first call
     bad = result.isel(dt=1)
     assert int(bad.status) == 2 and not bad.stable
     assert int(bad.unstable_step) == caught.value.step

@@ -167,9 +167,10 @@ class _Batch:
         """Take the member that diverged out; all stand at the last good step."""
         assert error.member is not None
         outcome = self.live.pop(error.member).outcome
-        outcome.error, outcome.error_step = error, self.total + 1
         if self.live:
             self.stepper = without(self.stepper, error.member)
+        # As the member alone would have raised it: of a run, not of a call or a batch.
+        outcome.error = UnstableError(step=self.total + 1, **_values(error))
 
     def _store(self, t: float) -> None:
         if self.live:
@@ -191,6 +192,11 @@ def _pieces(begin: float, end: float, dt: float) -> list[tuple[int, float]]:
     rest = (end - begin) - whole * dt
     pieces = [(whole, dt)] if whole else []
     return pieces + ([(1, rest)] if rest > _NEGLIGIBLE * dt else [])
+
+
+def _values(error: UnstableError) -> dict[str, Any]:
+    names = ("time", "point", "dt", "max_stable_dt", "x", "v")
+    return {name: getattr(error, name) for name in names}
 
 
 def without(stepper: Stepper, member: int) -> Stepper:

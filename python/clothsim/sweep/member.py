@@ -107,7 +107,6 @@ class Outcome:
     steps: int = 0
     seconds: float = 0.0  # its share of the time in which its batch was stepped
     error: UnstableError | None = None
-    error_step: int = -1  # counted from the start of the run
     t: list[float] = field(default_factory=list)
     x: list[Floats] = field(default_factory=list)
     v: list[Floats] = field(default_factory=list)

@@ -96,7 +96,7 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
     member, error = outcome.member, outcome.error
     record = Record(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
-        return _diverged(record, error, outcome.error_step, settings)
+        return _diverged(record, error, settings)
     for metric in settings.metrics:
         try:
             record.values |= metric.compute(outcome)
@@ -110,11 +110,10 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
     return record
 
 
-def _diverged(record: Record, error: UnstableError, step: int, settings: Settings) -> Record:
+def _diverged(record: Record, error: UnstableError, settings: Settings) -> Record:
     record.status = UNSTABLE
-    record.unstable_step, record.unstable_time = step, error.time
-    error.member = None  # its number in a batch says nothing to the reader of a sweep
-    record.message = error._message()
+    record.unstable_step, record.unstable_time = error.step, error.time
+    record.message = str(error)
     if any(metric.name == "stable" for metric in settings.metrics):
         record.values["stable"] = False
     return record
