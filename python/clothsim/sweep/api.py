@@ -79,7 +79,7 @@ def sweep(
         the frames of `every`) and returns a number, an array, or a mapping of them; to leave this
         process it has to pickle. Default: "stable", "energy_drift" and "largest_stretch".
     dt : float, optional
-        Time step [s], where it is not swept. Default: as for `simulate`, of each member.
+        Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
     integrator, precision, kernel, strict
         As for `step`, where they are not swept.
     every : int or float, optional

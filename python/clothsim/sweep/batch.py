@@ -10,12 +10,12 @@ from typing import Any
 
 from .. import _core
 from ..errors import UnstableError
-from ..plan import core_cloth
 from ..measures import penetration
-from ..simulation import _NEGLIGIBLE, _frame_times
+from ..plan import core_cloth
 from ..stepping import Stepper
 from .contact import ContactWatch
 from .member import Floats, Member, Outcome
+from .timing import frame_times, pieces
 
 _SECONDS_BETWEEN_LOOKS = 0.1  # at whether the sweep is to stop
 _FIRST_STEPS = 64
@@ -106,7 +106,7 @@ class _Batch:
         self.live = list(self.all)
         self.stopped = stopped
         self.dt = first.dt
-        self.times = _frame_times(first.duration, first.dt, every)
+        self.times = frame_times(first.duration, first.dt, every)
         self.keep_frames = "frames" in needs
         self.watches = bool(needs & {"stretch", "penetration", "contact"})
         self.stride = max(1, math.ceil(first.duration / first.dt) // sampling)
@@ -119,7 +119,7 @@ class _Batch:
         self._store(0.0)
         self._look(self.dt)
         for begin, end in zip(self.times[:-1], self.times[1:], strict=True):
-            for steps, dt in _pieces(begin, end, self.dt):
+            for steps, dt in pieces(begin, end, self.dt):
                 for now in self._advance(steps, dt):
                     if now == steps or self.total % self.stride == 0:
                         self._look(dt)
@@ -184,14 +184,6 @@ class _Batch:
             for k, watched in enumerate(self.live):
                 watched.look(t, x[k], v[k], dt, self.since_look)
         self.since_look = 0
-
-
-def _pieces(begin: float, end: float, dt: float) -> list[tuple[int, float]]:
-    """Steps from `begin` to `end` as `simulate` takes them: whole ones, then the rest."""
-    whole = math.floor((end - begin) / dt + _NEGLIGIBLE)
-    rest = (end - begin) - whole * dt
-    pieces = [(whole, dt)] if whole else []
-    return pieces + ([(1, rest)] if rest > _NEGLIGIBLE * dt else [])
 
 
 def _values(error: UnstableError) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,10 +16,12 @@ from ..errors import UnstableError
 from ..measures import energy, max_stable_dt, penetration
 from ..plan import check_options
 from ..scene import Scene
-from ..simulation import _SAFETY, Run
+from ..simulation import Run
 from .fields import change_scene, split
 
 Floats = npt.NDArray[np.float64]
+
+_SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -75,7 +78,9 @@ class Member:
         limit = float(max_stable_dt(scene, numerics["integrator"]))
         dt = run.get("dt", settings.dt)
         if dt is None:
-            dt = min(_SAFETY * limit, duration)
+            # A method without a limit of its own takes what follows the motion as well.
+            follows = limit if math.isfinite(limit) else float(max_stable_dt(scene))
+            dt = min(_SAFETY * follows, duration)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         return cls(index, scene, duration, dt, limit, **numerics)
 

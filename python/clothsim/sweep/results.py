@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..scene import Scene
-from ..simulation import _frame_times
 from .grid import Coordinate, Grid
 from .member import FAILED, PENDING, STATUS, Record, Settings
+from .timing import frame_times
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Results:
 
     def _open_frames(self) -> None:
         settings = self.settings
-        times = np.array(_frame_times(settings.duration, settings.dt or np.inf, settings.every))
+        times = np.array(frame_times(settings.duration, settings.dt or np.inf, settings.every))
         rows, columns = self._largest_shape()
         dims = ("time", "row", "column", "component")
         for name, unit in (("position", "m"), ("velocity", "m/s")):

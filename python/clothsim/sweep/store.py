@@ -62,6 +62,7 @@ class Store(Results):
     ) -> None:
         self.zarr = needed("zarr", "store=...")
         self.path = path
+        self._arrays: dict[str, Any] = {}  # looking one up in the group reads a file
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
         if path.exists() and not path.is_dir():
@@ -108,13 +109,14 @@ class Store(Results):
                 fill_value=fill,
                 dimension_names=(*self.grid.dimensions, *more),
             )
+        self._arrays[name] = array
         if "time" in more:
             return array  # frames stay on disk
         return np.asarray(array[...], dtype=dtype).reshape(shape)
 
     def _add(self, name: str, *args: Any, **kwargs: Any) -> None:
         super()._add(name, *args, **kwargs)
-        array = self.group[name]
+        array = self._arrays[name]
         if dict(array.attrs) != self.variables[name].attrs:
             array.attrs.update(self.variables[name].attrs)
 
@@ -123,6 +125,7 @@ class Store(Results):
         known = {*self.variables, *(c.name for c in self.coordinates)}
         for name, array in self.group.arrays():
             if name not in known:
+                self._arrays[name] = array
                 more = array.metadata.dimension_names[len(self.grid.shape) :]
                 self.variables[name] = Variable(name, array[...], dict(array.attrs), tuple(more))
 
@@ -142,7 +145,7 @@ class Store(Results):
 
     def _set(self, name: str, place: tuple[int, ...], value: Any) -> None:
         super()._set(name, place, value)
-        chunks = self.group[name].chunks[: len(place)]
+        chunks = self._arrays[name].chunks[: len(place)]
         self._touched.setdefault(name, set()).add(
             tuple(p // c for p, c in zip(place, chunks, strict=True))
         )
@@ -153,7 +156,7 @@ class Store(Results):
             return
         order = sorted(self._touched, key=lambda name: name == "status")
         for name in order:
-            array, values = self.group[name], self.variables[name].values
+            array, values = self._arrays[name], self.variables[name].values
             for chunk in self._touched[name]:
                 sizes = array.chunks[: len(chunk)]
                 part = tuple(slice(k * n, (k + 1) * n) for k, n in zip(chunk, sizes, strict=True))
