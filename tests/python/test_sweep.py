@@ -345,6 +345,8 @@ def test_durations_may_differ():
         ({"every": 0}, ValueError, "every"),
         ({"sampling": 0}, ValueError, "sampling"),
         ({"threads": 0}, ValueError, "threads"),
+        ({"task_seconds": 0.1}, ValueError, "task_seconds"),
+        ({"progress": 1}, TypeError, "progress"),
         ({"executor": 4}, TypeError, "executor"),
         ({"frames": True, "over": {"duration": [1.0]}}, ValueError, "frames"),
         ({"frames": True, "every": 3, "over": {"dt": [1e-3]}}, ValueError, "every"),
@@ -352,9 +354,9 @@ def test_durations_may_differ():
     ],
 )
 def test_what_is_refused(arguments, error, message, tmp_path):
-    given = {"duration": 0.01, **arguments}
+    given = {"duration": 0.01, "progress": False, **arguments}
     with pytest.raises(error, match=message):
-        sweep(SMALL, **given)
+        cs.sweep(SMALL, **given)
 
 
 def test_what_no_member_can_be_is_found_in_a_large_grid():

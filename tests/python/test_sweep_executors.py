@@ -1,8 +1,10 @@
 """Where a sweep is done: pools of threads and processes, and a Dask cluster that loses a worker."""
 
+import itertools
 import multiprocessing
 import os
 import signal
+import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
@@ -14,7 +16,7 @@ from clothsim.sweep.grid import make_grid
 from clothsim.sweep.member import Settings
 from clothsim.sweep.metrics import choose_metrics
 from clothsim.sweep.planning import Planner
-from clothsim.sweep.task import TaskResult
+from clothsim.sweep.task import Task, TaskResult, run_task
 
 pytest.importorskip("xarray")
 
@@ -142,6 +144,39 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
         sweep(threads=2)
     (pending,) = gathered
     assert sorted([*pending, *recorded]) == list(range(24)) and 0 < len(pending) < 24
+
+
+def test_what_runs_at_an_interrupt_is_kept(small_tasks, recorded, monkeypatch):
+    run_task, begun, go = engine.run_task, threading.Event(), threading.Event()
+    calls, started = itertools.count(), []
+
+    def gated(task, stopped=None):
+        started.extend(index for index, _ in task.members)
+        if next(calls) == 0:
+            assert begun.wait(20)
+        else:
+            begun.set()
+            assert go.wait(20)
+        return run_task(task)
+
+    def interrupting(self, result):
+        go.set()  # the other task, under way, ends after the interrupt
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine, "run_task", gated)
+    monkeypatch.setattr(Planner, "learn", interrupting)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(threads=2)
+    assert sorted(recorded) == sorted(started) and 8 <= len(started) < 24
+
+
+def test_a_task_that_is_stopped_hands_over_what_it_has():
+    settings = Settings(0.05, None, "rk4", "double", "auto", False, None, False, 32, ())
+    members = tuple((k, {"dt": dt}) for k, dt in enumerate((1e-3, 5e-4, 2e-4)))
+    asked = itertools.count()
+    result = run_task(Task(SCENE, settings, members), lambda: next(asked) >= 1)
+    assert result.stopped and [record.index for record in result.records] == [0]
+    assert len(run_task(Task(SCENE, settings, members)).records) == 3
 
 
 def test_a_batch_stops_within_a_step_or_two_of_the_clock():

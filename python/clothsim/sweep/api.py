@@ -19,7 +19,7 @@ from .grid import Grid, make_grid
 from .member import Member, Settings
 from .metrics import choose_metrics, describe
 from .plain import plain
-from .planning import Planner
+from .planning import SHORTEST, Planner
 from .progress import Bar
 from .results import Results
 from .store import SCHEMA, Store
@@ -49,6 +49,7 @@ def sweep(
     kernel: str = "auto",
     strict: bool = False,
     sampling: int = 32,
+    task_seconds: float | None = None,
 ) -> Any:
     """Run a scene once for every combination of values, and label what comes out.
 
@@ -101,6 +102,9 @@ def sweep(
     sampling : int, default 32
         "largest_stretch" and "penetration" are taken over at least so many states, evenly spaced
         over the steps, the first and the last among them.
+    task_seconds : float, optional
+        Length of a task [s], >= 0.3, where there is work enough. Default: 1.0. Longer ones spare the
+        scheduler of a large cluster; what a task has done is lost if its worker dies.
 
     Returns
     -------
@@ -148,8 +152,11 @@ def sweep(
         sampling=check.integer("sampling", sampling, minimum=1),
         metrics=choose_metrics(metrics),
     )
+    progress = check.boolean("progress", progress)
     _check_frames(grid, settings)
     _check_members(scene, grid, settings)
+    if task_seconds is not None:
+        task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
     workers = Workers(executor, threads)
     try:
         identity = _identity(scene, grid, settings)
@@ -160,7 +167,7 @@ def sweep(
         else:
             where = Path(store)
             results = Store(where, grid, settings, scene, identity, session, resume)
-        _run(workers, results, session, check.boolean("progress", progress))
+        _run(workers, results, session, progress, task_seconds)
     finally:
         workers.close()
     _warn_of_failures(results)
@@ -169,11 +176,17 @@ def sweep(
     return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": [session]})
 
 
-def _run(workers: Workers, results: Results, session: dict[str, Any], progress: bool) -> None:
+def _run(
+    workers: Workers,
+    results: Results,
+    session: dict[str, Any],
+    progress: bool,
+    task_seconds: float | None,
+) -> None:
     start = time.perf_counter()
     pending = results.pending
     grid, settings = results.grid, results.settings
-    planner = Planner(results.scene, grid, settings, pending, workers.count)
+    planner = Planner(results.scene, grid, settings, pending, workers.count, task_seconds)
     planner.threads = workers.threads_of(planner.expected_tasks)
     weights = planner.weights
     bar = Bar(progress, grid.size, grid.size - len(pending), float(weights[pending].sum()))

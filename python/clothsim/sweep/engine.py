@@ -94,8 +94,8 @@ def run_all(
             future = finished.get()
             waiting.discard(future)
             result = future.result()
-            planner.learn(result)
             record(result)
+            planner.learn(result)
 
 
 def _fill(

@@ -18,7 +18,7 @@ from .reference import reference_steps
 from .task import Task, TaskResult
 
 SHORTEST = 0.3  # s that a task should take: 0.2, and a margin for what is estimated
-LONGEST = 1.0  # s: results are written as tasks end
+LONGEST = 1.0  # s, unless `sweep` is told otherwise: results are written as tasks end
 _TASKS_PER_WORKER = 8  # where there is work enough, so that no worker waits long for the last
 _STEPS_TIMED = 16
 _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
@@ -38,6 +38,7 @@ class Planner:
         settings: Settings,
         pending: np.ndarray,
         workers: int,
+        longest: float | None = None,
     ) -> None:
         self.scene, self.grid, self.settings = scene, grid, settings
         self.threads: int | None = 1
@@ -54,7 +55,8 @@ class Planner:
         self.whole_physics = self.references and len(np.unique(physics)) >= 2 * workers
         self.seconds_per_weight = self._try_out() if len(pending) else 1.0
         total = self.seconds_per_weight * float(self.weights[pending].sum())
-        self.target = min(LONGEST, max(SHORTEST, total / (_TASKS_PER_WORKER * workers)))
+        longest = LONGEST if longest is None else longest
+        self.target = min(longest, max(SHORTEST, total / (_TASKS_PER_WORKER * workers)))
         self.expected_tasks = max(1, int(total / self.target))
 
     def _steps(self, limit: float) -> np.ndarray:

@@ -71,7 +71,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
         height = 0.97 - 0.03 * crosses[diverged]
         ax.plot(dt[diverged], height, "x", ms=5, color=color, transform=ax.get_xaxis_transform())
         crosses += diverged
-    _slope(ax, dt, dataset["error"].values)
+    _slope(ax, dt, dataset["error"].transpose(..., "dt").values)
     ax.set_xlabel(_title(dataset["dt"]))
     ax.set_ylabel("largest error at the end [m]")
     if along is not None:
@@ -83,8 +83,9 @@ def _slope(ax: Any, dt: np.ndarray, error: np.ndarray) -> None:
     good = np.isfinite(error) & (error > 0)
     if good.any() and len(dt) > 1:
         low, high = ax.get_ylim()
-        top = np.nanmax(error[good])
-        ax.plot(dt, top * (dt / dt.max()) ** 4, ":", color="0.5", label="order 4", zorder=1)
+        # Through the middle of the points, which neither rounding nor a runaway moves.
+        scale = np.median((error / dt**4)[good])
+        ax.plot(dt, scale * dt**4, ":", color="0.5", label="order 4", zorder=1)
         ax.set_ylim(low, high)
 
 
@@ -124,7 +125,7 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     _scale(ax, "x", dataset[y])
     _scale(ax, "y", dataset["dt"])
     ax.set_ylim(edges[1].min(), edges[1].max())
-    ax.legend(fontsize="small")
+    ax.legend(fontsize="small", loc="lower left")
     return ax
 
 

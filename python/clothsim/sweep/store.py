@@ -60,13 +60,13 @@ class Store(Results):
         provenance: dict[str, Any],
         resume: bool,
     ) -> None:
+        if path.exists() and not path.is_dir():
+            raise ValueError(f"store must be a folder, got the file {str(path)!r}")
         self.zarr = needed("zarr", "store=...")
         self.path = path
         self._arrays: dict[str, Any] = {}  # looking one up in the group reads a file
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
-        if path.exists() and not path.is_dir():
-            raise ValueError(f"store must be a folder, got the file {str(path)!r}")
         exists = path.exists() and any(path.iterdir())
         if exists:
             attrs = _check(self.zarr, path, identity, resume)
