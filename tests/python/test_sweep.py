@@ -46,7 +46,9 @@ def test_members_have_the_bits_of_simulate(crumpled):
                 for kernel in over["kernel"]:
                     alone = cs.simulate(changed, 0.1, dt=dt, every=0.033, precision=precision,
                                         kernel=kernel, threads=1)  # fmt: skip
-                    mine = result.isel(damping_shear=k).sel(precision=precision, dt=dt, kernel=kernel)
+                    mine = result.isel(damping_shear=k).sel(
+                        precision=precision, dt=dt, kernel=kernel
+                    )
                     assert mine.position.values.tobytes() == alone.x.tobytes()
                     assert mine.velocity.values.tobytes() == alone.v.tobytes()
                     assert np.array_equal(result.time, alone.t)
@@ -122,7 +124,11 @@ def test_energy_stretch_and_penetration_are_those_of_the_run():
 
 def test_sampling_looks_at_so_many_states():
     fine, coarse = (
-        float(sweep(BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n).largest_stretch)
+        float(
+            sweep(
+                BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n
+            ).largest_stretch
+        )
         for n in (400, 4)
     )
     run = cs.simulate(BALL, 0.4, dt=1e-3, every=100)
@@ -159,7 +165,9 @@ def test_error_is_the_distance_from_the_solution(solution):
         distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
         mine = result.sel(dt=dt)
         assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
-        assert float(mine.error_rms) == pytest.approx(np.sqrt((distance**2).mean()), rel=1e-4, abs=0)
+        assert float(mine.error_rms) == pytest.approx(
+            np.sqrt((distance**2).mean()), rel=1e-4, abs=0
+        )
     orders = np.log2(result.error.values[:-1] / result.error.values[1:])
     assert orders == pytest.approx([4, 4], abs=0.25)
 
@@ -188,7 +196,9 @@ def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
     assert sorted(solved) == [100.0, 200.0]
     # and what a member gets does not depend on which others there are
     alone = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
-    assert float(alone.error) == float(shared.error.sel(stiffness=200.0, dt=2e-3, precision="double"))
+    assert float(alone.error) == float(
+        shared.error.sel(stiffness=200.0, dt=2e-3, precision="double")
+    )
 
 
 @pytest.mark.parametrize("response", ["ray", "reflect"])
@@ -203,7 +213,9 @@ def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precisi
     found = sweep(scene, duration=0.5, dt=dt, metrics="first_contact", precision=precision)
     with_ball = cs.simulate(scene, 0.5, dt=dt, every=1, precision=precision)
     without = cs.simulate(contact._without_contact(scene), 0.5, dt=dt, every=1, precision=precision)
-    changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(axis=(1, 2, 3))
+    changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(
+        axis=(1, 2, 3)
+    )
     first = with_ball.t[changed.argmax()]
     assert 0.05 < first < 0.45
     assert float(found.first_contact) == pytest.approx(first, rel=1e-12, abs=0)
@@ -246,7 +258,9 @@ def test_a_function_that_fails_harms_its_member_alone():
         return 1.0
 
     with pytest.warns(RuntimeWarning, match="1 of 3 members failed.*no such luck"):
-        result = sweep(SMALL, {"mass": [1.0, 2.0, 3.0]}, duration=0.1, dt=1e-3, metrics=[half, "stable"])
+        result = sweep(
+            SMALL, {"mass": [1.0, 2.0, 3.0]}, duration=0.1, dt=1e-3, metrics=[half, "stable"]
+        )
     assert result.status.values.tolist() == [1, 3, 1]
     assert np.isnan(result.half[1]) and result.half[2] == 1.0
 
@@ -261,7 +275,8 @@ def test_coordinates_carry_their_units():
     assert result.dt.attrs["units"] == "s" and result.largest_stretch.attrs["units"] == "1"
     assert result.sel(stiffness=2e3, dt=1e-3).stable
     assert set(result.data_vars) == {"status", "max_stable_dt", "unstable_step", "unstable_time",
-                                     "message", "stable", "energy_drift", "largest_stretch"}  # fmt: skip
+                                     "message", "stable", "energy_drift",
+                                     "largest_stretch"}  # fmt: skip
 
 
 def test_shapes_of_many_sizes_with_frames():
@@ -272,7 +287,9 @@ def test_shapes_of_many_sizes_with_frames():
     assert result.rows.values.tolist() == [4, 6] and result.columns.values.tolist() == [5, 3]
     assert result.position.shape == (2, 2, 6, 5, 3)
     for name, (rows, columns) in zip(("4x5", "6x3"), shapes, strict=True):
-        run = cs.simulate(scene.replace(cloth=scene.cloth.replace(shape=(rows, columns))), 0.05, dt=1e-3)
+        run = cs.simulate(
+            scene.replace(cloth=scene.cloth.replace(shape=(rows, columns))), 0.05, dt=1e-3
+        )
         frames = result.position.sel(shape=name).values
         assert frames[:, :rows, :columns].tobytes() == run.x.tobytes()
         assert np.isfinite(frames).sum() == run.x.size
@@ -325,7 +342,11 @@ def test_durations_may_differ():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"over": {"stiffness": [1.0, -5.0]}}, ValueError, "member stiffness=-5.0.*stiffness must be"),
+        (
+            {"over": {"stiffness": [1.0, -5.0]}},
+            ValueError,
+            "member stiffness=-5.0.*stiffness must be",
+        ),
         ({"over": {"dt": [0.0]}}, ValueError, "dt must be"),
         ({"over": {"precision": ["half"]}}, ValueError, "precision must be one of"),
         ({"over": {"integrator": ["rk5"]}}, ValueError, "integrator must be one of"),

@@ -49,7 +49,9 @@ def test_values(name, text, values):
     if isinstance(values, np.ndarray):
         assert parsed == pytest.approx(values, rel=1e-11, abs=0)
     else:
-        assert parsed == values and list(map(type, parsed)) == list(map(type, parse_values(name, text)))
+        assert parsed == values and list(map(type, parsed)) == list(
+            map(type, parse_values(name, text))
+        )
 
 
 @pytest.mark.parametrize("text", ["1:2", "1:2:3", "0:2:log4", "1:2:log1", "1:b:lin3", "1:2:geo4"])
@@ -63,7 +65,8 @@ def test_ranges_that_are_none(text):
 
 def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     store, picture = tmp_path / "s.zarr", tmp_path / "s.png"
-    command = ("sweep", scene, "--stiffness", "1e3:1e5:log3", "--dt", "1e-3,1e-2", "--duration", "0.3",
+    command = ("sweep", scene, "--stiffness", "1e3:1e5:log3", "--dt", "1e-3,1e-2",
+               "--duration", "0.3",
                "--metric", "error,stable", "--store", store, "--resume", "--plot")  # fmt: skip
     code, out, err = run(capsys, *command)
     assert (code, err) == (0, "")
@@ -92,7 +95,11 @@ def test_json_and_single_values(capsys):
     assert (code, err) == (0, "")
     data = json.loads(out)
     assert data["variables"]["largest_stretch"]["dims"] == ["mass"]
-    assert data["coordinates"]["mass"] == {"dims": ["mass"], "values": [100.0, 200.0], "units": "kg"}
+    assert data["coordinates"]["mass"] == {
+        "dims": ["mass"],
+        "values": [100.0, 200.0],
+        "units": "kg",
+    }
     settings = data["provenance"]["identity"]
     assert settings["settings"]["dt"] == 1e-3 and settings["settings"]["precision"] == "single"
     assert settings["scene"]["cloth"]["stiffness"]["shear"] == 5.0
@@ -100,7 +107,8 @@ def test_json_and_single_values(capsys):
 
 def test_zip_and_set(capsys):
     code, out, err = run(
-        capsys, "sweep", "paper_static", "--mass", "100,200", "--dt", "1e-3,2e-3", "--zip", "mass,dt",
+        capsys, "sweep", "paper_static", "--mass", "100,200", "--dt", "1e-3,2e-3",
+        "--zip", "mass,dt",
         "--set", "sphere0_radius=0.1,0.2,0.3", "--duration", "0.01", "--metric", "stable", "--json",
     )  # fmt: skip
     assert (code, err) == (0, "")
@@ -140,7 +148,12 @@ def test_run_takes_a_scene_file_too(capsys, scene):
 def test_the_bar_tells_members_rate_and_time_left(capfd):
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = capfd.readouterr().err.split("\r")[-1]
-    assert "100%" in last and "2/2 members, 1 unstable, " in last and "/s [" in last and "<00:00]" in last
+    assert (
+        "100%" in last
+        and "2/2 members, 1 unstable, " in last
+        and "/s [" in last
+        and "<00:00]" in last
+    )
 
 
 # Pictures
@@ -164,12 +177,17 @@ def test_the_convergence_fan(swept):
     lines = {line.get_label(): line for line in axes.get_lines()}
     for stiffness in swept.stiffness.values:
         line = lines[f"{stiffness:.4g}"]
-        assert np.array_equal(line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True)
+        assert np.array_equal(
+            line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True
+        )
         assert np.array_equal(line.get_xdata(), swept.dt)
     slope = np.diff(np.log(lines["order 4"].get_ydata())) / np.diff(np.log(swept.dt.values))
     assert slope == pytest.approx([4, 4, 4], rel=1e-9)
     assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert axes.get_xlabel() == "dt [s]" and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    assert (
+        axes.get_xlabel() == "dt [s]"
+        and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    )
     crosses = sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == "x")
     assert crosses == int((swept.status == 2).sum()) > 0
 
@@ -186,7 +204,9 @@ def test_the_stability_map(swept):
 def test_heat_maps(swept):
     axes = swept.clothsim.plot.heatmap("largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
-    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
+    assert np.array_equal(
+        np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True
+    )
     line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     assert plots.suggested(swept.drop_vars("error")) == "stability"
@@ -194,7 +214,8 @@ def test_heat_maps(swept):
 
 
 def test_labels_on_an_axis():
-    result = cs.sweep(cs.scenes.paper_swing(), {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]},
+    over = {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]}
+    result = cs.sweep(cs.scenes.paper_swing(), over,
                       duration=0.01, dt=1e-4, progress=False)  # fmt: skip
     axes = result.clothsim.plot.heatmap("energy_drift")
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["4x4", "4x8", "8x8"]
@@ -220,13 +241,16 @@ def test_pictures_that_cannot_be(swept, draw, message):
 
 def test_plot_draws_a_store(capsys, scene, tmp_path):
     store = tmp_path / "s.zarr"
-    cs.sweep(cs.load_scene(scene), {"stiffness": [1e3, 1e4], "dt": [1e-3, 2e-2], "mass": [1.0, 2.0]},
+    over = {"stiffness": [1e3, 1e4], "dt": [1e-3, 2e-2], "mass": [1.0, 2.0]}
+    cs.sweep(cs.load_scene(scene), over,
              duration=0.1, metrics=["error"], store=store, progress=False)  # fmt: skip
     code, _, err = run(capsys, "plot", store)
     assert code == 2 and "room for one dimension" in err
     for options in (["--kind", "stability"], ["--metric", "error_rms"], []):
         picture = tmp_path / "p.png"
-        code, out, err = run(capsys, "plot", store, "--select", "mass=1.1", "--out", picture, *options)
+        code, out, err = run(
+            capsys, "plot", store, "--select", "mass=1.1", "--out", picture, *options
+        )
         assert (code, err) == (0, "") and picture.read_bytes().startswith(b"\x89PNG")
         picture.unlink()
     for wrong, message in (

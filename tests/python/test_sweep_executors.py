@@ -21,7 +21,11 @@ from clothsim.sweep.task import Task, TaskResult, run_task
 pytest.importorskip("xarray")
 
 SCENE = cs.scenes.hanging(shape=(6, 7))
-OVER = {"stiffness": np.geomspace(5e2, 5e3, 6), "dt": [1e-3, 3e-2], "precision": ["double", "single"]}
+OVER = {
+    "stiffness": np.geomspace(5e2, 5e3, 6),
+    "dt": [1e-3, 3e-2],
+    "precision": ["double", "single"],
+}
 METRICS = ["stable", "energy_drift", "error", "penetration"]
 
 
@@ -57,7 +61,9 @@ def recorded(monkeypatch):
 def check(result, expected, recorded):
     assert sorted(recorded) == list(range(24)), "nothing lost, nothing twice"
     for name in expected.data_vars:
-        assert np.array_equal(result[name], expected[name], equal_nan=expected[name].dtype.kind == "f")
+        assert np.array_equal(
+            result[name], expected[name], equal_nan=expected[name].dtype.kind == "f"
+        )
 
 
 def test_threads_of_this_process(expected, small_tasks, recorded):
@@ -222,7 +228,9 @@ def test_tasks_take_at_least_a_fifth_of_a_second(over, metrics):
     made = planner(over, metrics, each)
     tasks = list(made.tasks())
     assert len(tasks) > 1
-    assert sorted(index for task in tasks for index, _ in task.members) == list(range(made.grid.size))
+    assert sorted(index for task in tasks for index, _ in task.members) == list(
+        range(made.grid.size)
+    )
     seconds = [sum(cost(made, task)) * each for task in tasks]
     assert min(seconds) > 0.2 and [task.weight * each for task in tasks] == pytest.approx(seconds)
 

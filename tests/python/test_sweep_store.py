@@ -111,7 +111,9 @@ def test_what_is_missing_is_done_and_nothing_twice(tmp_path, counted, monkeypatc
 
 
 @pytest.mark.parametrize("killed_at", [0, 1, 7, 20, 32, *range(33, 45, 2)])
-def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, monkeypatch, killed_at):
+def test_a_store_that_is_killed_between_two_writes_is_whole(
+    tmp_path, counted, monkeypatch, killed_at
+):
     """The writes to the disk, file by file, end at any of them, as with a power cut."""
     from zarr.storage import _local
 
@@ -148,8 +150,8 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, m
 
 
 COMMAND = [sys.executable, "-m", "clothsim", "sweep", "paper_swing", "--stiffness", "1e4:4e4:log12",
-           "--dt", "1e-4,2e-3", "--duration", "0.6", "--metric", "stable,energy_drift", "--threads", "1",
-           "--store"]  # fmt: skip
+           "--dt", "1e-4,2e-3", "--duration", "0.6", "--metric", "stable,energy_drift",
+           "--threads", "1", "--store"]  # fmt: skip
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -186,7 +188,10 @@ def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
 @pytest.mark.parametrize(
     ("change", "names"),
     [
-        ({"scene": SCENE.replace(gravity=(0, -1.62, 0))}, ["scene.gravity[1]", "-9.80665", "-1.62"]),
+        (
+            {"scene": SCENE.replace(gravity=(0, -1.62, 0))},
+            ["scene.gravity[1]", "-9.80665", "-1.62"],
+        ),
         ({"over": {**OVER, "dt": [1e-3, 3e-2]}}, ["over[1].values.dt[1]", "0.02", "0.03"]),
         ({"over": {**OVER, "dt": [1e-3]}}, ["over[1].values.dt"]),
         ({"over": {"dt": OVER["dt"]}}, ["over"]),
@@ -210,7 +215,9 @@ def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):
 def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
     sweep(tmp_path / "s.zarr")
     monkeypatch.setattr(api, "build_config", lambda: {"version": "99.0"})
-    with pytest.raises(ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'):
+    with pytest.raises(
+        ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'
+    ):
         sweep(tmp_path / "s.zarr")
     monkeypatch.setattr(store, "SCHEMA", 2)
     with pytest.raises(ValueError, match="schema 1, the version read here is 2"):

@@ -49,5 +49,7 @@ def _select(dataset: Any, entry: str) -> Any:
     if dataset[name].dtype.kind in "iuf":
         return dataset.sel({name: float(text)}, method="nearest")
     if text not in dataset[name].values:
-        raise ValueError(f"--select {name} must be one of {list(dataset[name].values)}, got {text!r}")
+        raise ValueError(
+            f"--select {name} must be one of {list(dataset[name].values)}, got {text!r}"
+        )
     return dataset.sel({name: text})

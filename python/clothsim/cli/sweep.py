@@ -6,7 +6,6 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +13,35 @@ import clothsim as cs
 from clothsim.sweep import METRICS, fields
 
 from ._common import add_command, as_json, count
+from ._sweep_summary import as_data, summary
 from .run import ready_scenes, scene_of
 
 _SPEC = (
     "VALUES: numbers or names with commas between, and ranges first:last:log9 (nine values, equal "
-    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z. One value "
-    "is a setting, several make a dimension of the result."
+    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z. One "
+    "value is a setting, several make a dimension of the result."
 )
 
 # What an option cannot say.
-_NOT_OPTIONS = ("scene", "position", "velocity", "pins", "sphere_motion", "sphere_times", "sphere_centers")
+_NOT_OPTIONS = (
+    "scene",
+    "position",
+    "velocity",
+    "pins",
+    "sphere_motion",
+    "sphere_times",
+    "sphere_centers",
+)
 _VECTORS = ("shape", "size", "gravity", "sphere_center", "sphere_velocity", "sphere_direction")
 _BOOLEANS = ("strict", "sphere_literal")
 
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(
-        subparsers, "sweep", run, "Run a scene for every combination of values, and label the results."
+        subparsers,
+        "sweep",
+        run,
+        "Run a scene for every combination of values, and label the results.",
     )
     command.allow_abbrev = False
     command.add_argument(
@@ -59,8 +70,8 @@ def add_parser(subparsers: Any) -> None:
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work"
     )
     command.add_argument(
-        "--plot", nargs="?", const="", metavar="FILE", help="draw the result (default: sweep.png, or "
-        "beside the store)",
+        "--plot", nargs="?", const="", metavar="FILE",
+        help="draw the result (default: sweep.png, or beside the store)",
     )  # fmt: skip
     group = command.add_argument_group("what can be swept", _SPEC)
     for name in fields.NAMES:
@@ -118,7 +129,7 @@ def run(args: argparse.Namespace) -> None:
         if args.store:
             print(f"\n{_so_far(args.store)}", file=sys.stderr)
         raise
-    print(as_json(_as_data(dataset)) if args.json else summary(dataset))
+    print(as_json(as_data(dataset)) if args.json else summary(dataset))
     if picture is not None:
         save_plot(dataset, picture)
         if not args.json:
@@ -238,86 +249,6 @@ def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: An
 
 def _so_far(store: str) -> str:
     status = cs.open_sweep(store)["status"].values
-    return f"{int((status > 0).sum())} of {status.size} members are in {store}; --resume does the rest"
-
-
-_OWN = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
-
-
-def summary(dataset: Any) -> str:
-    """What became of the members, and each metric: a table of one or two dimensions, else a range."""
-    status = dataset["status"].values
-    session = dataset.clothsim.provenance["sessions"][-1]
-    counts = ", ".join(
-        f"{int((status == code).sum())} {name}"
-        for code, name in enumerate(("pending", "done", "unstable", "failed"))
-        if (status == code).any()
+    return (
+        f"{int((status > 0).sum())} of {status.size} members are in {store}; --resume does the rest"
     )
-    work = "nothing was missing"
-    if session["tasks"]:
-        each = session["task_seconds"] / session["tasks"]
-        work = f"{session['wall_time']:.1f} s, tasks: {session['tasks']} of {each:.2f} s"
-    lines = [f"{status.size} members ({counts}); {work}"]
-    for name, variable in dataset.data_vars.items():
-        if name not in _OWN and variable.dims == dataset["status"].dims:
-            lines += ["", *_table(dataset, str(name))]
-    return "\n".join(lines)
-
-
-def _table(dataset: Any, name: str) -> list[str]:
-    variable = dataset[name]
-    unit = variable.attrs.get("units", "1")
-    title = name + (f" [{unit}]" if unit != "1" else "")
-    companion = name not in METRICS and any(name in m.variables for m in METRICS.values())
-    if companion or variable.ndim not in (1, 2) or max(variable.shape) > 24 or min(variable.shape) > 8:
-        values = variable.values[dataset["status"].values == 1]
-        if not values.size:
-            return [f"{title}: no member came to its end"]
-        return [f"{title}: {values.min():.4g} to {values.max():.4g}"]
-    if variable.ndim == 2 and variable.shape[1] > variable.shape[0]:
-        variable = variable.transpose()
-    status = dataset["status"].transpose(*variable.dims).values
-    rows, *columns = variable.dims
-    head = [[rows, *(f"{columns[0]} {_text(v)}" for v in variable[columns[0]].values)]] if columns else [
-        [rows, title]
-    ]
-    body = [
-        [_text(at), *(_cell(v, s) for v, s in zip(_row(values), _row(states), strict=True))]
-        for at, values, states in zip(variable[rows].values, variable.values, status, strict=True)
-    ]
-    widths = [max(map(len, column)) for column in zip(*head, *body, strict=True)]
-    table = [
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in [*head, *body]
-    ]
-    return [title, *table]
-
-
-def _row(values: Any) -> Sequence[Any]:
-    return values if getattr(values, "ndim", 0) else [values]
-
-
-def _cell(value: Any, status: int) -> str:
-    if status != 1 and str(value) != "False":
-        return ("pending", "", "unstable", "failed")[status]
-    return str(value) if str(value) in ("True", "False") else f"{value:.4g}"
-
-
-def _text(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _as_data(dataset: Any) -> dict[str, Any]:
-    coordinates = {
-        str(name): {"dims": list(c.dims), "values": c.values, "units": c.attrs.get("units")}
-        for name, c in dataset.coords.items()
-    }
-    variables = {
-        str(name): {"dims": list(v.dims), "values": v.values, "units": v.attrs.get("units")}
-        for name, v in dataset.data_vars.items()
-    }
-    return {
-        "coordinates": coordinates,
-        "variables": variables,
-        "provenance": dataset.clothsim.provenance,
-    }

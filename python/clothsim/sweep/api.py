@@ -103,8 +103,8 @@ def sweep(
         "largest_stretch" and "penetration" are taken over at least so many states, evenly spaced
         over the steps, the first and the last among them.
     task_seconds : float, optional
-        Length of a task [s], >= 0.3, where there is work enough. Default: 1.0. Longer ones spare the
-        scheduler of a large cluster; what a task has done is lost if its worker dies.
+        Length of a task [s], >= 0.3, where there is work enough. Default: 1.0. Longer ones spare
+        the scheduler of a large cluster; what a task has done is lost if its worker dies.
 
     Returns
     -------
@@ -112,8 +112,8 @@ def sweep(
         Dimensions are what is swept, with coordinates that carry their units. Beside the metrics:
         "status" (0 pending, 1 done, 2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step",
         "unstable_time" [s] and "message". Of a member that diverged or failed, metrics are NaN
-        ("stable" False). ``ds.clothsim.provenance`` tells where the results come from. With a `store` it
-        is the store opened, values being read as they are used.
+        ("stable" False). ``ds.clothsim.provenance`` tells where the results come from. With a
+        `store` it is the store opened, values being read as they are used.
 
     Raises
     ------

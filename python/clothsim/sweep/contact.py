@@ -43,7 +43,9 @@ class ContactWatch:
             self._search(begin, x0, v0, dt, steps)
         self._start = (t, x, v)
 
-    def _near(self, begin: float, end: float, xs: tuple[Floats, ...], vs: tuple[Floats, ...]) -> bool:
+    def _near(
+        self, begin: float, end: float, xs: tuple[Floats, ...], vs: tuple[Floats, ...]
+    ) -> bool:
         duration = end - begin
         speed = max(float(np.sqrt((v**2).sum(axis=-1).max())) for v in vs)
         way = _MARGIN * duration * (speed + self._gravity * duration)
@@ -70,7 +72,9 @@ class ContactWatch:
                 )
             except UnstableError:
                 return True  # the run with spheres was through here
-            return any(a.tobytes() != b.tobytes() for a, b in zip(with_spheres, without, strict=True))
+            return any(
+                a.tobytes() != b.tobytes() for a, b in zip(with_spheres, without, strict=True)
+            )
 
         if not touched(steps):
             return

@@ -53,8 +53,8 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     --------
     >>> import tempfile, clothsim as cs
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     done = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 2.0]}, duration=0.1, dt=0.01,
-    ...                     metrics="stable", store=folder + "/s.zarr", progress=False)
+    ...     done = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 2.0]}, duration=0.1,
+    ...                     dt=0.01, metrics="stable", store=folder + "/s.zarr", progress=False)
     ...     again = cs.open_sweep(folder + "/s.zarr").load()
     >>> bool(again.stable.all())
     True

@@ -75,9 +75,7 @@ class Workers:
         self._close()
 
 
-def run_all(
-    workers: Workers, planner: Planner, record: Callable[[TaskResult], None]
-) -> None:
+def run_all(workers: Workers, planner: Planner, record: Callable[[TaskResult], None]) -> None:
     """Do all tasks; `record` is called, in this thread, with each result as it comes.
 
     When anything ends this early (Ctrl-C, a broken pool), tasks that wait are cancelled, and what

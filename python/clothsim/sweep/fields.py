@@ -43,7 +43,9 @@ _CLOTH = _arguments(Cloth)
 _SPHERE = _arguments(Sphere)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
-_FAMILY_PARTS = tuple(f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES)
+_FAMILY_PARTS = tuple(
+    f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES
+)
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION, "speed")
 
 NAMES = (

@@ -59,9 +59,7 @@ class Member:
     strict: bool
 
     @classmethod
-    def make(
-        cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings
-    ) -> Member:
+    def make(cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings) -> Member:
         """The member with these swept values; errors are those of their arguments."""
         of_scene, run = split(values)
         scene = change_scene(base, of_scene)

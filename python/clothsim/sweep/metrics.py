@@ -41,9 +41,7 @@ def _error(outcome: Outcome) -> dict[str, float]:
 
 
 def _energy_drift(outcome: Outcome) -> dict[str, float]:
-    start, end = (
-        energy(outcome.scene, outcome.x[k], outcome.v[k])["total"] for k in (0, -1)
-    )
+    start, end = (energy(outcome.scene, outcome.x[k], outcome.v[k])["total"] for k in (0, -1))
     return {"energy_drift": float(end - start)}
 
 
@@ -57,7 +55,9 @@ _ALL = (
         _error,
         {
             "error": _attrs("largest distance of a mass point from the reference at the end", "m"),
-            "error_rms": _attrs("rms distance of the mass points from the reference at the end", "m"),
+            "error_rms": _attrs(
+                "rms distance of the mass points from the reference at the end", "m"
+            ),
             "reference_error": _attrs("bound of the reference's own error", "m"),
         },
         ("reference",),
@@ -171,7 +171,9 @@ def check_function_name(name: Any, function: Any) -> str:
             f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}"
         )
     if name in taken:
-        raise ValueError(f"metrics: a function must not be named {name!r}, a metric of that name is")
+        raise ValueError(
+            f"metrics: a function must not be named {name!r}, a metric of that name is"
+        )
     return name
 
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from .._record import Record
 
-_LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
+_LARGEST_LISTED = (
+    64  # entries of an array that are written out; a larger one is known by its digest
+)
 
 
 def plain(value: Any) -> Any:

@@ -58,7 +58,11 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     dataset = dataset.squeeze([d for d in dataset.dims if d not in ("dt", along)]).sortby("dt")
     ax = _axes(ax)
     dt = dataset["dt"].values
-    lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
+    lines = (
+        [dataset]
+        if along is None
+        else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
+    )
     colors = _pyplot().colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
     crosses = np.zeros(len(dt))  # per dt; they are put below each other
     for line, color in zip(lines, colors, strict=True):
@@ -164,8 +168,8 @@ def heatmap(
         raise ValueError("heatmap needs a dimension that is longer than one, this sweep has none")
     if free:
         raise ValueError(
-            f"a heat map has two dimensions, this sweep has {free} besides: select a value of each, "
-            f"as in ds.isel({free[0]}=0)"
+            f"a heat map has two dimensions, this sweep has {free} besides: select a value of "
+            f"each, as in ds.isel({free[0]}=0)"
         )
     data = dataset.squeeze([d for d in dataset.dims if d not in (x, y)])
     ax = _axes(ax)
@@ -208,9 +212,13 @@ def _long(dataset: Any) -> list[str]:
 
 def _require(dataset: Any, variable: str, dimension: str) -> None:
     if variable not in dataset:
-        raise ValueError(f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}")
+        raise ValueError(
+            f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}"
+        )
     if dimension not in dataset.dims:
-        raise ValueError(f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}")
+        raise ValueError(
+            f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}"
+        )
 
 
 def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:

@@ -41,7 +41,9 @@ class Results:
     def _open_variables(self) -> None:
         self._add("status", np.int8, PENDING, _status_attrs())
         self._add("max_stable_dt", float, np.nan, _attrs("guaranteed stable time step", "s"))
-        self._add("unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1"))
+        self._add(
+            "unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1")
+        )
         self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
         self._add("message", object, "", {"long_name": "why a member did not come to its end"})
         for metric in self.settings.metrics:

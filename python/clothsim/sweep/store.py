@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from ..scene import Scene
 from .extras import needed
 from .grid import Grid
 from .member import PENDING, Settings
 from .plain import differences
 from .results import Results, Variable
-from ..scene import Scene
 
 SCHEMA = 1
 """Version of the layout of a store."""
@@ -217,7 +217,8 @@ def read_attrs(path: Path) -> dict[str, Any]:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
     if attrs.get("schema") != SCHEMA:
         raise ValueError(
-            f"store {str(path)!r} has schema {attrs.get('schema')}, the version read here is {SCHEMA}"
+            f"store {str(path)!r} has schema {attrs.get('schema')}, "
+            f"the version read here is {SCHEMA}"
         )
     return dict(attrs)
 

@@ -115,8 +115,8 @@ def plan(members: int = 5_000) -> dict[str, float]:
     Returns
     -------
     dict
-        Processor seconds per member of this process (planning, recording, writing), bytes per member in the
-        store, and seconds per task of a Dask scheduler (NaN without Dask).
+        Processor seconds per member of this process (planning, recording, writing), bytes per
+        member in the store, and seconds per task of a Dask scheduler (NaN without Dask).
     """
     from ..scenes import oscillator
 
@@ -139,9 +139,12 @@ def _dask_task(tasks: int = 2000) -> float:
         from distributed import Client, LocalCluster
     except ImportError:
         return float("nan")
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=1, threads_per_worker=1, dashboard_address=None
-    ) as cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
+    with (
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        Client(cluster) as client,
+    ):  # type: ignore[no-untyped-call]
         executor = client.get_executor(pure=False)
         executor.submit(int).result()
 
@@ -165,7 +168,8 @@ def _free(scene: Any, v: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m clothsim.sweep.throughput", description="A sweep's speed beside the batch's."
+        prog="python -m clothsim.sweep.throughput",
+        description="A sweep's speed beside the batch's.",
     )
     parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
     parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
@@ -174,7 +178,10 @@ def main() -> None:
     args = parser.parse_args()
     print("64 cloths of 32 x 32 mass points, all springs; member-steps per second, fastest window")
     print("                                    sweep/batch  of processor")
-    print("precision       batch       sweep      by clock          time  batch error [m]  sweep error [m]")
+    print(
+        "precision       batch       sweep      by clock          time  batch error [m]"
+        "  sweep error [m]"
+    )
     for precision in ("double", "single"):
         row = measure(precision, args.threads, args.steps, args.windows)
         print(
