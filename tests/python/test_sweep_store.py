@@ -149,7 +149,16 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(
     assert len(counted) == 4 - int(done.sum())
 
 
-COMMAND = [sys.executable, "-m", "clothsim", "sweep", "paper_swing", "--stiffness", "1e4:4e4:log12",
+# The command line, with tasks of a member and a write after each: there is a half-way to stop at.
+SCRIPT = """
+import sys
+from clothsim.cli import main
+from clothsim.sweep import planning, store
+planning.SHORTEST = planning.LONGEST = 1e-9
+store._SECONDS_BETWEEN_WRITES = 0.0
+sys.exit(main(sys.argv[1:]))
+"""
+COMMAND = [sys.executable, "-c", SCRIPT, "sweep", "paper_swing", "--stiffness", "1e4:4e4:log12",
            "--dt", "1e-4,2e-3", "--duration", "0.6", "--metric", "stable,energy_drift",
            "--threads", "1", "--store"]  # fmt: skip
 
