@@ -29,6 +29,7 @@ void bind_diagnostics(py::module_& m) {
         const Energy e = energy(cloth, gravity, view(x), view(v));
         return py::make_tuple(e.kinetic, e.elastic, e.gravity);
     });
+    m.def("largest_stretch", [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
     m.def("penetration", [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
         const Penetration p = penetration(rows, columns, view(x), center, radius);
         return py::make_tuple(p.points, p.triangles);

@@ -16,6 +16,9 @@ struct Energy {
 };
 Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
 
+// Largest length over rest length - 1 of all springs; -infinity where there is no spring.
+double largest_stretch(const Cloth& cloth, const PointsView& x);
+
 // Deepest depth below the sphere's true radius [m], never negative.
 struct Penetration {
     double points, triangles;

@@ -14,17 +14,20 @@ from .build import build_config
 from .cloth import Cloth
 from .errors import UnstableError
 from .grid import thread_grid, triangles
-from .measures import energy, max_stable_dt, penetration
+from .measures import energy, largest_stretch, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
+from .scene_files import load_scene, save_scene
 from .simulation import Run, load_run, simulate
 from .sphere import Sphere
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
+from .sweep import open_sweep, sweep
 
 __version__ = build_config()["version"]
 
 __all__ = [
     "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere", "Stepper",
-    "UnstableError", "acceleration", "build_config", "energy", "load_run", "max_stable_dt",
-    "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid", "triangles",
+    "UnstableError", "acceleration", "build_config", "energy", "largest_stretch", "load_run",
+    "load_scene", "max_stable_dt", "open_sweep", "penetration", "reference_step", "save_scene",
+    "scenes", "simulate", "step", "sweep", "thread_grid", "triangles",
 ]  # fmt: skip

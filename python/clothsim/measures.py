@@ -117,6 +117,45 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
+def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
+    """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives the springs and their rest lengths.
+    x : array_like
+        Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
+
+    Returns
+    -------
+    float or numpy.ndarray
+        Dimensionless, >= -1; negative where every spring is compressed, 0 for a scene without
+        springs. An array of shape (B,) for a batch.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    A sheet pulled to 1.1 times its size:
+
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_swing()
+    >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
+    0.1
+    """
+    cloth = core_cloth(_one_scene(scene))
+    x, _ = state_arrays(x, x, [scene], False)
+    if not scene.cloth.spring_count():
+        return np.zeros(len(x)) if x.ndim == 4 else 0.0
+    batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
+    values = np.array([_core.largest_stretch(cloth, one) for one in batch])
+    return values if x.ndim == 4 else float(values[0])
+
+
 def max_stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """A time step that is stable for this scene in any state: a guarantee, not an estimate.
 

@@ -15,9 +15,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, reproduce, run
+from . import bench, info, plot, reproduce, run, sweep
 
-SUBCOMMANDS = (info, run, reproduce, bench)
+SUBCOMMANDS = (info, run, sweep, plot, reproduce, bench)
 
 
 class _Parser(argparse.ArgumentParser):
