@@ -92,7 +92,7 @@ public:
             band.barrier();
             evaluate(band, result_.data(), m.stages);
             for (std::size_t e = 0; e < m.errors.size(); ++e)
-                square_rows(field_, band.begin, band.end,
+                square_rows(field_, band.begin, band.end, this->memory_.data(),
                             combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v), row_squares_[e].data());
         });
         this->acceleration_known_ = true;
