@@ -129,7 +129,8 @@ def max_stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     Parameters
     ----------
     scene : Scene
-    integrator : {"rk4"}, default "rk4"
+    integrator : str, default "rk4"
+        A name of `integrators`.
 
     Returns
     -------
