@@ -15,6 +15,8 @@ from .cloth import Cloth
 from .errors import UnstableError
 from .grid import thread_grid, triangles
 from .measures import energy, largest_stretch, max_stable_dt, penetration
+from .integration import integrators
+from .measures import energy, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
 from .scene_files import load_scene, save_scene
@@ -30,4 +32,7 @@ __all__ = [
     "UnstableError", "acceleration", "build_config", "energy", "largest_stretch", "load_run",
     "load_scene", "max_stable_dt", "open_sweep", "penetration", "reference_step", "save_scene",
     "scenes", "simulate", "step", "sweep", "thread_grid", "triangles",
+    "UnstableError", "acceleration", "build_config", "energy", "integrators", "load_run",
+    "max_stable_dt", "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid",
+    "triangles",
 ]  # fmt: skip

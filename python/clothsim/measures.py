@@ -168,7 +168,8 @@ def max_stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     Parameters
     ----------
     scene : Scene
-    integrator : {"rk4"}, default "rk4"
+    integrator : str, default "rk4"
+        A name of `integrators`.
 
     Returns
     -------
@@ -187,4 +188,4 @@ def max_stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     '8.526e-04'
     """
     check.choice("integrator", integrator, INTEGRATORS)
-    return max_stable_dt_of(_one_scene(scene))
+    return max_stable_dt_of(_one_scene(scene), integrator)

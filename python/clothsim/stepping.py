@@ -30,8 +30,8 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    Each step is classic Runge-Kutta of order 4 on (x, v) together, followed by one collision pass
-    per sphere. Pinned points do not move; velocities given for them are taken as 0.
+    Each step is one of the integrator's (default: classic Runge-Kutta of order 4 on (x, v)
+    together), followed by one collision pass per sphere. Pinned points do not move; velocities given for them are taken as 0.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def step(
         Number of steps, >= 0.
     t : float, default 0.0
         Time of the state given [s]; spheres move by it.
-    integrator : {"rk4"}, default "rk4"
-        Time integration method.
+    integrator : str, default "rk4"
+        Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
     precision : {"double", "single"}, default "double"
         Arithmetic. "single" computes in float32 and keeps what rounding takes from x and v in a
         second float32 each (compensated summation), without which small steps stall.
