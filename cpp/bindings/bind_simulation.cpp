@@ -118,6 +118,18 @@ void bind_simulation(py::module_& m) {
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
         .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("set_stable_dt", [](S& s, const std::vector<double>& stable_dt) {
+            auto simulation = s.use();
+            if (stable_dt.size() != simulation->size()) throw std::invalid_argument("one time step a member is needed");
+            simulation->set_stable_dt(stable_dt);
+        })
+        .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
+        .def_property_readonly("frozen", [](S& s) {
+            auto simulation = s.use();
+            std::vector<bool> frozen;
+            for (std::size_t i = 0; i < simulation->size(); ++i) frozen.push_back(simulation->frozen(i));
+            return frozen;
+        })
         .def("snapshot", &snapshot)
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {

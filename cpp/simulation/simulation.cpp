@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 #include <utility>
 
 namespace clothsim {
@@ -40,23 +41,31 @@ void TeamChoice::observe(double seconds_per_step, double seconds) {
 Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(plans) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
+    stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
+    frozen_.assign(plans.size(), 0);
     clock.origin = time;
+}
+
+void Simulation::set_stable_dt(std::vector<double> stable_dt) {
+    stable_dt_ = std::move(stable_dt);
+    speed_limits_.clear();
 }
 
 void Simulation::advance_members(std::int64_t steps, int threads) {
     const std::int64_t count = std::int64_t(members_.size());
     if (count == 1) {
-        members_[0]->advance(steps, clock, threads);
+        if (!frozen_[0]) members_[0]->advance(steps, clock, threads);
         return;
     }
     const int team = int(std::min<std::int64_t>(threads, count));
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-    for (std::int64_t i = 0; i < count; ++i) members_[std::size_t(i)]->advance(steps, clock, 1);
+    for (std::int64_t i = 0; i < count; ++i)
+        if (!frozen_[std::size_t(i)]) members_[std::size_t(i)]->advance(steps, clock, 1);
 }
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (members_[i]->first_bad_point(speed_limits_[i]) >= 0) return std::int64_t(i);
+        if (!frozen_[i] && members_[i]->first_bad_point(speed_limits_[i]) >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -64,7 +73,8 @@ void Simulation::set_step(double dt) {
     if (dt == clock.dt && !speed_limits_.empty()) return;
     clock.set_step(dt);
     speed_limits_.clear();
-    for (const Plan& plan : plans_) speed_limits_.push_back(runaway_speed(plan.cloth, dt));
+    for (std::size_t i = 0; i < plans_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
 }
 
 Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int threads) {

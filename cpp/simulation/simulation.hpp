@@ -44,6 +44,13 @@ public:
 
     Clock clock;
 
+    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
+    void set_stable_dt(std::vector<double> stable_dt);
+
+    // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
+    void set_frozen(std::size_t i, bool frozen) { frozen_[i] = frozen; }
+    bool frozen(std::size_t i) const { return frozen_[i] != 0; }
+
     // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
     // `interrupted` is asked about every 10 ms, between steps.
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
@@ -59,6 +66,8 @@ private:
     std::int64_t chunk_ = 1;  // steps between two looks at the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
+    std::vector<double> stable_dt_;
+    std::vector<std::uint8_t> frozen_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
 };
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -60,6 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     args = parser().parse_args(argv)
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         args.run(args)
         sys.stdout.flush()
@@ -76,6 +83,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _failed(args: argparse.Namespace, code: int, error: object) -> int:
-    message = " ".join(str(error).split())
-    print(f"clothsim {args.command}: error: {message}", file=sys.stderr)
+    _say(args, f"error: {error}")
     return code
+
+
+def _say(args: argparse.Namespace, message: str) -> None:
+    print(f"clothsim {args.command}: {' '.join(message.split())}", file=sys.stderr)

@@ -1,0 +1,1 @@
+"""Which time steps are stable: guaranteed, predicted from the spectrum, and measured."""
