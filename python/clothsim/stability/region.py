@@ -15,24 +15,14 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from ..integration import amplification_matrix, integrators
+
 Floats = npt.NDArray[np.float64]
 
-_ANGLES = 512
-_LARGEST = 20.0  # radius beyond which a region counts as unbounded
-_RADII = 400
+_ANGLES = 257
+_RADIUS_STEP = 0.05
 _BISECTIONS = 30
 _ROUNDING = 1e-9  # growth a step that counts as rounding: e-fold in 1e9 steps
-
-
-def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
-    """The matrix by which a step maps (x, dt v), shape (..., 2, 2): for RK4 exp to the 4th order."""
-    omega, delta = np.broadcast_arrays(np.asarray(omega_dt, float), np.asarray(delta_dt, float))
-    slope = np.zeros((*omega.shape, 2, 2))
-    slope[..., 0, 1], slope[..., 1, 0], slope[..., 1, 1] = 1, -(omega**2), -delta
-    result = np.eye(2)
-    for k in (4, 3, 2, 1):
-        result = np.eye(2) + slope @ result / k
-    return result
 
 
 def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -48,9 +38,14 @@ def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) ->
 def _exits(integrator: str) -> tuple[Floats, Floats]:
     """Angles from the omega axis to the delta axis, and the radius where each ray leaves."""
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
+    method = integrators()[integrator]
+    if not method.explicit:
+        return angle, np.full(_ANGLES, np.inf)
     omega, delta = np.cos(angle), np.sin(angle)
     omega[-1] = 0.0
-    radii = np.linspace(0.0, _LARGEST, _RADII + 1)[1:]
+    # Nowhere between the axes does a region reach twice as far as on them.
+    farthest = 2 * max(method.imaginary_limit, method.real_limit)
+    radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
     bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
     first = bad.argmax(axis=1)
     high, low = radii[first], np.where(first > 0, radii[first - 1], 0.0)
@@ -58,7 +53,7 @@ def _exits(integrator: str) -> tuple[Floats, Floats]:
         middle = (low + high) / 2
         good = stable(integrator, middle * omega, middle * delta)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
-    return angle, np.where(bad.any(axis=1), low, np.inf)
+    return angle, np.where(bad.any(axis=1), low, farthest)
 
 
 def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
