@@ -40,8 +40,10 @@ template <class T>
 void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(x.size()) / simulation->size();
-    for (std::size_t i = 0; i < simulation->size(); ++i)
+    for (std::size_t i = 0; i < simulation->size(); ++i) {
         simulation->member(i).load(x.data() + i * size, v.data() + i * size);
+        simulation->restart(i);
+    }
 }
 
 template <class T>
@@ -103,6 +105,7 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
     for (std::size_t i = 0; i < members.size(); ++i) {
         simulation->member(i).set_raw_state(members[i].first);
         simulation->member(i).contact_energy = members[i].second;
+        simulation->restart(i);
     }
 }
 

@@ -4,7 +4,7 @@
 #include <functional>
 #include <optional>
 
-#include "simulation/engine.hpp"
+#include "simulation/stability.hpp"
 
 namespace clothsim {
 
@@ -40,6 +40,8 @@ public:
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
+    // To be called when a member's state was set from outside.
+    void restart(std::size_t i) { watches_[i].restart(); }
     const Engine& member(std::size_t i) const { return *members_[i]; }
 
     Clock clock;
@@ -59,7 +61,9 @@ public:
 private:
     void advance_members(std::int64_t steps, int threads);
     void set_step(double dt);
-    std::int64_t first_bad_member() const;
+    bool above_stable_dt() const;
+    std::int64_t bad_point(std::size_t i);  // of a member that has no result, or -1
+    std::int64_t first_bad_member();
     Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
 
     TeamChoice choice_;
@@ -68,6 +72,7 @@ private:
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
+    std::vector<EnergyWatch> watches_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
 };
 

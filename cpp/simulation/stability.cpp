@@ -1,6 +1,10 @@
 #include "simulation/stability.hpp"
 
 #include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "simulation/diagnostics.hpp"
 
 namespace clothsim {
 
@@ -64,6 +68,29 @@ double laplacian_bound(const Cloth& cloth, const std::array<double, family_count
     const double waves = largest_symbol(cloth, coefficient) * highest_mobility(cloth);
     const bool uniform = cloth.uniform_mass && std::min(cloth.rows, cloth.columns) > 2;
     return uniform ? waves : std::min(waves, largest_sum_of_springs(cloth, coefficient));
+}
+
+EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
+    const Cloth& cloth = plan.cloth;
+    double all = 0;
+    for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
+        if (cloth.present[n.family])
+            all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
+    negligible_ = plan.spheres.empty() ? 1e-6 * all : std::numeric_limits<double>::infinity();
+}
+
+std::int64_t EnergyWatch::runaway_point(const Engine& engine) {
+    if (negligible_ == std::numeric_limits<double>::infinity()) return -1;
+    Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
+    engine.store(x.data(), v.data());
+    const Energy now = energy(plan_.cloth, plan_.gravity, PointsView(x.data(), x.rows(), 3), PointsView(v.data(), v.rows(), 3));
+    const double total = now.kinetic + now.elastic + now.gravity;
+    if (!std::exchange(started_, true)) start_ = total;
+    const double made = total - start_;
+    if (!(made > negligible_ && made > 0.9 * (now.kinetic + now.elastic))) return -1;
+    Eigen::Index fastest = 0;
+    v.rowwise().squaredNorm().maxCoeff(&fastest);
+    return fastest;
 }
 
 ModeBounds mode_bounds(const Cloth& cloth) {

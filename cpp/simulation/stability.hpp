@@ -1,7 +1,8 @@
-// How fast the modes of a cloth can be at most: what a guaranteed time step is derived from.
+// How fast the modes of a cloth can be at most: what a guaranteed time step is derived from. And the energy of
+// a run above it.
 #pragma once
 
-#include "model/cloth.hpp"
+#include "simulation/engine.hpp"
 
 namespace clothsim {
 
@@ -25,5 +26,26 @@ struct ModeBounds {
 };
 
 ModeBounds mode_bounds(const Cloth& cloth);
+
+// Above the stability limit a cloth need not fly apart: waves may grow until it has folded itself into a shape
+// in which they no longer do. Energy tells: without spheres nothing adds to the total, but an unstable step does.
+class EnergyWatch {
+public:
+    explicit EnergyWatch(const Plan& plan);
+
+    // Forget the state where the run began; the next look is at a new beginning.
+    void restart() { started_ = false; }
+
+    // The fastest mass point if nearly all kinetic and elastic energy is more than the run began with, else -1.
+    // An integrator may keep an energy of its own instead of the true one, from which the true one differs by a
+    // factor (1 - (omega dt / 2)^2 for Verlet's); what it swings by is not mistaken for growth.
+    std::int64_t runaway_point(const Engine& engine);
+
+private:
+    const Plan& plan_;
+    double negligible_;  // J, what stretching every spring by a thousandth takes
+    double start_ = 0;   // J
+    bool started_ = false;
+};
 
 }  // namespace clothsim

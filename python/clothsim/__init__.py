@@ -20,6 +20,7 @@ from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
 from .simulation import Run, load_run, simulate
 from .sphere import Sphere
+from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
 
 __version__ = build_config()["version"]
@@ -28,5 +29,5 @@ __all__ = [
     "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere",
     "StabilityWarning", "Stepper", "UnstableError", "acceleration", "build_config", "energy",
     "integrators", "load_run", "max_stable_dt", "penetration", "reference_step", "scenes",
-    "simulate", "step", "thread_grid", "triangles",
+    "simulate", "stability_map", "step", "thread_grid", "triangles",
 ]  # fmt: skip
