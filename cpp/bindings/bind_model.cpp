@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <map>
 #include <pybind11/eigen.h>
 
@@ -77,7 +78,7 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres, const std::string& precision,
-               const std::string& kernel, bool strict, const std::string& instruction_set) {
+               const std::string& kernel, bool strict, const std::string& instruction_set, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
@@ -86,6 +87,7 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.strict = strict;
     plan.kernels = &choose_instruction_set(instruction_set);
+    plan.integrator = integrator;
     return plan;
 }
 
@@ -117,7 +119,7 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"))
+             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
         .def_readonly("cloth", &Plan::cloth)
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
         .def_property_readonly("lanes", [](const Plan& p) {

@@ -133,9 +133,10 @@ class State:
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
+        self.integrator = integrator
         self.threads_optional = threads is None
         self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-        plans = [core_plan(s, precision, kernel, strict) for s in scenes]
+        plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
         self.kernel = choose_kernel(kernel, strict)
         self.instruction_set = plans[0].instruction_set
         self.core = _core.Simulation(

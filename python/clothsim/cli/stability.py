@@ -83,11 +83,13 @@ def _hard_cases(args: argparse.Namespace) -> None:
 
 def _map(args: argparse.Namespace) -> None:
     from clothsim.stability.map import measure_map
-    from clothsim.stability.report import draw_map, map_table, write_csv
+    from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
 
     folder = Path(args.out) if args.out else None
     if folder and not folder.is_dir():
         raise ValueError(f"--out must be an existing folder, got {args.out!r}")
+    if folder:
+        need_matplotlib()
     scene = ready_scenes()[args.scene]()
     stiffness = np.geomspace(*args.stiffness, args.cells[0])
     found = measure_map(

@@ -213,7 +213,7 @@ def blows_up(within: int) -> Judge:
         return [
             Figure("at step", error.step, 1, within),
             Figure("tells point, limit, last good state", float(told), 1, 1),
-            Figure("size of the last good state [m]", float(np.abs(error.x).max()), 0, 100.0),
+            Figure("size of the last good state [m]", float(np.abs(error.x).max()), 0, 2.0),
         ]
 
     return judge

@@ -67,10 +67,11 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
     """
     angle, radius = _exits(integrator)
     omega, delta = np.asarray(omega, float), np.asarray(delta, float)
-    place = np.searchsorted(angle, np.arctan2(delta, omega)).clip(1, len(angle) - 1)
-    size = np.hypot(omega, delta)
+    ray, size = np.arctan2(delta, omega), np.hypot(omega, delta)
+    before = np.searchsorted(angle, ray, "right") - 1
+    after = np.searchsorted(angle, ray)
     with np.errstate(divide="ignore"):
-        return np.minimum(radius[place - 1], radius[place]) / size
+        return np.minimum(radius[before], radius[after]) / size
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:
