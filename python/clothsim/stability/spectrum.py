@@ -29,7 +29,9 @@ Operator = Callable[[Floats], Floats]
 
 _SAFETY = 0.97  # a little below, as the limit found approaches the true one from above
 _BLOCK = 4  # modes followed at once
-_MOST_VECTORS = 160
+_MOST_VECTORS = 48  # in the space; a larger one is reduced to the limiting modes
+_KEPT = 8  # modes, that it is reduced to
+_MOST_PRODUCTS = 600
 _SETTLED = 2e-4  # relative change of the limit over the last rounds
 _ROUNDS = 4
 
@@ -105,34 +107,63 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float
     start = np.zeros((min(_BLOCK, len(free)), size))
     start[:, free] = np.random.default_rng(0).normal(size=(len(start), len(free)))
     basis, k_basis, c_basis = (np.empty((0, size)) for _ in range(3))
-    extension, limits = start, []
+    extension, limits, products = start, [], 0
     while True:
         new = _orthonormal(extension, basis)
+        products += len(new)
         if not len(new):
             return limits[-1]
         basis = np.concatenate([basis, new])
         k_basis = np.concatenate([k_basis, stiffness(new)])
         c_basis = np.concatenate([c_basis, damping(new)])
-        limit, mu, z = _limiting_modes(integrator, basis @ k_basis.T, basis @ c_basis.T)
+        limit, mu, z = _limiting_modes(integrator, _dots(basis, k_basis), _dots(basis, c_basis))
         limits.append(limit)
         recent = limits[-_ROUNDS:]
         if len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED):
             return min(recent)
-        if len(basis) >= min(_MOST_VECTORS, len(free)):
+        if len(basis) >= len(free) or products >= _MOST_PRODUCTS:
             return min(recent)
-        residual = (mu**2)[:, None] * (z @ basis) + mu[:, None] * (z @ c_basis) + z @ k_basis
-        extension = np.concatenate([residual.real, residual.imag])
+        mode, rate = z[:_BLOCK], mu[:_BLOCK, None]
+        extension = np.concatenate(
+            [
+                _sums(part(rate**2 * mode), basis)
+                + _sums(part(rate * mode), c_basis)
+                + _sums(part(mode), k_basis)
+                for part in (np.real, np.imag)
+            ]
+        )
+        if len(basis) + len(extension) > _MOST_VECTORS:
+            parts = np.concatenate([z.real, z.imag])
+            reduction = _orthonormal(parts, np.empty((0, len(basis))))
+            basis, k_basis, c_basis = (_sums(reduction, part) for part in (basis, k_basis, c_basis))
+
+
+# einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each other
+# where processors are busy.
+def _dots(a: Floats, b: Floats) -> Floats:
+    return np.einsum("ik,jk->ij", a, b)
+
+
+def _sums(weights: Floats, vectors: Floats) -> Floats:
+    return np.einsum("ij,jk->ik", weights, vectors)
 
 
 def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
     """What `vectors` add to the span of the orthonormal rows of `basis`, as orthonormal rows."""
-    size = np.linalg.norm(vectors, axis=1)
-    vectors = vectors[size > 0] / size[size > 0, None]
-    for _ in range(2):
-        vectors = vectors - (vectors @ basis.T) @ basis
-        _, weights, vectors = np.linalg.svd(vectors, full_matrices=False)
-        vectors = vectors[weights > 1e-10 * max(weights.max(initial=0), 1e-300)]
-    return vectors
+    found = basis
+    for vector in vectors:
+        size = np.sqrt((vector**2).sum())
+        if size == 0:
+            continue
+        vector = vector[None] / size
+        for _ in range(2):  # twice is enough to be orthogonal to the last bit
+            vector = vector - _sums(_dots(vector, found), found)
+        rest = np.sqrt((vector**2).sum())
+        if rest > 1e-10:
+            vector = vector / rest
+            vector = vector - _sums(_dots(vector, found), found)
+            found = np.concatenate([found, vector / np.sqrt((vector**2).sum())])
+    return found[len(basis) :]
 
 
 def _limiting_modes(
@@ -151,5 +182,5 @@ def _limiting_modes(
     delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
     limits = mode_limit(integrator, omega, delta)
     keep = (mu.imag >= 0) & np.isfinite(limits)
-    worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_BLOCK]]
+    worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_KEPT]]
     return float(limits[keep].min(initial=np.inf)), mu[worst], z[worst]
