@@ -68,10 +68,13 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
     angle, radius = _exits(integrator)
     omega, delta = np.asarray(omega, float), np.asarray(delta, float)
     ray, size = np.arctan2(delta, omega), np.hypot(omega, delta)
-    before = np.searchsorted(angle, ray, "right") - 1
-    after = np.searchsorted(angle, ray)
+    if not np.isfinite(radius).all():  # implicit
+        return np.full(size.shape, np.inf)
+    after = np.searchsorted(angle, ray).clip(1, len(angle) - 1)
+    pair = radius[after - 1], radius[after]
+    steady = np.abs(pair[0] - pair[1]) < 0.02 * pair[1]  # else the border jumps between the rays
     with np.errstate(divide="ignore"):
-        return np.minimum(radius[before], radius[after]) / size
+        return np.where(steady, np.interp(ray, angle, radius), np.minimum(*pair)) / size
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:
