@@ -103,11 +103,9 @@ void bind_model(py::module_& m) {
         .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"), py::arg("row_spacing"),
              py::arg("column_spacing"), py::arg("stiffness"), py::arg("spring_damping"), py::arg("point_damping"),
              py::arg("mass"), py::arg("uniform_mass"), py::arg("pinned"))
-        .def("rk4_stable_dt", &rk4_stable_dt)
-        .def_property_readonly("mode_bounds", [](const Cloth& c) {
-            const double lightest = *std::min_element(c.mass.begin(), c.mass.end());
-            return std::make_pair(laplacian_bound(c, c.stiffness),
-                                  laplacian_bound(c, c.spring_damping) + c.point_damping / lightest);
+        .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
+            const ModeBounds bounds = mode_bounds(cloth);
+            return std::make_pair(bounds.stiffness, bounds.damping);
         });
     py::class_<Motion>(m, "Motion")
         .def(py::init<>())
@@ -122,6 +120,7 @@ void bind_model(py::module_& m) {
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
              py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
+        .def_readonly("cloth", &Plan::cloth)
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
         .def_property_readonly("lanes", [](const Plan& p) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);

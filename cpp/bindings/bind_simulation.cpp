@@ -40,8 +40,10 @@ template <class T>
 void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(x.size()) / simulation->size();
-    for (std::size_t i = 0; i < simulation->size(); ++i)
+    for (std::size_t i = 0; i < simulation->size(); ++i) {
         simulation->member(i).load(x.data() + i * size, v.data() + i * size);
+        simulation->restart(i);
+    }
 }
 
 template <class T>
@@ -136,6 +138,7 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
     for (std::size_t i = 0; i < members.size(); ++i) {
         simulation->member(i).set_raw_state(members[i].first);
         simulation->member(i).contact_energy = members[i].second;
+        simulation->restart(i);
     }
 }
 
@@ -154,6 +157,18 @@ void bind_simulation(py::module_& m) {
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
         .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("set_stable_dt", [](S& s, const std::vector<double>& stable_dt) {
+            auto simulation = s.use();
+            if (stable_dt.size() != simulation->size()) throw std::invalid_argument("one time step a member is needed");
+            simulation->set_stable_dt(stable_dt);
+        })
+        .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
+        .def_property_readonly("frozen", [](S& s) {
+            auto simulation = s.use();
+            std::vector<bool> frozen;
+            for (std::size_t i = 0; i < simulation->size(); ++i) frozen.push_back(simulation->frozen(i));
+            return frozen;
+        })
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
         .def_property_readonly("contacts", [](S& s) {

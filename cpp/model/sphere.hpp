@@ -32,6 +32,7 @@ struct Sphere {
     Response response = Response::ray;
     bool literal = false;  // Kim et al. word for word: absolute velocity, approaching or not
     Motion motion;
+    Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
     Vec3 center_at(double t) const;
     Vec3 velocity_at(double t) const;

@@ -1,7 +1,6 @@
 #include "dynamics/scheme_engine.hpp"
 #include "simulation/edge_engine.hpp"
 #include "simulation/gather_engine.hpp"
-#include "simulation/stability.hpp"
 
 namespace clothsim {
 namespace {
@@ -19,8 +18,8 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 
 }  // namespace
 
-double runaway_speed(const Cloth& cloth, double dt) {
-    if (dt <= rk4_stable_dt(cloth)) return std::numeric_limits<double>::infinity();
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
+    if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
     return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
 }
 

@@ -68,7 +68,7 @@ public:
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within
 // a step is not. Infinite for a time step within the guarantee [m/s].
-double runaway_speed(const Cloth& cloth, double dt);
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
 

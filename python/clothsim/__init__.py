@@ -12,7 +12,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 from . import scenes
 from .build import build_config
 from .cloth import Cloth
-from .errors import UnstableError
+from .errors import StabilityWarning, UnstableError
 from .grid import thread_grid, triangles
 from .measures import energy, largest_stretch, max_stable_dt, penetration
 from .integration import integrators
@@ -22,6 +22,7 @@ from .scene import Scene
 from .scene_files import load_scene, save_scene
 from .simulation import Run, load_run, simulate
 from .sphere import Sphere
+from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
 from .sweep import open_sweep, sweep
 
@@ -35,4 +36,8 @@ __all__ = [
     "UnstableError", "acceleration", "build_config", "energy", "integrators", "load_run",
     "max_stable_dt", "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid",
     "triangles",
+    "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere",
+    "StabilityWarning", "Stepper", "UnstableError", "acceleration", "build_config", "energy",
+    "integrators", "load_run", "max_stable_dt", "penetration", "reference_step", "scenes",
+    "simulate", "stability_map", "step", "thread_grid", "triangles",
 ]  # fmt: skip

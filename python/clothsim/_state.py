@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,10 +10,10 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
-from .errors import UnstableError
-from .integration import guaranteed_dt
-from .plan import check_options, choose_kernel, choose_threads, core_cloth, core_plan
+from .errors import UnstableError, warn_of_dt
+from .plan import check_options, choose_kernel, choose_threads, core_plan
 from .scene import Scene
+from .stability.bound import guaranteed_dt
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
@@ -143,15 +142,30 @@ class State:
         self.core = _core.Simulation(
             plans * members if not batched else plans, check.number("t", t)
         )
+        self.integrator = integrator
+        limits = [guaranteed_dt(plan.cloth, integrator) for plan in plans]
+        self.max_stable_dt = limits * members if not batched else limits
+        self.core.set_stable_dt(self.max_stable_dt)
+        self.warned = False
         self.core.load(x, v)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
+        self._warn(dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if "point" in outcome:
             self._raise_unstable(outcome, dt)
+
+    def _warn(self, dt: float) -> None:
+        if self.warned or dt <= min(self.max_stable_dt):
+            return
+        active = [k for k, frozen in enumerate(self.core.frozen) if not frozen]
+        limit, member = min(((self.max_stable_dt[k], k) for k in active), default=(dt, 0))
+        if dt > limit:
+            self.warned = True
+            warn_of_dt(dt, limit, self.integrator, member if self.batched else None)
 
     def _raise_unstable(self, outcome: dict[str, Any], dt: float) -> None:
         x, v = np.empty(self.shape), np.empty(self.shape)
@@ -163,7 +177,7 @@ class State:
             time=outcome["time"],
             point=divmod(outcome["point"], scene.cloth.columns),
             dt=dt,
-            max_stable_dt=max_stable_dt_of(scene, self.integrator),
+            max_stable_dt=self.max_stable_dt[member],
             x=x[member] if self.batched else x,
             v=v[member] if self.batched else v,
             member=member if self.batched else None,
@@ -171,11 +185,3 @@ class State:
 
     def store(self, x: FloatArray, v: FloatArray) -> None:
         self.core.store(x, v)
-
-
-def max_stable_dt_of(scene: Scene, integrator: str = "rk4") -> float:
-    """The guarantee that `max_stable_dt` gives."""
-    if integrator == "rk4":
-        return float(core_cloth(scene).rk4_stable_dt())
-    stiffness, damping = core_cloth(scene).mode_bounds
-    return guaranteed_dt(integrator, math.sqrt(stiffness), damping)

@@ -165,9 +165,14 @@ def run_fixed(
     options: Options,
     times: list[float],
     progress: Progress = iter,
+    own_step: bool = False,
 ) -> Solution:
-    """One run at a fixed time step, a shorter one before a frame that it does not divide."""
+    """One run at a fixed time step, a shorter one before a frame that it does not divide.
+
+    `own_step`: the step is not the caller's, so nobody is warned of it.
+    """
     state = options.state(scene)
+    state.warned = own_step
     frames = _Frames(state)
     steps, wall_time = 0, 0.0
     for begin, end in progress(list(zip(times[:-1], times[1:]))):

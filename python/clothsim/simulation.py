@@ -320,7 +320,9 @@ def _safe_step(
 
 def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution) -> dict[str, Any]:
     """The error by comparison with a run of twice the step (Richardson)."""
-    coarse = run_fixed(scene, duration, 2 * dt, solution.options, [0.0, duration])
+    coarse = run_fixed(
+        scene, duration, 2 * dt, solution.options, [0.0, duration], own_step=True
+    )
     order = integrators()[solution.options.integrator].order
     difference = (coarse.x[-1] - solution.x[-1]) / (2**order - 1)
     return _estimate(scene, solution, coarse, difference) | {
