@@ -80,6 +80,39 @@ void accelerations(SharedSimulation& shared, Array<double>& a, int threads) {
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).accelerations(out + i * size, threads);
 }
 
+py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps, double tolerance_x,
+                          double tolerance_v, double longest, StepController& controller, int threads, bool optional) {
+    auto simulation = shared.use();
+    if (simulation->size() != 1 || !simulation->member(0).adaptive())
+        throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
+    Simulation::AdaptiveOutcome outcome;
+    {
+        py::gil_scoped_release release;
+        outcome = simulation->advance_adaptive(
+            {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller, signal_pending);
+    }
+    if (outcome.interrupted) throw py::error_already_set();
+    py::dict result;
+    result["steps"] = outcome.steps;
+    result["rejected"] = outcome.rejected;
+    result["contacts"] = outcome.contacts;
+    if (outcome.unstable) {
+        result["member"] = outcome.unstable->member;
+        result["point"] = outcome.unstable->point;
+        result["step"] = outcome.unstable->step;
+        result["time"] = outcome.unstable->time;
+    }
+    return result;
+}
+
+void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& v, int threads) {
+    auto simulation = shared.use();
+    double* const px = x.mutable_data();
+    double* const pv = v.mutable_data();
+    py::gil_scoped_release release;
+    simulation->dense(t, px, pv, threads);
+}
+
 py::tuple snapshot(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::list members;
@@ -110,6 +143,9 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
 
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
+    py::class_<StepController>(m, "StepController")
+        .def(py::init<>())
+        .def_readwrite("h", &StepController::h);
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
@@ -118,6 +154,14 @@ void bind_simulation(py::module_& m) {
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
         .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("advance_adaptive", &advance_adaptive)
+        .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def_property_readonly("evaluations", [](S& s) {
+            auto simulation = s.use();
+            std::vector<std::int64_t> evaluations;
+            for (std::size_t i = 0; i < simulation->size(); ++i) evaluations.push_back(simulation->member(i).evaluations);
+            return evaluations;
+        })
         .def("snapshot", &snapshot)
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {

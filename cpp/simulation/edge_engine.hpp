@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 
+#include "dynamics/field.hpp"
 #include "simulation/state_engine.hpp"
 
 namespace clothsim {
@@ -31,16 +32,25 @@ struct LiftedLayout {
 };
 
 template <class Real>
-class EdgeEngine final : public StateEngine<Real, LiftedLayout> {
+class EdgeEngine : public StateEngine<Real, LiftedLayout> {
 public:
     explicit EdgeEngine(const Plan& plan);
     ~EdgeEngine() override;
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
 
-private:
+protected:  // for cpp/dynamics, in edge_evaluate.cpp
     using Base = StateEngine<Real, LiftedLayout>;
     using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+
+    FieldLayout field() const;
+    // Accelerations of rows [begin, end) at a state in the engine's layout. A band has at least two rows before it or
+    // begins the cloth.
+    void evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch);
+    // The collision pass over some rows; whether any point was found inside.
+    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
+
+private:
     struct Band;
 
     void build_coefficients();

@@ -1,3 +1,4 @@
+#include "dynamics/scheme_engine.hpp"
 #include "simulation/edge_engine.hpp"
 #include "simulation/gather_engine.hpp"
 #include "simulation/stability.hpp"
@@ -7,7 +8,12 @@ namespace {
 
 template <class Real>
 std::unique_ptr<Engine> make(const Plan& plan) {
-    if (plan.kernel == Kernel::gather) return std::make_unique<GatherEngine<Real>>(plan);
+    const bool gather = plan.kernel == Kernel::gather;
+    if (method_of(plan.integrator).scheme != Scheme::rk4) {
+        if (gather) return std::make_unique<SchemeEngine<Real, GatherEngine<Real>>>(plan);
+        return std::make_unique<SchemeEngine<Real, EdgeEngine<Real>>>(plan);
+    }
+    if (gather) return std::make_unique<GatherEngine<Real>>(plan);
     return std::make_unique<EdgeEngine<Real>>(plan);
 }
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "dynamics/adaptive.hpp"
 #include "simulation/plan.hpp"
 
 namespace clothsim {
@@ -54,6 +55,11 @@ public:
     // pass is then done by one thread.
     bool track_contact_energy = false;
     double contact_energy = 0;
+
+    // Force evaluations so far, of the integrators in cpp/dynamics; the fused RK4 takes four a step.
+    std::int64_t evaluations = 0;
+    // Not null: the integrator carries an error estimate.
+    virtual AdaptiveEngine* adaptive() { return nullptr; }
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within

@@ -49,6 +49,24 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
+    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the last of
+    // them no longer than to `end`, at most `steps` of them.
+    struct AdaptiveRequest {
+        double until, end;
+        std::int64_t steps;
+        Tolerance tolerance;
+        double longest;  // step [s]
+        int threads;
+        bool optional;  // the threads, see above
+    };
+    struct AdaptiveOutcome : Outcome {
+        std::int64_t rejected = 0, contacts = 0;  // steps tried in vain, and steps that ended in contact
+    };
+    AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
+                                     const std::function<bool()>& interrupted);
+    // The state at a time within the last step of `advance_adaptive`.
+    void dense(double t, double* x, double* v, int threads);
+
 private:
     void advance_members(std::int64_t steps, int threads);
     void set_step(double dt);
@@ -60,6 +78,7 @@ private:
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
+    double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`
 };
 
 }  // namespace clothsim

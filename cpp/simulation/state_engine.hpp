@@ -18,6 +18,13 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
+// What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
+template <class Real>
+struct FieldScratch {
+    AlignedVector<Real> values;
+    std::vector<EdgeRowPointers<Real>> rows;
+};
+
 template <class Real, class Layout>
 class StateEngine : public Engine {
 public:
@@ -51,10 +58,14 @@ public:
     void set_raw_state(const std::vector<double>& raw) final {
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
+        acceleration_known_ = false;
     }
 
     void save_checkpoint() final { checkpoint_ = memory_; }
-    void restore_checkpoint() final { memory_ = checkpoint_; }
+    void restore_checkpoint() final {
+        memory_ = checkpoint_;
+        acceleration_known_ = false;
+    }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;
@@ -131,10 +142,13 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
+    // An integrator holds the acceleration at the state in memory; false after every change from elsewhere.
+    bool acceleration_known_ = false;
 
 private:
     template <class In>
     void load_any(const In* x, const In* v) {
+        acceleration_known_ = false;
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
                 const bool pinned = plan_.cloth.pinned[r * columns() + c];

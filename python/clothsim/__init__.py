@@ -14,6 +14,7 @@ from .build import build_config
 from .cloth import Cloth
 from .errors import UnstableError
 from .grid import thread_grid, triangles
+from .integration import integrators
 from .measures import energy, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
@@ -25,6 +26,7 @@ __version__ = build_config()["version"]
 
 __all__ = [
     "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere", "Stepper",
-    "UnstableError", "acceleration", "build_config", "energy", "load_run", "max_stable_dt",
-    "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid", "triangles",
+    "UnstableError", "acceleration", "build_config", "energy", "integrators", "load_run",
+    "max_stable_dt", "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid",
+    "triangles",
 ]  # fmt: skip

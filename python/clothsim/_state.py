@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from .errors import UnstableError
+from .integration import guaranteed_dt
 from .plan import check_options, choose_kernel, choose_threads, core_cloth, core_plan
 from .scene import Scene
 
@@ -132,9 +134,10 @@ class State:
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
+        self.integrator = integrator
         self.threads_optional = threads is None
         self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-        plans = [core_plan(s, precision, kernel, strict) for s in scenes]
+        plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
         self.kernel = choose_kernel(kernel, strict)
         self.instruction_set = plans[0].instruction_set
         self.core = _core.Simulation(
@@ -160,7 +163,7 @@ class State:
             time=outcome["time"],
             point=divmod(outcome["point"], scene.cloth.columns),
             dt=dt,
-            max_stable_dt=max_stable_dt_of(scene),
+            max_stable_dt=max_stable_dt_of(scene, self.integrator),
             x=x[member] if self.batched else x,
             v=v[member] if self.batched else v,
             member=member if self.batched else None,
@@ -170,6 +173,9 @@ class State:
         self.core.store(x, v)
 
 
-def max_stable_dt_of(scene: Scene) -> float:
+def max_stable_dt_of(scene: Scene, integrator: str = "rk4") -> float:
     """The guarantee that `max_stable_dt` gives."""
-    return float(core_cloth(scene).rk4_stable_dt())
+    if integrator == "rk4":
+        return float(core_cloth(scene).rk4_stable_dt())
+    stiffness, damping = core_cloth(scene).mode_bounds
+    return guaranteed_dt(integrator, math.sqrt(stiffness), damping)

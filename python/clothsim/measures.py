@@ -148,4 +148,4 @@ def max_stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     '8.526e-04'
     """
     check.choice("integrator", integrator, INTEGRATORS)
-    return max_stable_dt_of(_one_scene(scene))
+    return max_stable_dt_of(_one_scene(scene), integrator)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _core
 from . import _validate as check
+from .integration import integrators
 from .motion import Keyframes, Linear, Reciprocate
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 PRECISIONS = ("double", "single")
 KERNELS = ("auto", "gather", "edge")
-INTEGRATORS = ("rk4",)
+INTEGRATORS = tuple(integrators())
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
 # the second thread saves.
@@ -87,7 +88,11 @@ def core_cloth(scene: Scene) -> _core.Cloth:
 
 
 def core_plan(
-    scene: Scene, precision: str = "double", kernel: str = "auto", strict: bool = False
+    scene: Scene,
+    precision: str = "double",
+    kernel: str = "auto",
+    strict: bool = False,
+    integrator: str = "rk4",
 ) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
@@ -110,6 +115,7 @@ def core_plan(
         kernel=choose_kernel(kernel, strict),
         strict=strict,
         instruction_set="",
+        integrator=integrator,
     )
 
 
