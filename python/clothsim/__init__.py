@@ -10,6 +10,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 """
 
 from . import scenes
+from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
 from .cloth import Cloth
 from .errors import UnstableError
@@ -25,8 +26,8 @@ from .stepping import Snapshot, Stepper, acceleration, reference_step, step
 __version__ = build_config()["version"]
 
 __all__ = [
-    "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere", "Stepper",
-    "UnstableError", "acceleration", "build_config", "energy", "integrators", "load_run",
-    "max_stable_dt", "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid",
-    "triangles",
+    "Cloth", "Convergence", "Keyframes", "Linear", "Reciprocate", "Reference", "Run", "Scene",
+    "Snapshot", "Sphere", "Stepper", "UnstableError", "acceleration", "build_config", "convergence",
+    "energy", "integrators", "load_run", "max_stable_dt", "penetration", "reference",
+    "reference_step", "scenes", "simulate", "step", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip

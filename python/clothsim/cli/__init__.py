@@ -15,9 +15,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, reproduce, run
+from . import bench, info, reproduce, run, work_precision
 
-SUBCOMMANDS = (info, run, reproduce, bench)
+SUBCOMMANDS = (info, run, reproduce, bench, work_precision)
 
 
 class _Parser(argparse.ArgumentParser):
