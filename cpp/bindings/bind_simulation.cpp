@@ -156,6 +156,13 @@ void bind_simulation(py::module_& m) {
         .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def_property_readonly("contacts", [](S& s) {
+            auto simulation = s.use();
+            std::vector<std::int64_t> contacts;
+            for (std::size_t i = 0; i < simulation->size(); ++i)
+                contacts.push_back(simulation->member(i).contacts_answered);
+            return contacts;
+        })
         .def_property_readonly("evaluations", [](S& s) {
             auto simulation = s.use();
             std::vector<std::int64_t> evaluations;

@@ -24,7 +24,10 @@ public:
     // spheres, or than a part of their contact radius where that is more; at most h. `tried`: also by the
     // velocities at the end of the step that was tried.
     virtual double contact_step(double t, double h, bool tried) = 0;
-    // The state at a part of the last step accepted, before its collision pass.
+    // Whether the step that was tried, from t - h to t, ends with a mass point inside a sphere.
+    virtual bool step_touches(double t) = 0;
+    // The state at a part of the last step accepted, before its collision pass: by the method's interpolant, or, where it
+    // has none, by a step of the method from the same start.
     virtual void dense(double part, double* x, double* v, int threads) = 0;
 };
 

@@ -1,7 +1,5 @@
 #include "dynamics/combine.hpp"
 
-#include <algorithm>
-
 // One version of each function for every instruction set, chosen when the library is loaded.
 #if defined(__x86_64__) && defined(__linux__)
 #define CLOTHSIM_VERSIONS __attribute__((target_clones("avx512f", "avx2", "default")))
@@ -13,121 +11,139 @@
 namespace clothsim {
 namespace {
 
-// Elements worked on at a time; their sums stay in the first-level cache.
-constexpr int chunk = 64;
-// Accelerations added at a time: fewer passes over the sums.
-constexpr int together = 4;
-
-template <class Real>
-struct Increments {
-    alignas(64) Real x[chunk], v[chunk];
+// `bytes` of elements as the compiler's own vector: registers, or parts of one, of whatever the processor has.
+template <class Real, int bytes>
+struct Vector {
+    typedef Real Type __attribute__((vector_size(bytes)));
+    typedef Real Unaligned __attribute__((vector_size(bytes), aligned(sizeof(Real)), may_alias));
+    static constexpr int size = bytes / int(sizeof(Real));
 };
 
-// The sums of `n` elements from `at` on; `velocity` is null where nothing drifts.
-template <class Real>
-CLOTHSIM_INLINE void sum_up(const Combination<Real>& sum, std::ptrdiff_t at, const Real* velocity, int n,
-                            Increments<Real>& d) {
-    if (velocity)
-        for (int i = 0; i < n; ++i) d.x[i] = sum.drift * velocity[i];
-    else
-        for (int i = 0; i < n; ++i) d.x[i] = 0;
-    for (int i = 0; i < n; ++i) d.v[i] = 0;
-    int l = 0;
-    for (; l + together <= sum.count; l += together) {
-        const Real *a0 = sum.a[l] + at, *a1 = sum.a[l + 1] + at, *a2 = sum.a[l + 2] + at, *a3 = sum.a[l + 3] + at;
-        const Real x0 = sum.x[l], x1 = sum.x[l + 1], x2 = sum.x[l + 2], x3 = sum.x[l + 3];
-        const Real v0 = sum.v[l], v1 = sum.v[l + 1], v2 = sum.v[l + 2], v3 = sum.v[l + 3];
-        for (int i = 0; i < n; ++i) {
-            d.x[i] += (x0 * a0[i] + x1 * a1[i]) + (x2 * a2[i] + x3 * a3[i]);
-            d.v[i] += (v0 * a0[i] + v1 * a1[i]) + (v2 * a2[i] + v3 * a3[i]);
-        }
+// A block of `count` vectors, in registers while accelerations are added.
+template <class Real, int bytes, int count>
+struct Block {
+    using V = Vector<Real, bytes>;
+    static constexpr int size = count * V::size;
+    typename V::Type part[count];
+
+    static CLOTHSIM_INLINE Block load(const Real* p) {
+        Block b;
+        for (int i = 0; i < count; ++i)
+            b.part[i] = *reinterpret_cast<const typename V::Unaligned*>(p + i * V::size);
+        return b;
     }
-    for (; l < sum.count; ++l) {
-        const Real* a0 = sum.a[l] + at;
-        const Real x0 = sum.x[l], v0 = sum.v[l];
-        for (int i = 0; i < n; ++i) {
-            d.x[i] += x0 * a0[i];
-            d.v[i] += v0 * a0[i];
-        }
+    CLOTHSIM_INLINE void store(Real* p) const {
+        for (int i = 0; i < count; ++i) *reinterpret_cast<typename V::Unaligned*>(p + i * V::size) = part[i];
     }
+    friend CLOTHSIM_INLINE Block operator+(Block a, const Block& b) {
+        for (int i = 0; i < count; ++i) a.part[i] += b.part[i];
+        return a;
+    }
+    friend CLOTHSIM_INLINE Block operator-(Block a, const Block& b) {
+        for (int i = 0; i < count; ++i) a.part[i] -= b.part[i];
+        return a;
+    }
+    friend CLOTHSIM_INLINE Block operator*(Real a, Block b) {
+        for (int i = 0; i < count; ++i) b.part[i] = a * b.part[i];
+        return b;
+    }
+};
+
+// `work(row, where in the state, dx, dv)` for every block of the rows; `from` gives the velocities of the drift.
+template <class B, class Real, class Work>
+CLOTHSIM_INLINE void for_each_block(const FieldLayout& f, int begin, int end, const Real* from,
+                                    const Combination<Real>& sum, Work work) {
+    for (int r = begin; r < end; ++r)
+        for (int k = 0; k < f.runs; ++k)
+            for (int o = 0; o < f.length; o += B::size) {
+                const std::ptrdiff_t state = f.origin + r * f.row + k * f.run + o;
+                const std::ptrdiff_t at = f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o;
+                B dx = sum.drift * B::load(from + state + f.velocity), dv = Real(0) * dx;
+                for (int l = 0; l < sum.count; ++l) {
+                    const B a = B::load(sum.a[std::size_t(l)] + at);
+                    dx = dx + sum.x[std::size_t(l)] * a;
+                    dv = dv + sum.v[std::size_t(l)] * a;
+                }
+                work(r, state, dx, dv);
+            }
 }
 
-// `work(state offset, n, increments)` for every chunk of the rows. `from` gives the velocities.
+// Kahan's compensated summation, as in the kernels.
+template <class B, class Real>
+CLOTHSIM_INLINE void add(Real* value, std::ptrdiff_t compensation, const B& increment) {
+    const B old = B::load(value);
+    if (compensation == 0) {
+        (old + increment).store(value);
+        return;
+    }
+    const B all = increment + B::load(value + compensation);
+    const B next = old + all;
+    (all - (next - old)).store(value + compensation);
+    next.store(value);
+}
+
+// Calls `work` with the block type that divides the runs of the field: a run is three vectors of the edge kernel's
+// lanes or, in the gather kernel, a multiple of 16 elements.
 template <class Real, class Work>
-CLOTHSIM_INLINE void for_each_chunk(const FieldLayout& f, int begin, int end, const Real* from,
-                                    const Combination<Real>& sum, Work work) {
-    Increments<Real> d;
-    for (int r = begin; r < end; ++r)
-        for (int k = 0; k < f.runs; ++k) {
-            const std::ptrdiff_t state = f.origin + r * f.row + k * f.run;
-            const std::ptrdiff_t acceleration = f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run;
-            for (int o = 0; o < f.length; o += chunk) {
-                const int n = std::min(chunk, f.length - o);
-                sum_up(sum, acceleration + o, from ? from + state + o + f.velocity : nullptr, n, d);
-                work(r, state + o, n, d);
-            }
-        }
+CLOTHSIM_INLINE void with_blocks(const FieldLayout& f, Work work) {
+    switch (f.length * int(sizeof(Real))) {
+        case 3 * 64: return work(Block<Real, 64, 3>{});
+        case 3 * 32: return work(Block<Real, 32, 3>{});
+        case 3 * 16: return work(Block<Real, 16, 3>{});
+        default: return work(Block<Real, 64, 1>{});
+    }
 }
 
 template <class Real>
 CLOTHSIM_INLINE void combine_any(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
                                  const Combination<Real>& sum) {
-    for_each_chunk(f, begin, end, from, sum, [&](int, std::ptrdiff_t at, int n, const Increments<Real>& d)
-                   __attribute__((always_inline)) {
-        const Real *x = from + at, *v = x + f.velocity;
-        Real *to_x = to + at, *to_v = to_x + f.velocity;
-#pragma GCC ivdep
-        for (int i = 0; i < n; ++i) to_x[i] = x[i] + d.x[i];
-#pragma GCC ivdep
-        for (int i = 0; i < n; ++i) to_v[i] = v[i] + d.v[i];
+    with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
+        using B = decltype(block);
+        for_each_block<B>(f, begin, end, from, sum,
+                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv) __attribute__((always_inline)) {
+            (B::load(from + at) + dx).store(to + at);
+            (B::load(from + at + f.velocity) + dv).store(to + at + f.velocity);
+        });
     });
-}
-
-// Kahan's compensated summation, as in the kernels.
-template <class Real>
-CLOTHSIM_INLINE void add(Real* value, std::ptrdiff_t compensation, const Real* increment, int n) {
-    if (compensation == 0) {
-#pragma GCC ivdep
-        for (int i = 0; i < n; ++i) value[i] += increment[i];
-        return;
-    }
-    Real* const kept = value + compensation;
-#pragma GCC ivdep
-    for (int i = 0; i < n; ++i) {
-        const Real all = increment[i] + kept[i];
-        const Real next = value[i] + all;
-        kept[i] = all - (next - value[i]);
-        value[i] = next;
-    }
 }
 
 template <class Real>
 CLOTHSIM_INLINE void advance_any(const FieldLayout& f, int begin, int end, Real* state, const Combination<Real>& sum) {
-    for_each_chunk(f, begin, end, static_cast<const Real*>(state), sum,
-                   [&](int, std::ptrdiff_t at, int n, const Increments<Real>& d) __attribute__((always_inline)) {
-        add(state + at, f.compensation, d.x, n);
-        add(state + at + f.velocity, f.compensation, d.v, n);
+    with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
+        using B = decltype(block);
+        for_each_block<B>(f, begin, end, static_cast<const Real*>(state), sum,
+                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv) __attribute__((always_inline)) {
+            add(state + at, f.compensation, dx);
+            add(state + at + f.velocity, f.compensation, dv);
+        });
     });
 }
 
+// `state` is any: nothing drifts.
 template <class Real>
-CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const Combination<Real>& sum,
-                                RowSquares* rows) {
-    for (int r = begin; r < end; ++r) {
-        Increments<Real> total{};
-        for_each_chunk(f, r, r + 1, static_cast<const Real*>(nullptr), sum,
-                       [&](int, std::ptrdiff_t, int n, const Increments<Real>& d) __attribute__((always_inline)) {
-            for (int i = 0; i < n; ++i) {
-                total.x[i] += d.x[i] * d.x[i];
-                total.v[i] += d.v[i] * d.v[i];
+CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const Real* state,
+                                const Combination<Real>& sum, RowSquares* rows) {
+    with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
+        using B = decltype(block);
+        for (int r = begin; r < end; ++r) {
+            B total_x{}, total_v{};
+            for_each_block<B>(f, r, r + 1, state, sum,
+                              [&](int, std::ptrdiff_t, const B& dx, const B& dv) __attribute__((always_inline)) {
+                for (std::size_t i = 0; i < sizeof(dx.part) / sizeof(dx.part[0]); ++i) {
+                    total_x.part[i] += dx.part[i] * dx.part[i];
+                    total_v.part[i] += dv.part[i] * dv.part[i];
+                }
+            });
+            Real x[B::size], v[B::size];
+            total_x.store(x);
+            total_v.store(v);
+            rows[r] = {};
+            for (int i = 0; i < B::size; ++i) {
+                rows[r].x += double(x[i]);
+                rows[r].v += double(v[i]);
             }
-        });
-        rows[r] = {};
-        for (int i = 0; i < chunk; ++i) {
-            rows[r].x += double(total.x[i]);
-            rows[r].v += double(total.v[i]);
         }
-    }
+    });
 }
 
 }  // namespace
@@ -148,13 +164,13 @@ CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end
                                     const Combination<double>& sum) {
     advance_any(field, begin, end, state, sum);
 }
-CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const Combination<float>& sum,
-                                   RowSquares* rows) {
-    square_any(field, begin, end, sum, rows);
+CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const float* state,
+                                   const Combination<float>& sum, RowSquares* rows) {
+    square_any(field, begin, end, state, sum, rows);
 }
-CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const Combination<double>& sum,
-                                   RowSquares* rows) {
-    square_any(field, begin, end, sum, rows);
+CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const double* state,
+                                   const Combination<double>& sum, RowSquares* rows) {
+    square_any(field, begin, end, state, sum, rows);
 }
 
 }  // namespace clothsim

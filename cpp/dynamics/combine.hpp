@@ -35,11 +35,13 @@ void combine(const FieldLayout& field, int begin, int end, const double* from, d
 void advance_rows(const FieldLayout& field, int begin, int end, float* state, const Combination<float>& sum);
 void advance_rows(const FieldLayout& field, int begin, int end, double* state, const Combination<double>& sum);
 
-// Sums of squares of dx and of dv over each row (without the drift), in an order of their own for every row.
+// Sums of squares of dx and of dv over each row, for its own whichever rows there are; `state` gives the velocities.
 struct RowSquares {
     double x = 0, v = 0;
 };
-void square_rows(const FieldLayout& field, int begin, int end, const Combination<float>& sum, RowSquares* rows);
-void square_rows(const FieldLayout& field, int begin, int end, const Combination<double>& sum, RowSquares* rows);
+void square_rows(const FieldLayout& field, int begin, int end, const float* state, const Combination<float>& sum,
+                 RowSquares* rows);
+void square_rows(const FieldLayout& field, int begin, int end, const double* state, const Combination<double>& sum,
+                 RowSquares* rows);
 
 }  // namespace clothsim

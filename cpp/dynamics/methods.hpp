@@ -28,13 +28,13 @@ struct ExplicitMethod {
     // Adaptive methods. Error estimates: one, or two combined as in dop853.f.
     int order = 0;
     std::vector<Weights> errors;
+    bool error_needs_end = false;  // the acceleration at the result
 
-    // Dense output: further stages (numbered on after that of the result), and the factors at a part of the step.
-    std::vector<Weights> dense_stages;
+    // The interpolant, if the method has one: the factors at a part of the step.
     Weights dense(double part) const;
 
     std::vector<std::vector<double>> a;        // tableau; row `stages` is that of the result
-    std::vector<std::vector<double>> dense_d;  // as the method's authors give it
+    std::vector<std::vector<double>> dense_factors;  // [stage][power - 1] of the part of the step
 };
 
 // A step as drifts and kicks in turn, a drift first and last; in parts of the step.

@@ -38,7 +38,7 @@ public:
             return;
         }
         const bool adaptive = explicit_ && !explicit_->errors.empty();
-        const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 + int(explicit_->dense_stages.size()) : 0);
+        const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 : 0);
         for (int i = 0; i < count; ++i) slot_.push_back(i);
         accelerations_.assign(std::size_t(field_.acceleration_size(count)), Real(0));
         // Copies of the engine's memory, for its padding.
@@ -89,10 +89,12 @@ public:
             if (!this->acceleration_known_) evaluate(band, this->memory_.data(), 0);
             run_stages(band, h, this->memory_);
             combine_band(band, this->memory_, result_, m.result, h);
-            band.barrier();
-            evaluate(band, result_.data(), m.stages);
+            if (m.error_needs_end) {
+                band.barrier();
+                evaluate(band, result_.data(), m.stages);
+            }
             for (std::size_t e = 0; e < m.errors.size(); ++e)
-                square_rows(field_, band.begin, band.end,
+                square_rows(field_, band.begin, band.end, this->memory_.data(),
                             combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v), row_squares_[e].data());
         });
         this->acceleration_known_ = true;
@@ -114,9 +116,9 @@ public:
             advance_band(band, explicit_->result, step_);
             collide(band, t, contact_[0]);
         });
-        std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
-        this->acceleration_known_ = !contact_[0];
-        dense_known_ = false;
+        // The acceleration at the end is the first one of the next step, unless a contact has changed the state since.
+        if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
+        this->acceleration_known_ = explicit_->error_needs_end && !contact_[0];
         return contact_[0];
     }
 
@@ -134,7 +136,7 @@ public:
                     if (this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)]) continue;
                     const PointState point = this->point_state(r, c);
                     double speed = (point.velocity - travel).norm();
-                    if (tried) speed = std::max(speed, (velocity_in(result_, r, c) - travel).norm());
+                    if (tried) speed = std::max(speed, (vector_in(result_, r, c, 3) - travel).norm());
                     const double gap = (point.position - center).norm() - sphere.contact_radius;
                     const double way = (speed + sphere_speed) * allowed;
                     if (way > std::max(gap, least_gap)) allowed *= std::max(gap, least_gap) / way;
@@ -143,23 +145,27 @@ public:
         return allowed;
     }
 
+    bool step_touches(double t) override {
+        for (const Contact& contact : this->contacts(t))
+            for (int r = 0; r < this->rows(); ++r)
+                for (int c = 0; c < this->columns(); ++c)
+                    if (!this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)] &&
+                        touches(contact, vector_in(result_, r, c, 0)))
+                        return true;
+        return false;
+    }
+
     void dense(double part, double* x, double* v, int threads) override {
         const ExplicitMethod& m = *explicit_;
-        // The step's own first and last accelerations have changed places since.
-        std::swap(slot_[0], slot_[std::size_t(m.stages)]);
+        const bool interpolated = !m.dense_factors.empty();
+        // The first and the last acceleration have changed places since the step.
+        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         in_bands(threads, [&](const Band& band) {
-            if (!dense_known_)
-                for (std::size_t i = 0; i < m.dense_stages.size(); ++i) {
-                    AlignedVector<Real>& stage = stages_[i & 1];
-                    combine_band(band, previous_, stage, m.dense_stages[i], step_);
-                    band.barrier();
-                    evaluate(band, stage.data(), m.stages + 1 + int(i));
-                    band.barrier();
-                }
-            combine_band(band, previous_, result_, m.dense(part), step_);
+            if (!interpolated) run_stages(band, part * step_, previous_);
+            combine_band(band, previous_, result_, interpolated ? m.dense(part) : m.result,
+                         interpolated ? step_ : part * step_);
         });
-        std::swap(slot_[0], slot_[std::size_t(m.stages)]);
-        dense_known_ = true;
+        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         for (int r = 0; r < this->rows(); ++r)
             for (int c = 0; c < this->columns(); ++c)
                 for (int k = 0; k < 3; ++k) {
@@ -284,10 +290,11 @@ private:
         return found;
     }
 
-    Vec3 velocity_in(const AlignedVector<Real>& state, int r, int c) const {
-        Vec3 v;
-        for (int k = 0; k < 3; ++k) v[k] = double(state[std::size_t(this->layout_.at(r, c, 3 + k))]);
-        return v;
+    // Components from `first` on: 0, the position, or 3, the velocity.
+    Vec3 vector_in(const AlignedVector<Real>& state, int r, int c, int first) const {
+        Vec3 value;
+        for (int k = 0; k < 3; ++k) value[k] = double(state[std::size_t(this->layout_.at(r, c, first + k))]);
+        return value;
     }
 
     const Method& method_;
@@ -305,7 +312,6 @@ private:
     AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted
     std::vector<std::vector<RowSquares>> row_squares_;
     double step_ = 0;
-    bool dense_known_ = false;
 };
 
 }  // namespace clothsim

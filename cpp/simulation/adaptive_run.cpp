@@ -49,6 +49,12 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double error = adaptive.try_step(h, request.tolerance, team);
         bool accepted = controller.judge(h, error, adaptive.order());
+        // Between the ends of a step that ends in contact there is no frame: the state there may be inside a sphere.
+        if (accepted && t + h > request.until && adaptive.step_touches(t + h)) {
+            controller.h = request.until - t;
+            outcome.rejected += 1;
+            continue;
+        }
         const double bounded = accepted ? adaptive.contact_step(t, h, true) : h;
         if (bounded < h) {
             // A hair less than allowed, as rounding may ask for the same step again.

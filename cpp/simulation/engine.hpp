@@ -1,6 +1,7 @@
 // One cloth's state inside the core, and the loop that advances it.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -55,6 +56,9 @@ public:
     // pass is then done by one thread.
     bool track_contact_energy = false;
     double contact_energy = 0;
+
+    // Answers of the spheres to mass points so far.
+    std::atomic<std::int64_t> contacts_answered{0};
 
     // Force evaluations so far, of the integrators in cpp/dynamics; the fused RK4 takes four a step.
     std::int64_t evaluations = 0;

@@ -121,6 +121,7 @@ protected:
         const PointState before = point_state(row, column);
         if (!touches(contact, before.position)) return;
         const PointState after = respond(contact, before);
+        contacts_answered.fetch_add(1, std::memory_order_relaxed);
         const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
         for (int k = 0; k < 6; ++k)
             set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
