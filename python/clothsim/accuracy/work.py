@@ -163,8 +163,9 @@ def work_precision(
         Time steps [s] of fixed-step methods. Default: seven, each half of the one before, from 0.95
         of the guaranteed stable step (8 times RK4's for an implicit method).
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, relative; the absolute one is that part of the cloth's
-        larger side. Default: 1e-3, 1e-4, ..., 1e-13.
+        Tolerances of adaptive methods, over the cloth's larger side: of the error at the end for
+        `simulate`, whose companion run for the estimate is not counted; of a step for the peers.
+        Default: 1e-3, 1e-4, ..., 1e-13.
     peers : bool, default False
         True adds what is installed of numba's RK4, SciPy's DOP853 and RK45 over numba's forces,
         and diffrax (extras "bench" and "peers").
