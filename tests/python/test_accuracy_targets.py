@@ -52,6 +52,7 @@ def test_single_after_a_million_steps_of_the_oscillator(step):
     assert abs(x[0, 1, 0] - exact) <= 2e-7
 
 
+@pytest.mark.slow
 def test_single_after_a_million_steps_of_the_swing(solution):
     """The paper's swing over 0.25 s in a million steps."""
     run = cs.simulate(solution.scene, 0.25, 2.5e-7, precision="single")

@@ -24,7 +24,7 @@ ERRORS = tuple(10.0**-k for k in range(4, 13))
 # A search ends when the setting is known to this factor.
 _CLOSE = 1.03
 
-# Settings that no search goes beyond.
+# Settings that no search goes beyond, and how many times the fewest force evaluations.
 _FINEST_RTOL = 1e-15
 _SKIP = 8.0
 
@@ -139,7 +139,7 @@ def front(
     peers: bool = False,
     threads: int | None = None,
     windows: int = 7,
-    longest: float = 2.0,
+    longest: float = 5.0,
     reference: Reference | None = None,
     progress: bool = False,
 ) -> Front:
@@ -151,9 +151,9 @@ def front(
         As for `work_precision`.
     errors : sequence of float
         Rms errors [m].
-    longest : float, default 2.0
-        A method is not followed to settings at which a run takes longer [s], nor to ones that take
-        eight times as long as a run already seen that reaches the error.
+    longest : float, default 5.0
+        A method is not followed to settings at which a run takes longer [s], nor to ones with eight
+        times the force evaluations of a run already seen that reaches the error.
 
     Returns
     -------
@@ -201,20 +201,19 @@ def front(
 def _search(
     bench: Bench, method: Method, errors: list[float], longest: float, best: dict[float, float]
 ) -> list[Row]:
-    """The method at its cheapest setting for each error it reaches; `best` times are kept."""
+    """The method at its cheapest setting for each error; `best` keeps the fewest evaluations."""
     seen: dict[float, Measured] = {}
-    limit = longest
+    most = math.inf
 
     def error_of(setting: float) -> float:
         if setting not in seen:
-            # What a run twice as fine will take is known before it is made.
-            finer = [one for one in seen.values() if one.setting > setting and one.stable]
-            last = min(finer, key=lambda one: one.setting, default=None)
-            if last is not None and method.control == "dt":
-                if last.once * last.setting / setting > limit:
+            coarser = [one for one in seen.values() if one.setting > setting and one.stable]
+            last = min(coarser, key=lambda one: one.setting, default=None)
+            if last is not None:
+                # What a smaller step will take is known before it is made.
+                more = last.setting / setting if method.control == "dt" else 1.0
+                if more * last.once > longest or more * last.force_evaluations > most:
                     return math.inf
-            elif last is not None and last.once > limit:
-                return math.inf
             seen[setting] = bench.first(method, setting)
         return seen[setting].rms
 
@@ -222,13 +221,13 @@ def _search(
     coarsest = method.settings(bench.scene, bench.duration)[0]
     finest = _FINEST_RTOL if method.control == "rtol" else coarsest / 2**20
     for error in errors:
-        limit = min(longest, _SKIP * best.get(error, math.inf))
+        most = _SKIP * best.get(error, math.inf)
         setting = cheapest(error_of, coarsest, finest, error)
         if setting is None:
             continue
         coarsest = setting  # a smaller error needs no larger one
         found = seen[setting]
-        best[error] = min(best.get(error, math.inf), found.once)
+        best[error] = min(best.get(error, math.inf), found.force_evaluations)
         copy = Measured(method, setting, found.rms, found.max, found.force_evaluations)
         rows.append(Row(error, copy))
     return rows

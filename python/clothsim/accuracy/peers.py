@@ -151,20 +151,21 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
     inverse_mass = 1 / scene.cloth.mass_per_point[0, 0]
     free = jnp.array(~scene.cloth.pinned, dtype=float)
 
-    def rate(t: Any, state: Any, _: Any) -> Any:
+    def slope(t: Any, state: Any, _: Any) -> Any:
         x, v = state
         force = jnp.zeros_like(x)
         for near, far, stiffness, rest, damping in kinds:
             d, w = x[far] - x[near], v[far] - v[near]
             square = (d * d).sum(axis=0)
-            scale = stiffness * (1 - rest / jnp.sqrt(square)) + damping * (w * d).sum(axis=0) / square
+            rate = (w * d).sum(axis=0) / square
+            scale = stiffness * (1 - rest / jnp.sqrt(square)) + damping * rate
             force = force.at[near].add(scale * d).at[far].add(-scale * d)
         return v, free * (force * inverse_mass + gravity)
 
     @jax.jit
     def run(state: Any, duration: float, rtol: float, atol: float) -> Any:
         found = diffrax.diffeqsolve(
-            diffrax.ODETerm(rate), getattr(diffrax, solver)(), 0.0, duration, None, state,
+            diffrax.ODETerm(slope), getattr(diffrax, solver)(), 0.0, duration, None, state,
             stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol), max_steps=10**6,
         )  # fmt: skip
         return tuple(a[-1] for a in found.ys), found.stats["num_steps"]

@@ -33,6 +33,7 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
         Without matplotlib, naming the extra that brings it.
     """
     try:
+        from matplotlib import colormaps
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -42,9 +43,7 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(map(str, data["integrator"].values)))
-    from matplotlib import colormaps
-
-    colors = dict(zip(names, colormaps["tab20"](np.linspace(0, 1, max(len(names), 2))), strict=False))
+    colors = {name: colormaps["tab20"](k % 20) for k, name in enumerate(names)}
     for m, label in enumerate(map(str, data["solver"].values)):
         one = data.isel(solver=m)
         own = str(one["library"].values) == OWN
@@ -66,7 +65,8 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
         color="k", lw=5, alpha=0.15, marker="o", ms=11, label="front of clothsim", zorder=0,
         drawstyle="steps-post",
     )  # fmt: skip
-    for panel, text in zip(panels, ("wall time per simulated second [s/s]", "force evaluations"), strict=True):
+    texts = ("wall time per simulated second [s/s]", "force evaluations")
+    for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
         panel.grid(alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)

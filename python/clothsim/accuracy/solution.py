@@ -30,7 +30,8 @@ _FORMAT = 1
 _TRUSTED = {"columns": 8, "tolerance": 1e-15}
 _CONTROL = {"columns": 7, "tolerance": 1e-14}
 
-# The method in double starts with this part of RK4's stable step, well below its own, and halves it.
+# The method in double starts with this part of RK4's stable step, well below its own, and halves
+# it.
 _COARSEST = 0.5
 _MOST_HALVINGS = 8
 

@@ -32,7 +32,7 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
 
 
 def write_csv(data: Any, path: Path) -> None:
-    """The runs of a dataset of `work_precision`, one a line, after lines of # with its attributes."""
+    """The runs of a dataset of `work_precision`, one a line, after its attributes as # lines."""
     with path.open("w", newline="") as file:
         for name, value in data.attrs.items():
             file.write(f"# {name}: {value}\n")
@@ -43,6 +43,7 @@ def write_csv(data: Any, path: Path) -> None:
 
 def text_of_runs(data: Any) -> str:
     """A table of the runs, method by method; * marks the front of this package's, + that of all."""
+    peers = len(set(data["library"].values.tolist())) > 1
     header = ("solver", "setting", "rms [m]", "max [m]", "evaluations", "s/s", "drift [J]", "front")
     lines = []
     for row in rows_of(data):
@@ -56,7 +57,7 @@ def text_of_runs(data: Any) -> str:
                 "" if unstable else f"{row['force_evaluations']:.0f}",
                 "" if unstable else f"{row['wall_time']:.4f}",
                 "" if unstable else f"{row['energy_drift']:.1e}",
-                "*" * row["pareto"] + "+" * row["pareto_all"],
+                "*" * row["pareto"] + "+" * (row["pareto_all"] and peers),
             )
         )
     return _aligned(header, lines, left=(0, 1, 7))

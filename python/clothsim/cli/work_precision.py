@@ -104,7 +104,8 @@ def run(args: argparse.Namespace) -> None:
     if find_spec("matplotlib"):
         files.append(plot_work_precision(data, folder / f"{name}.png"))
     if args.json:
-        print(as_json({"attributes": data.attrs, "runs": rows_of(data), "files": list(map(str, files))}))
+        names = [str(file) for file in files]
+        print(as_json({"attributes": data.attrs, "runs": rows_of(data), "files": names}))
         return
     print(text_of_runs(data))
     print(
