@@ -14,6 +14,7 @@ from .. import _validate as check
 from ..errors import UnstableError
 from ..scene import Scene
 from ..simulation import simulate
+from .methods import extent
 from .solution import Reference, reference
 
 Floats = npt.NDArray[np.float64]
@@ -47,9 +48,12 @@ class Convergence:
     fitted : numpy.ndarray
         True where the error is one of the method: at least ten times the `floor`, and below a
         tenth of the rms distance that the cloth has moved. Shape (steps,).
-    floor : float
-        Below it an error is one of rounding or of the reference [m]: the rms of the reference's
-        error estimate, or the least error from where smaller steps no longer help (slope < 1/2).
+    floor : numpy.ndarray
+        Below it an error is one of rounding or of the reference [m], shape (steps,): the largest of
+        the rms of the reference's error estimate, of the least error from where smaller steps no
+        longer help (slope < 1/2), and of eps/2 times the cloth's size, in double times the root of
+        the number of steps, as rounding of the positions adds up like a random walk ("single"
+        compensates it).
     reference : Reference
     """
 
@@ -62,7 +66,7 @@ class Convergence:
     max: Floats
     order: float
     fitted: npt.NDArray[np.bool_]
-    floor: float
+    floor: Floats
     reference: Reference
 
     @property
@@ -73,7 +77,7 @@ class Convergence:
     def __str__(self) -> str:
         fitted = f"order {self.order:.2f} (* fitted)"
         if math.isnan(self.order):
-            fitted = f"no order: fewer than two errors are well above the floor, {self.floor:.1e} m"
+            fitted = f"no order: fewer than two errors are well above the floor, {self.floor.min():.1e} m"
         lines = [f"{self.integrator}, {self.precision}: {fitted}"]
         lines.append(f"{'dt [s]':>11}  {'rms [m]':>9}  {'max [m]':>9}  order")
         for k, dt in enumerate(self.dt):
@@ -154,6 +158,7 @@ def convergence(
     rms = np.array([error["rms"] for error in errors])
     moved = solution.error_of(scene.initial_position)["rms"]
     floor = _floor(dt, rms, float(solution.error_estimate["rms"][-1]))
+    floor = np.maximum(floor, _rounding(precision, extent(scene), np.array(steps)))
     fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
     order = math.nan
     if fitted.sum() > 1:
@@ -201,6 +206,12 @@ def _floor(dt: Floats, rms: Floats, own: float) -> float:
     """The reference's own error, or the least error seen from where smaller steps stop helping."""
     stalled = np.flatnonzero(_slopes(dt, rms) < _STALLED)
     return max(own, float(rms[stalled[0] :].min())) if stalled.size else own
+
+
+def _rounding(precision: str, size: float, steps: npt.NDArray[np.int64]) -> Floats:
+    if precision == "single":
+        return np.full(steps.shape, size * float(np.finfo(np.float32).eps) / 2)
+    return size * np.sqrt(steps) * np.finfo(np.float64).eps / 2
 
 
 def _slopes(dt: Floats, rms: Floats) -> Floats:
