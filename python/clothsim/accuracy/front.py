@@ -25,7 +25,7 @@ ERRORS = tuple(10.0**-k for k in range(4, 13))
 _CLOSE = 1.03
 
 # Settings that no search goes beyond, and how many times the fewest force evaluations.
-_FINEST_RTOL = 1e-15
+_FINEST_RTOL = 1e-14
 _SKIP = 8.0
 
 
@@ -45,19 +45,25 @@ PEER_FACTOR = 5.0
 
 
 def cheapest(
-    error_of: Callable[[float], float], coarsest: float, finest: float, wanted: float
+    error_of: Callable[[float], float],
+    coarsest: float,
+    finest: float,
+    wanted: float,
+    factor: float = 2.0,
 ) -> float | None:
     """The largest setting found whose error is at most `wanted`.
 
     Parameters
     ----------
     error_of : callable
-        Error [m] of a setting; infinite if unstable. It is asked from the coarsest on, by factors
-        of two, until it gives at most `wanted`, and then by bisection between the last two.
+        Error [m] of a setting; infinite if unstable. It is asked from the coarsest on, each
+        smaller by `factor`, until it gives at most `wanted`, and then by bisection between the
+        last two.
     coarsest, finest : float
         Settings between which to look.
     wanted : float
         Error [m].
+    factor : float, default 2.0
 
     Returns
     -------
@@ -74,7 +80,7 @@ def cheapest(
     bad = None
     while error_of(good) > wanted:
         bad = good
-        good /= 2
+        good /= factor
         if good < finest:
             return None
     while bad is not None and bad / good > _CLOSE:
@@ -222,7 +228,9 @@ def _search(
     finest = _FINEST_RTOL if method.control == "rtol" else coarsest / 2**20
     for error in errors:
         most = _SKIP * best.get(error, math.inf)
-        setting = cheapest(error_of, coarsest, finest, error)
+        # A tolerance may span ten decades; a step no more than one or two.
+        factor = 10.0 if method.control == "rtol" else 2.0
+        setting = cheapest(error_of, coarsest, finest, error, factor)
         if setting is None:
             continue
         coarsest = setting  # a smaller error needs no larger one
