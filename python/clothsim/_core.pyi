@@ -133,3 +133,21 @@ def reference_step(
 def reference_step_as_printed(
     plan: Plan, x: Floats, v: Floats, dt: float, steps: int, t: float
 ) -> tuple[Floats, Floats]: ...
+def extrapolate(
+    *,
+    i: npt.NDArray[np.int64],
+    j: npt.NDArray[np.int64],
+    rest_length: Floats,
+    stiffness: Floats,
+    damping: Floats,
+    mass: Floats,
+    pinned: npt.NDArray[np.bool_],
+    gravity: tuple[float, float, float],
+    point_damping: float,
+    x: Floats,
+    v: Floats,
+    times: list[float],
+    columns: int,
+    tolerance: float,
+    threads: int,
+) -> dict[str, Any]: ...

@@ -16,9 +16,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, plot, reproduce, run, stability, sweep
+from . import bench, info, plot, reproduce, run, stability, sweep, work_precision
 
-SUBCOMMANDS = (info, run, sweep, plot, stability, reproduce, bench)
+SUBCOMMANDS = (info, run, sweep, plot, stability, work_precision, reproduce, bench)
 
 
 class _Parser(argparse.ArgumentParser):
