@@ -4,7 +4,7 @@
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
-// The state of vectors that are far from every sphere is copied for the next step on the way.
+// The state of vectors that are done is copied for the next step on the way.
 #pragma once
 
 #include "kernels/contact_arguments.hpp"
@@ -40,45 +40,69 @@ struct SphereNear {
     }
 };
 
-// One vector of points in double, answered lane by lane.
-template <class Real, int W>
+template <class Arch>
+struct Number<xsimd::batch<double, Arch>> {
+    using D = xsimd::batch<double, Arch>;
+    using Mask = xsimd::batch_bool<double, Arch>;
+    static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
+    static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
+};
+
+// One vector of points, in double.
+template <class Arch, class Real, int W>
 struct PointBlock {
-    double x0[3][W], v0[3][W], x[3][W], v[3][W];
-    int met[W];
+    using D = xsimd::batch<double, Arch>;
+    static constexpr int N = int(D::size);
+    alignas(64) double x0[3][W], v0[3][W], x[3][W], v[3][W];
+    alignas(64) double answered[W];  // 1 or 0
+    std::uint64_t left_over = 0;     // a bit a lane
 
     CLOTHSIM_INLINE void load(const Real* from, const VectorGeometry& g, double (&x)[3][W], double (&v)[3][W]) {
         for (int k = 0; k < 3; ++k) {
             const Real* const px = from + k * g.component;
             const Real* const pv = px + 3 * g.component;
-            if constexpr (sizeof(Real) == 4) {
-                const Real* const cx = px + g.compensation;
-                const Real* const cv = pv + g.compensation;
-                for (int l = 0; l < W; ++l) x[k][l] = double(px[l]) + double(cx[l]);
-                for (int l = 0; l < W; ++l) v[k][l] = double(pv[l]) + double(cv[l]);
-            } else {
-                for (int l = 0; l < W; ++l) x[k][l] = px[l];
-                for (int l = 0; l < W; ++l) v[k][l] = pv[l];
+            for (int l = 0; l < W; ++l) {
+                x[k][l] = double(px[l]);
+                v[k][l] = double(pv[l]);
+                if constexpr (sizeof(Real) == 4) {
+                    x[k][l] += double(px[l + g.compensation]);
+                    v[k][l] += double(pv[l + g.compensation]);
+                }
             }
         }
     }
-    void meet_all(const SweptSphere& s, const double* free) {
-        for (int l = 0; l < W; ++l) {
-            const double a0[3] = {x0[0][l], x0[1][l], x0[2][l]}, b0[3] = {v0[0][l], v0[1][l], v0[2][l]};
-            double a[3] = {x[0][l], x[1][l], x[2][l]}, b[3] = {v[0][l], v[1][l], v[2][l]};
-            const Meeting meeting = meet(s, a0, b0, a, b);
-            const bool moves = free[l] != 0;
-            for (int k = 0; k < 3; ++k) x[k][l] = moves ? a[k] : x[k][l];
-            for (int k = 0; k < 3; ++k) v[k][l] = moves ? b[k] : v[k][l];
-            met[l] = int(meeting) + (moves ? 0 : 4);
+    CLOTHSIM_INLINE void meet_all(const SweptSphere& s, const double* free) {
+        for (int l = 0; l < W; l += N) {
+            D a0[3], b0[3], a[3], b[3];
+            for (int k = 0; k < 3; ++k) {
+                a0[k] = D::load_aligned(&x0[k][l]);
+                b0[k] = D::load_aligned(&v0[k][l]);
+                a[k] = D::load_aligned(&x[k][l]);
+                b[k] = D::load_aligned(&v[k][l]);
+            }
+            const Meeting<D> m = meet(s, a0, b0, a, b);
+            const auto moves = D::load_unaligned(free + l) != D(0.0);
+            for (int k = 0; k < 3; ++k) {
+                a[k].store_aligned(&x[k][l]);
+                b[k].store_aligned(&v[k][l]);
+            }
+            xsimd::select(m.answered & moves, D(1.0), D(0.0)).store_aligned(answered + l);
+            left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
         }
     }
-    CLOTHSIM_INLINE void store(Real* to, const VectorGeometry& g, int lane) const {
+    CLOTHSIM_INLINE void store(Real* to, const VectorGeometry& g) const {
         for (int k = 0; k < 3; ++k)
             for (int part = 0; part < 2; ++part) {
-                const double value = part == 0 ? x[k][lane] : v[k][lane];
-                Real* const place = to + (k + 3 * part) * g.component + lane;
-                *place = Real(value);
-                if constexpr (sizeof(Real) == 4) place[g.compensation] = Real(value - double(*place));
+                const double* const from = part == 0 ? x[k] : v[k];
+                Real* const place = to + (k + 3 * part) * g.component;
+                for (int l = 0; l < W; ++l) {
+                    const Real value = Real(from[l]);
+                    place[l] = answered[l] != 0 ? value : place[l];
+                    if constexpr (sizeof(Real) == 4) {
+                        Real& taken = place[l + g.compensation];
+                        taken = answered[l] != 0 ? Real(from[l] - double(value)) : taken;
+                    }
+                }
             }
     }
 };
@@ -93,23 +117,17 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Every lane of a vector that may touch the one sphere there is.
-template <class Real, int W>
-__attribute__((noinline)) void meet_vector(const ContactArguments<Real>& a, int row, int vector, std::uint64_t mask) {
+// Every lane of a vector that may touch the one sphere there is; the lanes that are left over.
+template <class Arch, class Real, int W>
+__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector) {
     const VectorGeometry& g = a.geometry;
     const std::ptrdiff_t at = row * g.row + vector * g.vector;
-    PointBlock<Real, W> block;
+    PointBlock<Arch, Real, W> block;
     block.load(a.before + at, g, block.x0, block.v0);
     block.load(a.state + at, g, block.x, block.v);
     block.meet_all(a.spheres[0], a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W);
-    std::uint64_t left_over = 0;
-    for (; mask != 0; mask &= mask - 1) {
-        const int lane = __builtin_ctzll(mask);
-        const int met = block.met[lane];
-        if (met == int(Meeting::answered)) block.store(a.state + at, g, lane);
-        else if (met != int(Meeting::none) && met != 4) left_over |= std::uint64_t(1) << lane;
-    }
-    if (left_over) a.left_over(a.context, row, vector, left_over);
+    block.store(a.state + at, g);
+    return block.left_over;
 }
 
 template <class Arch, class Real>
@@ -129,14 +147,14 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 const Vector3<V> x0 = load3<V>(a.before + at, g.component);
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
-                std::uint8_t& flag = a.near[std::ptrdiff_t(row) * g.vectors + vector];
                 const bool any = xsimd::any(near);
-                flag = first == 0 ? any : flag | any;
-                if (__builtin_expect(!flag && first + count == a.sphere_count, 1))
+                std::uint64_t left_over = any ? near.mask() : 0;
+                if (any && a.sphere_count == 1) left_over = meet_vector<Arch, Real, W>(a, row, vector);
+                if (left_over) a.left_over(a.context, row, vector, left_over);
+                std::uint8_t& open = a.open[std::ptrdiff_t(row) * g.vectors + vector];
+                open = left_over != 0 || (first > 0 && open);
+                if (__builtin_expect(a.copy && !open && first + count == a.sphere_count, 1))
                     copy_vector<V>(a.state + at, a.before + at, g);
-                if (!any) continue;
-                if (a.sphere_count == 1) meet_vector<Real, W>(a, row, vector, near.mask());
-                else a.left_over(a.context, row, vector, near.mask());
             }
     }
 }
