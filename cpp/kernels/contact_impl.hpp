@@ -48,62 +48,37 @@ struct Number<xsimd::batch<double, Arch>> {
     static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
 };
 
-// One vector of points, in double.
-template <class Arch, class Real, int W>
-struct PointBlock {
+// Vectors of doubles out of and into memory of Real.
+template <class Arch, class Real>
+struct Wide {
     using D = xsimd::batch<double, Arch>;
     static constexpr int N = int(D::size);
-    alignas(64) double x0[3][W], v0[3][W], x[3][W], v[3][W];
-    alignas(64) double answered[W];  // 1 or 0
-    std::uint64_t left_over = 0;     // a bit a lane
+    typedef double Doubles __attribute__((vector_size(8 * N)));
+    typedef Real Reals __attribute__((vector_size(sizeof(Real) * N)));
 
-    CLOTHSIM_INLINE void load(const Real* from, const VectorGeometry& g, double (&x)[3][W], double (&v)[3][W]) {
-        for (int k = 0; k < 3; ++k) {
-            const Real* const px = from + k * g.component;
-            const Real* const pv = px + 3 * g.component;
-            for (int l = 0; l < W; ++l) {
-                x[k][l] = double(px[l]);
-                v[k][l] = double(pv[l]);
-                if constexpr (sizeof(Real) == 4) {
-                    x[k][l] += double(px[l + g.compensation]);
-                    v[k][l] += double(pv[l + g.compensation]);
-                }
-            }
-        }
+    static CLOTHSIM_INLINE Reals load(const Real* p) {
+        Reals a;
+        __builtin_memcpy(&a, p, sizeof a);
+        return a;
     }
-    CLOTHSIM_INLINE void meet_all(const SweptSphere& s, const double* free) {
-        for (int l = 0; l < W; l += N) {
-            D a0[3], b0[3], a[3], b[3];
-            for (int k = 0; k < 3; ++k) {
-                a0[k] = D::load_aligned(&x0[k][l]);
-                b0[k] = D::load_aligned(&v0[k][l]);
-                a[k] = D::load_aligned(&x[k][l]);
-                b[k] = D::load_aligned(&v[k][l]);
-            }
-            const Meeting<D> m = meet(s, a0, b0, a, b);
-            const auto moves = D::load_unaligned(free + l) != D(0.0);
-            for (int k = 0; k < 3; ++k) {
-                a[k].store_aligned(&x[k][l]);
-                b[k].store_aligned(&v[k][l]);
-            }
-            xsimd::select(m.answered & moves, D(1.0), D(0.0)).store_aligned(answered + l);
-            left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
-        }
+    static CLOTHSIM_INLINE void store(Real* p, const Reals& a) { __builtin_memcpy(p, &a, sizeof a); }
+    static CLOTHSIM_INLINE Doubles widen(const Reals& a) { return __builtin_convertvector(a, Doubles); }
+    static CLOTHSIM_INLINE Reals narrow(const Doubles& a) { return __builtin_convertvector(a, Reals); }
+    static CLOTHSIM_INLINE D batch(const Doubles& a) { return D(typename D::register_type(a)); }
+    static CLOTHSIM_INLINE Doubles doubles(const D& a) { return Doubles(typename D::register_type(a)); }
+
+    static CLOTHSIM_INLINE D read(const Real* p, std::ptrdiff_t compensation) {
+        if constexpr (sizeof(Real) == 4) return batch(widen(load(p)) + widen(load(p + compensation)));
+        else return batch(load(p));
     }
-    CLOTHSIM_INLINE void store(Real* to, const VectorGeometry& g) const {
-        for (int k = 0; k < 3; ++k)
-            for (int part = 0; part < 2; ++part) {
-                const double* const from = part == 0 ? x[k] : v[k];
-                Real* const place = to + (k + 3 * part) * g.component;
-                for (int l = 0; l < W; ++l) {
-                    const Real value = Real(from[l]);
-                    place[l] = answered[l] != 0 ? value : place[l];
-                    if constexpr (sizeof(Real) == 4) {
-                        Real& taken = place[l + g.compensation];
-                        taken = answered[l] != 0 ? Real(from[l] - double(value)) : taken;
-                    }
-                }
-            }
+    // Only where `chosen` is not 0.
+    static CLOTHSIM_INLINE void write(Real* p, std::ptrdiff_t compensation, const D& value, const D& chosen) {
+        const Doubles wide = doubles(value);
+        const Reals rounded = narrow(wide);
+        const auto here = narrow(doubles(chosen)) != 0;
+        store(p, here ? rounded : load(p));
+        if constexpr (sizeof(Real) == 4)
+            store(p + compensation, here ? narrow(wide - widen(rounded)) : load(p + compensation));
     }
 };
 
@@ -120,14 +95,34 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
 // Every lane of a vector that may touch the one sphere there is; the lanes that are left over.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector) {
+    using D = xsimd::batch<double, Arch>;
+    using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
-    const std::ptrdiff_t at = row * g.row + vector * g.vector;
-    PointBlock<Arch, Real, W> block;
-    block.load(a.before + at, g, block.x0, block.v0);
-    block.load(a.state + at, g, block.x, block.v);
-    block.meet_all(a.spheres[0], a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W);
-    block.store(a.state + at, g);
-    return block.left_over;
+    const std::ptrdiff_t first = row * g.row + vector * g.vector;
+    const double* const free = a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W;
+    std::uint64_t left_over = 0;
+    for (int l = 0; l < W; l += Memory::N) {
+        Real* const state = a.state + first + l;
+        const Real* const before = a.before + first + l;
+        D x0[3], v0[3], x[3], v[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            x0[k] = Memory::read(before + k * g.component, g.compensation);
+            v0[k] = Memory::read(before + (k + 3) * g.component, g.compensation);
+            x[k] = Memory::read(state + k * g.component, g.compensation);
+            v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
+        });
+        const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
+        const auto moves = D::load_unaligned(free + l) != D(0.0);
+        left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
+        const auto answered = m.answered & moves;
+        if (xsimd::none(answered)) continue;
+        const D chosen = xsimd::select(answered, D(1.0), D(0.0));
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            Memory::write(state + k * g.component, g.compensation, x[k], chosen);
+            Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
+        });
+    }
+    return left_over;
 }
 
 template <class Arch, class Real>
