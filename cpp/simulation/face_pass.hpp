@@ -40,6 +40,7 @@ public:
     bool run() {
         constexpr int rounds = 6, bouncing_sweeps = 20, lifting_sweeps = 200, spreading_sweeps = 40;
         bool any = false;
+        pushed_.assign(std::size_t(cloth_.points()), 0.0);
         for (int round = 0; round < rounds; ++round) {
             load();
             find_candidates();
@@ -220,7 +221,17 @@ private:
         const double inwards = std::min(velocity.dot(n), 0.0);
         // Beside a pinned corner a small weight would throw the free one far: in several sweeps instead.
         const double longest = *std::max_element(h.part.begin(), h.part.end());
-        const double lift = ((was_inside ? std::min(aim, began + s_.push) : aim) - distance) / std::max(1.0, longest / 4);
+        double lift = ((was_inside ? std::min(aim, began + s_.push) : aim) - distance) / std::max(1.0, longest / 4);
+        if (was_inside) {  // a corner goes no faster for being shared, nor for having been inside itself
+            for (std::size_t i = 0; i < 3; ++i) {
+                double& pushed = pushed_[std::size_t(t[i])];
+                if (pushed == 0 && start_[std::size_t(t[i])].norm() < s_.radius - tolerance_) pushed = s_.push;
+                if (h.part[i] > 0) lift = std::min(lift, (s_.push - pushed) / h.part[i]);
+            }
+            if (lift <= 1e-3 * s_.push && inwards == 0) return false;
+            lift = std::max(lift, 0.0);
+            for (std::size_t i = 0; i < 3; ++i) pushed_[std::size_t(t[i])] += h.part[i] * lift;
+        }
         apply(t, h, lift * n, -inwards * n);
         return true;
     }
@@ -262,6 +273,7 @@ private:
     ContactReport& report_;
     double tolerance_;  // m
     std::vector<Vec3> start_, end_;  // in the sphere's frame
+    std::vector<double> pushed_;     // how far corners were pushed out of where they started inside, this step [m]
     std::vector<Triangle> candidates_;
 };
 

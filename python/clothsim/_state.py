@@ -198,7 +198,7 @@ def warn(message: str) -> None:
     depth, frame = 2, sys._getframe(1)
     while frame.f_back and frame.f_globals.get("__name__", "").startswith("clothsim"):
         depth, frame = depth + 1, frame.f_back
-    warnings.warn(message, ContactWarning, stacklevel=depth - 1)
+    warnings.warn(message, ContactWarning, stacklevel=depth)
 
 
 # Rounding of float32 positions, as part of the radius and the distance of the centre.

@@ -8,7 +8,7 @@ import numpy as np
 
 import clothsim as cs
 
-_POINTS = (400, 500)
+_POINTS = (250, 200)
 _STEPS = 4  # with each sphere radius; a step starts where the one before ended
 _ULP = np.finfo(np.float64).eps
 

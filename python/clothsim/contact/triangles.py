@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import _core
 
-_CHUNK = 20_000
+_CHUNK = 4_000
 
 
 def _polynomial_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
