@@ -15,9 +15,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, reproduce, run
+from . import bench, contact, info, reproduce, run
 
-SUBCOMMANDS = (info, run, reproduce, bench)
+SUBCOMMANDS = (info, run, reproduce, contact, bench)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -124,6 +124,7 @@ def comparison(
     scenes: Sequence[str] = tuple(SCENES),
     responses: Sequence[str] = tuple(RESPONSES),
     *,
+    part: float = 1.0,
     timed: bool = True,
     advance: Callable[[int], object] = lambda rows: None,
 ) -> list[dict[str, Any]]:
@@ -133,6 +134,8 @@ def comparison(
     ----------
     scenes, responses : sequence of str
         Some of `SCENES` and `RESPONSES`.
+    part : float
+        Part of the scenes' durations that is run; the fast one is run whole.
     timed : bool
         Also measure the cost of a step in contact, one thread, double.
     advance : callable
@@ -146,7 +149,8 @@ def comparison(
     rows = []
     for name in scenes:
         for response in responses:
-            rows.append(follow(name, response))
+            end = SCENES[name][2] * (part if name != "fast" else 1.0)
+            rows.append(follow(name, response, end))
             advance(1)
     if timed:
         _cost(rows)
