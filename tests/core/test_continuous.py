@@ -74,21 +74,27 @@ def test_grazing_is_decided_to_rounding(miss, far):
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
-def test_kernels_agree_with_the_reference(crumpled, relative, kernel, precision):
+def test_kernels_agree_with_the_reference(crumpled, kernel, precision):
     sphere = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1.5, 0.3)), "continuous", friction=0.1)
     scene, x, v, dt = crumpled(spheres=sphere)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cs.ContactWarning)
         for restitution in (0.0, 0.6, 1.0):
             one = scene.replace(spheres=sphere.replace(restitution=restitution))
-            free = cs.reference_step(one.replace(spheres=()), x, v, dt, 40)
-            expected = cs.reference_step(one, x, v, dt, 40)
-            assert relative(expected, free, x) > 1e-2
-            result = cs.step(one, x, v, dt, 40, kernel=kernel, precision=precision)
-            # A rounding may decide whether a bounce is flown, which moves one point a little.
-            difference = np.abs(result[0] - expected[0]).max(axis=-1) / np.abs(expected[0] - x).max()
-            assert np.quantile(difference, 0.8) < {"double": 1e-9, "single": 1e-2}[precision]
-            assert difference.max() < 1e-2 or precision == "single"
+            here, met, decided = (x, v), 0, 0
+            for k in range(40):
+                free = cs.reference_step(one.replace(spheres=()), *here, dt, t=k * dt)
+                expected = cs.reference_step(one, *here, dt, t=k * dt)
+                result = cs.step(one, *here, dt, t=k * dt, kernel=kernel, precision=precision)
+                met += int((expected[0] != free[0]).any(axis=-1).sum())
+                bound = {"double": 1e-12, "single": 1e-5}[precision]
+                for mine, reference in zip(result, expected, strict=True):
+                    difference = np.abs(mine - reference).max(axis=-1) / np.abs(reference).max()
+                    decided += int((difference > bound).sum())
+                    assert difference.max() < 1e-2
+                here = expected
+            # Where rounding decides whether a bounce is flown the results are apart by a little.
+            assert met > 200 and decided < 0.02 * met
 
 
 @pytest.mark.parametrize("offset", ["edge", "face"])
@@ -146,8 +152,8 @@ def test_nothing_passes_in_1e8_point_steps():
 
 @pytest.mark.parametrize("response", ["ray", "reflect"])
 def test_the_check_of_passing_can_fail(response):
-    result = crossings(200_000, response=response)
-    assert result["inside"] > 1000 and result["crossings"] > 100_000
+    result = crossings(100_000, response=response)
+    assert result["inside"] > 1000 and result["crossings"] > 30_000
 
 
 def test_a_test_per_step_misses_q2_over_3_of_fast_points():
@@ -210,7 +216,7 @@ def test_contact_energy_is_what_the_total_changes_by():
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_what_rests_stays_at_rest(precision):
     """`clothsim contact --full` and the test marked slow watch 1e6 steps."""
-    result = resting(50_000, precision=precision)
+    result = resting(20_000, precision=precision)
     assert result["touching"] == 64
     assert result["depth"] == 0 and result["normal_jitter"] < 1e-6
 

@@ -54,7 +54,9 @@ def passes(x0: np.ndarray, x1: np.ndarray, sphere: cs.Sphere, t0: float, t1: flo
     return int((outside & (nearest < r * (1 - 1e-9))).sum())
 
 
-def follow(name: str, response: str, end: float | None = None, look: int = LOOK) -> dict[str, Any]:
+def follow(
+    name: str, response: str, end: float | None = None, look: int = LOOK, dt: float | None = None
+) -> dict[str, Any]:
     """One row of the table: run a scene with a response and watch every step.
 
     Returns
@@ -64,7 +66,8 @@ def follow(name: str, response: str, end: float | None = None, look: int = LOOK)
         two steps; "contact_energy": what the contacts added, the work of a moving sphere included
         [J]; "failure": None, or why the run ended early.
     """
-    _, dt, duration = SCENES[name]
+    _, usual, duration = SCENES[name]
+    dt = dt or usual
     scene = scene_of(name, response)
     sphere = scene.spheres[0]
     stepper = cs.Stepper(scene, threads=1, track_contact_energy=True)
