@@ -98,6 +98,7 @@ def reductions(settings: Settings) -> list[str]:
         ("window_frames", "frames a window in experiment 3"),
         ("speedup_steps", "steps a run in experiment 4"),
         ("speedup_seconds", "seconds after which a run of experiment 4 ends early"),
+        ("comparison_part", "part of its scenes' durations that experiment 5 runs"),
     ):
         if getattr(settings, name) < getattr(FULL, name):
             lines.append(f"{what}: {getattr(settings, name)} instead of {getattr(FULL, name)}")
