@@ -219,23 +219,28 @@ void EdgeEngine<Real>::build_coefficients() {
 
 template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, Stage stage, double dt) {
+    EdgeArguments<Real> e = arguments(stage, dt, band.scratch.data() + (stage == Stage::evaluate ? 0 : int(stage)) * scratch_size());
+    e.rows = band.rows.data();
+    e.hit = &Band::hit;
+    e.context = &band;
+    return e;
+}
+
+template <class Real>
+EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
     static_cast<StepConstants<Real>&>(e) = this->step_constants(dt);
     e.vectors = layout_.vectors;
     e.stage = stage;
-    e.rows = band.rows.data();
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
     e.force_scale = Real(force_scale_);
     e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale() / force_scale_);
     e.complete = complete_;
-    const std::ptrdiff_t three = 3 * (layout_.width() + layout_.lanes);
-    e.force = band.scratch.data();
-    e.received[0] = e.force + 9 * layout_.lanes + (stage == Stage::evaluate ? 0 : int(stage)) * 3 * three;
-    e.received[1] = e.received[0] + three;
-    e.received_2 = e.received[1] + three;
-    e.hit = &Band::hit;
-    e.context = &band;
+    e.received[0] = scratch;
+    e.received[1] = scratch + handed_size();
+    e.received_2 = scratch + 2 * handed_size();
+    e.force = scratch + 3 * handed_size();
     return e;
 }
 
@@ -252,7 +257,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->upwards = team > 1 && t % 2 == 0;
         band->from_near.prepare(layout_);
         band->from_far.prepare(layout_);
-        band->scratch.assign(14 * 3 * (layout_.width() + layout_.lanes), Real(0));
+        band->scratch.assign(4 * scratch_size(), Real(0));
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
@@ -265,7 +270,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->rows.push_back({memory_.data() + r * layout_.row_size(), band->work.data() + i % ring * work_row,
                                   free_.data() + r * layout_.width(),
                                   inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
-                                  row_has_fixed_[std::size_t(r)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0});
+                                  is_special(r)});
         }
         bands.push_back(std::move(band));
     }
@@ -290,9 +295,8 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
     const auto begin_stage = [&](int s) {
         EdgeArguments<Real>& e = stages[s];
         if (!band.near) {
-            const std::ptrdiff_t three = 3 * (layout_.width() + layout_.lanes);
-            std::fill_n(e.received[0], three, Real(0));
-            std::fill_n(e.received_2, three, Real(0));
+            std::fill_n(e.received[0], handed_size(), Real(0));
+            std::fill_n(e.received_2, handed_size(), Real(0));
             return;
         }
         band.from_near.wait(number + s);
@@ -378,7 +382,7 @@ template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
     Band& band = *bands(1)[0];
     EdgeArguments<Real> e = arguments(band, Stage::evaluate, 0);
-    std::fill_n(e.received[0], 9 * (layout_.width() + layout_.lanes), Real(0));
+    std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     for (int r = 0; r < rows(); ++r) {
         const auto state = [&](int row) -> const Real* {
             return row < rows() ? band.rows[std::size_t(row)].state : nullptr;

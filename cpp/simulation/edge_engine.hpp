@@ -26,6 +26,9 @@ struct LiftedLayout {
         return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
     }
     std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
+    std::ptrdiff_t first() const { return 0; }
+    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
+    int column(int vector, int lane, int) const { return lane * vectors + vector; }
     // Where a point stands among values of which there is one a point.
     std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
     std::ptrdiff_t width() const { return vectors * lanes; }
@@ -57,6 +60,13 @@ private:
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_band(Band& band, std::int64_t steps, const Clock& clock);
     EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);
+    EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
+    bool is_special(int row) const {
+        return row_has_fixed_[std::size_t(row)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0;
+    }
+    // What a row hands on: a force for each point and one vector more; three of it and three single vectors a stage.
+    std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
+    std::ptrdiff_t scratch_size() const { return 3 * handed_size() + 9 * layout_.lanes; }
 
     EdgeStageKernel<Real> stage_kernel_;
     EdgeWavesKernel<Real> waves_kernel_;

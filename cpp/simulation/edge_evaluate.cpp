@@ -33,29 +33,20 @@ FieldLayout EdgeEngine<Real>::field() const {
 
 template <class Real>
 void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch) {
-    const std::ptrdiff_t three = 3 * layout_.width();
-    scratch.values.resize(std::size_t(3 * three));
+    scratch.values.resize(std::size_t(scratch_size()));
     scratch.rows.resize(std::size_t(end - begin));
     const FieldLayout f = field();
     for (int r = begin; r < end; ++r)
         scratch.rows[std::size_t(r - begin)] = {
             nullptr, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
             inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
-            row_has_fixed_[std::size_t(r)] != 0};
+            is_special(r)};
 
-    EdgeArguments<Real> e{};
-    static_cast<StepConstants<Real>&>(e) = this->step_constants(0);
-    e.vectors = layout_.vectors;
-    e.stage = Stage::evaluate;
+    EdgeArguments<Real> e = arguments(Stage::evaluate, 0, scratch.values.data());
     e.rows = scratch.rows.data();
-    e.coefficients = coefficients_.data();
-    e.coefficient_class = coefficient_class_.data();
-    e.force = scratch.values.data();
-    e.received = e.force + three;
-    e.received_2 = e.received + three;
 
     const auto row = [&](int r) { return r < rows() ? state + r * f.row : nullptr; };
-    if (begin == 0) std::fill_n(e.received, 2 * three, Real(0));
+    if (begin == 0) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     else halo_kernel_(e, {row(begin - 2), nullptr, row(begin)}, {row(begin - 1), row(begin), row(begin + 1)});
     for (int r = begin; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
 }

@@ -13,7 +13,7 @@ from . import scenes
 from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
 from .cloth import Cloth
-from .errors import StabilityWarning, UnstableError
+from .errors import ContactError, ContactWarning, StabilityWarning, UnstableError
 from .grid import thread_grid, triangles
 from .integration import integrators
 from .measures import energy, largest_stretch, max_stable_dt, penetration
@@ -29,10 +29,10 @@ from .sweep import open_sweep, sweep
 __version__ = build_config()["version"]
 
 __all__ = [
-    "Cloth", "Convergence", "Keyframes", "Linear", "Reciprocate", "Reference", "Run", "Scene",
-    "Snapshot", "Sphere", "StabilityWarning", "Stepper", "UnstableError", "acceleration",
-    "build_config", "convergence", "energy", "integrators", "largest_stretch", "load_run",
-    "load_scene", "max_stable_dt", "open_sweep", "penetration", "reference", "reference_step",
-    "save_scene", "scenes", "simulate", "stability_map", "step", "sweep", "thread_grid",
-    "triangles", "work_precision",
+    "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
+    "Reciprocate", "Reference", "Run", "Scene", "Snapshot", "Sphere", "StabilityWarning",
+    "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
+    "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
+    "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",
+    "stability_map", "step", "sweep", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip

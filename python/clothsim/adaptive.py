@@ -25,11 +25,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
-from ._state import State, max_stable_dt_of
+from ._state import State
 from .errors import UnstableError
 from .integration import integrators
 from .plan import core_cloth
 from .scene import Scene
+from .stability.bound import guaranteed_dt
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[list[Any]], Iterable[Any]]
@@ -87,6 +88,12 @@ class Options:
         return Options(**{**self.__dict__, **changes})
 
 
+def _contacts(state: State, scene: Scene) -> int:
+    """Answers of the spheres so far; those of "continuous" are not counted: taken to be there."""
+    continuous = any(sphere.response == "continuous" for sphere in scene.spheres)
+    return int(state.core.contacts[0]) + continuous
+
+
 @dataclass
 class Solution:
     """Frames of one run and what it cost."""
@@ -121,7 +128,7 @@ def integrate(
     stiffness, _ = core_cloth(scene).mode_bounds
     rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
     controller = _core.StepController()
-    controller.h = min(duration, 0.9 * max_stable_dt_of(scene, options.integrator))
+    controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
     frames = _Frames(state)
     steps = rejected = 0
     first_contact = None
@@ -140,7 +147,7 @@ def integrate(
             )  # fmt: skip
             if "point" in outcome:
                 outcome["step"] += steps
-                state._raise_unstable(outcome, controller.h)
+                state._raise_error(outcome, controller.h)
             steps += outcome["steps"]
             rejected += outcome["rejected"]
             if watching and outcome["contacts"]:
@@ -183,7 +190,7 @@ def run_fixed(
     evaluations = 4 * steps if options.integrator == "rk4" else state.core.evaluations[0]
     return Solution(
         options, frames.t, *frames.arrays(), steps, 0, evaluations, wall_time,
-        state.core.contacts[0], None, dt, state,
+        _contacts(state, scene), None, dt, state,
     )  # fmt: skip
 
 
@@ -250,7 +257,7 @@ def growth_of_perturbations(scene: Scene, duration: float, options: Options) -> 
     factor is wanted, not a solution.
     """
     options = options.replace(integrator="semi_implicit_euler", precision="double")
-    dt = min(0.9 * max_stable_dt_of(scene, options.integrator), duration / 4)
+    dt = min(0.9 * guaranteed_dt(core_cloth(scene), options.integrator), duration / 4)
     x, v = scene.initial_position, scene.initial_velocity
     free = ~scene.cloth.pinned[..., None]
     noise = np.random.default_rng(1).standard_normal(x.shape) * free
@@ -375,7 +382,9 @@ class _Fixed:
     ) -> None:
         self.order = integrators()[options.integrator].order
         # The error of a method of order 1 is too large at its limit to try it.
-        longest = (0.75 if self.order == 1 else 0.95) * max_stable_dt_of(scene, options.integrator)
+        longest = (0.75 if self.order == 1 else 0.95) * guaranteed_dt(
+            core_cloth(scene), options.integrator
+        )
         self.first = duration / max(4, math.ceil(duration / longest))
         self._scene, self._duration = scene, duration
         # An int counts the steps of the first run, so that all runs have the same frames.

@@ -249,6 +249,11 @@ def simulate(
     elif asked is None and integrator != "auto" and not integrators()[integrator].adaptive:
         solution, account = _safe_step(scene, duration, options, every, shown)
     else:
+        if any(sphere.response == "continuous" for sphere in scene.spheres):
+            raise ValueError(
+                "rtol, atol and adaptive integrators need spheres with the response 'reflect' or "
+                "'ray': continuous contact is answered at fixed steps; give dt and an integrator"
+            )
         asked = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
         if integrator == "auto":
             options = automatic(scene, duration, asked, options)

@@ -91,7 +91,7 @@ def test_run_prints_the_report_as_text(capsys):
         (("run", "paper_swing", "--precision", "half"), "--precision"),
         (("run", "paper_swing", "--threads", "0"), "--threads"),
         (("run", "paper_swing", "--out", "no/such/folder/x.npz"), "--out"),
-        (("reproduce", "--experiment", "5"), "--experiment"),
+        (("reproduce", "--experiment", "6"), "--experiment"),
         (("reproduce", "--threads", "two"), "--threads"),
         (("info", "--colour"), "--colour"),
     ],

@@ -27,6 +27,7 @@ SMALL = Settings(
     windows=2,
     window_frames=5,
     speedup_steps=20,
+    comparison_part=0.02,
     picture_width=120,
 )
 
@@ -325,7 +326,7 @@ def test_interrupt_ends_all_cases():
 @pytest.mark.parametrize(
     "arguments, named",
     [
-        ({"experiments": (1, 5)}, "experiments"),
+        ({"experiments": (1, 6)}, "experiments"),
         ({"experiments": ()}, "experiments"),
         ({"threads": 0}, "threads"),
         ({"settings": Settings(static_dt=3e-4), "experiments": (1,)}, "frame_dt"),

@@ -16,9 +16,11 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, plot, reproduce, run, stability, sweep, work_precision
+from . import bench, contact, info, plot, reproduce, run, stability, sweep, work_precision
 
-SUBCOMMANDS = (info, run, sweep, plot, stability, work_precision, reproduce, bench)
+SUBCOMMANDS = (
+    info, run, sweep, plot, stability, work_precision, contact, reproduce, bench,
+)  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):

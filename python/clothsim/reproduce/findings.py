@@ -12,8 +12,9 @@ MILLIMETRE = 1e3
 
 
 def of(experiment: str, entry: dict) -> list[str]:
-    """The findings of experiment "1" to "4"."""
-    return {"1": _static, "2": _moving, "3": _methods, "4": _speedup}[experiment](entry)
+    """The findings of experiment "1" to "5"."""
+    made = {"1": _static, "2": _moving, "3": _methods, "4": _speedup, "5": _comparison}
+    return made[experiment](entry)
 
 
 def _cells(entry: dict, method: int, variant: str) -> list[dict]:
@@ -259,6 +260,31 @@ def _speedup(entry: dict) -> list[str]:
     lines.append(
         f"Both compute the same: after {entry['agreement_steps']} steps positions differ by no "
         f"more than {number(entry['agreement'])} m."
+    )
+    return lines
+
+
+def _comparison(entry: dict) -> list[str]:
+    lines = []
+    for scene in dict.fromkeys(row["scene"] for row in entry["rows"]):
+        rows = {row["response"]: row for row in entry["rows"] if row["scene"] == scene}
+        worst = max(rows.values(), key=lambda row: row["triangles"])
+        face = rows["continuous, face"]
+        safe = not (face["points"] or face["triangles"] or face["crossings"] or face["failure"])
+        through = {name: row["crossings"] for name, row in rows.items() if row["crossings"]}
+        told = ", ".join(f"{count} with {name}" for name, count in through.items()) or "none"
+        lines.append(
+            f"{scene.capitalize()} sphere: deepest triangle "
+            f"{number(MILLIMETRE * worst['triangles'])} mm ({worst['response']}), "
+            f"{number(MILLIMETRE * rows['continuous']['triangles'])} mm continuous. Points that "
+            f"passed between two steps: {told}. Continuous with face offset: "
+            + ("no point, no triangle inside, none passed." if safe else "NOT free of penetration.")
+        )
+    made = {row["response"]: row["contact_energy"] for row in entry["rows"] if row["scene"] == "static"}
+    lines.append(
+        "Energy added by contact with the static sphere, which should be 0 at restitution 1: "
+        + ", ".join(f"{name} {number(value)} J" for name, value in made.items())
+        + "."
     )
     return lines
 

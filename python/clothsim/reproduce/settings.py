@@ -9,7 +9,7 @@ PAPER_DT = 5e-6  # s, "time step" of Table 2
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the four experiments.
+    """Sizes of the experiments.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ class Settings:
         Steps in one measurement of experiment 4.
     speedup_seconds : float
         Wall time after which such a measurement ends early [s].
+    comparison_part : float
+        Part of its scenes' durations that experiment 5 runs.
     picture_width : int
         Pixels along a picture.
     """
@@ -50,6 +52,7 @@ class Settings:
     window_frames: int = 200
     speedup_steps: int = 20_000
     speedup_seconds: float = 5.0
+    comparison_part: float = 1.0
     picture_width: int = 520
 
     def steps_per_frame(self, dt: float) -> int:
@@ -71,6 +74,7 @@ QUICK = Settings(
     runs=3,
     speedup_steps=1_000,
     speedup_seconds=1.0,
+    comparison_part=0.4,
     picture_width=400,
 )
 
@@ -94,6 +98,7 @@ def reductions(settings: Settings) -> list[str]:
         ("window_frames", "frames a window in experiment 3"),
         ("speedup_steps", "steps a run in experiment 4"),
         ("speedup_seconds", "seconds after which a run of experiment 4 ends early"),
+        ("comparison_part", "part of its scenes' durations that experiment 5 runs"),
     ):
         if getattr(settings, name) < getattr(FULL, name):
             lines.append(f"{what}: {getattr(settings, name)} instead of {getattr(FULL, name)}")

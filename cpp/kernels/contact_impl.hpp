@@ -1,0 +1,158 @@
+// Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step, and
+// the answer to those that do (collision/continuous.hpp).
+//
+// A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
+// |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
+//
+// The state of vectors that are done is copied for the next step on the way.
+#pragma once
+
+#include "kernels/contact_arguments.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+constexpr double near_margin = 1.0 / 64;
+
+template <class V, class Real>
+struct SphereNear {
+    V center[3], way[3], radius2;
+
+    CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
+        double size = 0;
+        for (int k = 0; k < 3; ++k) {
+            center[k] = V(Real(s.end[k]));
+            way[k] = V(Real(s.end[k] - s.start[k]));
+            size += s.end[k] < 0 ? -s.end[k] : s.end[k];
+        }
+        // What rounding to Real may take from the distance.
+        const double rounding = 16 * (size + s.surface) * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
+        const double radius = s.surface + rounding;
+        radius2 = V(Real((1 + near_margin) * radius * radius * (1 + 1e-6)));
+    }
+    CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
+        const Vector3<V> m{x.x - center[0], x.y - center[1], x.z - center[2]};
+        const Vector3<V> q{x.x - x0.x - way[0], x.y - x0.y - way[1], x.z - x0.z - way[2]};
+        const V m2 = m.x * m.x + m.y * m.y + m.z * m.z;
+        const V q2 = q.x * q.x + q.y * q.y + q.z * q.z;
+        return m2 < radius2 + V(Real(1 + 1 / near_margin)) * q2;
+    }
+};
+
+template <class Arch>
+struct Number<xsimd::batch<double, Arch>> {
+    using D = xsimd::batch<double, Arch>;
+    using Mask = xsimd::batch_bool<double, Arch>;
+    static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
+    static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
+};
+
+// Vectors of doubles out of and into memory of Real.
+template <class Arch, class Real>
+struct Wide {
+    using D = xsimd::batch<double, Arch>;
+    static constexpr int N = int(D::size);
+    typedef double Doubles __attribute__((vector_size(8 * N)));
+    typedef Real Reals __attribute__((vector_size(sizeof(Real) * N)));
+
+    static CLOTHSIM_INLINE Reals load(const Real* p) {
+        Reals a;
+        __builtin_memcpy(&a, p, sizeof a);
+        return a;
+    }
+    static CLOTHSIM_INLINE void store(Real* p, const Reals& a) { __builtin_memcpy(p, &a, sizeof a); }
+    static CLOTHSIM_INLINE Doubles widen(const Reals& a) { return __builtin_convertvector(a, Doubles); }
+    static CLOTHSIM_INLINE Reals narrow(const Doubles& a) { return __builtin_convertvector(a, Reals); }
+    static CLOTHSIM_INLINE D batch(const Doubles& a) { return D(typename D::register_type(a)); }
+    static CLOTHSIM_INLINE Doubles doubles(const D& a) { return Doubles(typename D::register_type(a)); }
+
+    static CLOTHSIM_INLINE D read(const Real* p, std::ptrdiff_t compensation) {
+        if constexpr (sizeof(Real) == 4) return batch(widen(load(p)) + widen(load(p + compensation)));
+        else return batch(load(p));
+    }
+    // Only where `chosen` is not 0.
+    static CLOTHSIM_INLINE void write(Real* p, std::ptrdiff_t compensation, const D& value, const D& chosen) {
+        const Doubles wide = doubles(value);
+        const Reals rounded = narrow(wide);
+        const auto here = narrow(doubles(chosen)) != 0;
+        store(p, here ? rounded : load(p));
+        if constexpr (sizeof(Real) == 4)
+            store(p + compensation, here ? narrow(wide - widen(rounded)) : load(p + compensation));
+    }
+};
+
+template <class V, class Real>
+CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g) {
+    each<6>([&](auto k) __attribute__((always_inline)) {
+        V::load_unaligned(from + k * g.component).store_unaligned(to + k * g.component);
+        if constexpr (sizeof(Real) == 4)
+            V::load_unaligned(from + k * g.component + g.compensation)
+                .store_unaligned(to + k * g.component + g.compensation);
+    });
+}
+
+// Every lane of a vector that may touch the one sphere there is; the lanes that are left over.
+template <class Arch, class Real, int W>
+__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector) {
+    using D = xsimd::batch<double, Arch>;
+    using Memory = Wide<Arch, Real>;
+    const VectorGeometry& g = a.geometry;
+    const std::ptrdiff_t first = row * g.row + vector * g.vector;
+    const double* const free = a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W;
+    std::uint64_t left_over = 0;
+    for (int l = 0; l < W; l += Memory::N) {
+        Real* const state = a.state + first + l;
+        const Real* const before = a.before + first + l;
+        D x0[3], v0[3], x[3], v[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            x0[k] = Memory::read(before + k * g.component, g.compensation);
+            v0[k] = Memory::read(before + (k + 3) * g.component, g.compensation);
+            x[k] = Memory::read(state + k * g.component, g.compensation);
+            v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
+        });
+        const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
+        const auto moves = D::load_unaligned(free + l) != D(0.0);
+        left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
+        const auto answered = m.answered & moves;
+        if (xsimd::none(answered)) continue;
+        const D chosen = xsimd::select(answered, D(1.0), D(0.0));
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            Memory::write(state + k * g.component, g.compensation, x[k], chosen);
+            Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
+        });
+    }
+    return left_over;
+}
+
+template <class Arch, class Real>
+void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
+    using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
+    constexpr int most = 8;  // spheres looked at side by side
+    const VectorGeometry& g = a.geometry;
+    for (int first = 0; first < a.sphere_count; first += most) {
+        const int count = a.sphere_count - first < most ? a.sphere_count - first : most;
+        SphereNear<V, Real> spheres[most];
+        for (int s = 0; s < count; ++s) spheres[s].prepare(a.spheres[first + s]);
+        for (int row = begin; row < end; ++row)
+            for (int vector = 0; vector < g.vectors; ++vector) {
+                const std::ptrdiff_t at = row * g.row + vector * g.vector;
+                const Vector3<V> x = load3<V>(a.state + at, g.component);
+                const Vector3<V> x0 = load3<V>(a.before + at, g.component);
+                auto near = spheres[0].near(x, x0);
+                for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
+                const bool any = xsimd::any(near);
+                std::uint64_t left_over = any ? near.mask() : 0;
+                if (any && a.sphere_count == 1) left_over = meet_vector<Arch, Real, W>(a, row, vector);
+                if (left_over) a.left_over(a.context, row, vector, left_over);
+                std::uint8_t& open = a.open[std::ptrdiff_t(row) * g.vectors + vector];
+                open = left_over != 0 || (first > 0 && open);
+                if (__builtin_expect(a.copy && !open && first + count == a.sphere_count, 1))
+                    copy_vector<V>(a.state + at, a.before + at, g);
+            }
+    }
+}
+
+}  // namespace
+}  // namespace clothsim
