@@ -49,7 +49,7 @@ constexpr Entry dopri5_dense[] = {
 
 // dop853.f of Hairer and Wanner, after Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed.,
 // II.5. Its interpolant of order 7 is not taken: near the stability limit, where most cloths want their step, it is up to
-// a hundred times less accurate than the step itself.
+// some ten times less accurate than the step itself.
 constexpr Entry dop853_a[] = {
     {1, 0, 0.05260015195876773}, {2, 0, 0.0197250569845379}, {2, 1, 0.059175170953613701},
     {3, 0, 0.029587585476806851}, {3, 2, 0.088762756430420545}, {4, 0, 0.24136513415926669},

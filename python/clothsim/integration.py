@@ -25,9 +25,6 @@ from . import _validate as check
 
 Floats = npt.NDArray[np.float64]
 
-# Rounding in an eigenvalue of the amplification matrix.
-_ROUNDING = 1e-7
-
 
 @dataclass(frozen=True)
 class Integrator:
@@ -263,59 +260,6 @@ def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayL
     determinant = np.linalg.det(matrix)
     root = np.sqrt((half_trace**2 - determinant).astype(complex))
     return np.maximum(abs(half_trace + root), abs(half_trace - root))
-
-
-@cache
-def _stable_omega(integrator: str) -> tuple[Floats, Floats]:
-    """delta dt on a grid, and the omega dt up to which everything below both is stable."""
-    method = _INTEGRATORS[integrator]
-    delta = np.linspace(0.0, method.real_limit * (1 - 1e-6), 129)
-    omega = np.linspace(0.0, 1.2 * max(method.imaginary_limit, 4.0), 801)
-    stable = amplification(integrator, omega[:, None], delta) <= 1 + _ROUNDING
-    # The amplification of a mode that does not move is exactly 1.
-    stable[0] = True
-    stable[:, 0] &= omega <= method.imaginary_limit
-    first_unstable = np.argmin(np.vstack([stable, np.zeros_like(stable[:1])]), axis=0)
-    largest = omega[np.maximum(first_unstable - 1, 0)]
-    return delta, np.minimum.accumulate(largest)
-
-
-def guaranteed_dt(integrator: str, omega: float, delta: float) -> float:
-    """A time step that is stable for every oscillator up to a frequency and a damping rate.
-
-    Parameters
-    ----------
-    integrator : str
-        A name of `integrators`.
-    omega, delta : float
-        Largest angular frequency and largest damping rate [1/s], >= 0.
-
-    Returns
-    -------
-    float
-        Time step [s]; infinite where nothing limits it.
-
-    Examples
-    --------
-    >>> from clothsim.integration import guaranteed_dt
-    >>> guaranteed_dt("velocity_verlet", omega=100.0, delta=0.0)
-    0.02
-    >>> 0.0099 < guaranteed_dt("velocity_verlet", omega=100.0, delta=200.0) <= 0.01
-    True
-    """
-    method = integrators()[check.choice("integrator", integrator, tuple(_INTEGRATORS))]
-    omega = check.number("omega", omega, minimum=0)
-    delta = check.number("delta", delta, minimum=0)
-    if not method.explicit or omega == delta == 0:
-        return math.inf
-    if delta == 0:
-        return method.imaginary_limit / omega
-    if omega == 0:
-        return method.real_limit / delta
-    # The corner of the box grows along a ray; the region's border falls with delta dt.
-    deltas, omegas = _stable_omega(integrator)
-    fits = deltas * (omega / delta) <= omegas
-    return float(deltas[np.argmin(np.append(fits, False)) - 1] / delta)
 
 
 def _rates(name: str, value: npt.ArrayLike) -> Floats:

@@ -5,8 +5,9 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.integration import amplification, amplification_matrix, guaranteed_dt
+from clothsim.integration import amplification, amplification_matrix
 from clothsim.plan import INTEGRATORS
+from clothsim.stability.region import box_limit
 
 EXPLICIT = [name for name in INTEGRATORS if cs.integrators()[name].explicit]
 OSCILLATOR = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1}
@@ -55,7 +56,7 @@ def test_order_on_a_cloth(integrator, crumpled, oracle):
     # The first-order method shows its order on less of the motion and with smaller steps.
     duration = (2 if method.order == 1 else 8) * dt
     exact = oracle.solution(scene, duration)
-    first = {1: 64, 2: 32, 4: 24, 5: 12}[method.order]
+    first = {1: 64, 2: 32, 4: 48, 5: 12}[method.order]
     counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
     for n in counts:
         result, _ = cs.step(scene, x, v, duration / n, int(n), integrator=integrator)
@@ -100,13 +101,14 @@ def test_the_limits_of_the_table(integrator):
 def test_the_implicit_method_has_no_limit():
     grid = np.logspace(-3, 6, 19)
     assert amplification("implicit_midpoint", grid[:, None], grid).max() <= 1 + 1e-12
-    assert guaranteed_dt("implicit_midpoint", 1e9, 1e9) == math.inf
+    assert box_limit("implicit_midpoint", 1e9, 1e9) == math.inf
 
 
 @pytest.mark.parametrize("integrator", EXPLICIT)
 @pytest.mark.parametrize("omega, delta", [(10.0, 0.0), (10.0, 1.0), (10.0, 30.0), (0.0, 7.0)])
 def test_everything_below_the_guaranteed_step_is_stable(integrator, omega, delta):
-    dt = guaranteed_dt(integrator, omega, delta)
+    # A hair below: at the border two eigenvalues meet, and rounding counts by its root.
+    dt = (1 - 1e-6) * box_limit(integrator, omega, delta)
     part = np.linspace(0, 1, 101)
     grid = amplification(integrator, part[:, None] * omega * dt, part * delta * dt)
     assert grid.max() <= 1 + 1e-6
@@ -158,9 +160,10 @@ def test_single_does_not_stall(integrator):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_every_integrator_meets_the_sphere(integrator):
-    scene = cs.scenes.paper_static(bend=True)
+    scene, dt, steps = cs.scenes.paper_static(bend=True), 2e-4, 1500
+    if integrator == "implicit_midpoint":  # at the price of its steps: fewer, of fewer points
+        scene, dt, steps = scene.replace(cloth=scene.cloth.replace(shape=(12, 12))), 1e-3, 300
     state = scene.initial_position, scene.initial_velocity
-    dt, steps = (1e-2, 30) if integrator == "implicit_midpoint" else (2e-4, 1500)
     x, v = cs.step(scene, *state, dt, steps, integrator=integrator)
     distance = np.linalg.norm(x - scene.spheres[0].center_at(0.0), axis=-1)
     contact_radius = scene.spheres[0].contact_radius(scene.cloth)

@@ -111,6 +111,7 @@ class _Batch:
         self.watches = bool(needs & {"stretch", "penetration", "contact"})
         self.stride = max(1, math.ceil(first.duration / first.dt) // sampling)
         self.stepper = Stepper([m.scene for m in members], threads=threads, **first.numerics)
+        self.stepper._state.warned = True  # a sweep tells of each member's limit in its results
         self.total = 0  # steps since the start
         self.since_look = 0
         self.chunk = _FIRST_STEPS
