@@ -64,10 +64,10 @@ CLOTHSIM_INLINE Vector3<V> spring_force(const Points<V>& a, const Real* b, const
         scale = xsimd::fma(w.y, d.y, scale);
         scale = xsimd::fma(w.z, d.z, scale);
         if constexpr (!complete) scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
-        scale = xsimd::fms(scale, r, tension);
-        scale = xsimd::fma(scale, r, stiffness);
+        // Not fused: at rest the product is the stiffness to the last bit (see EdgeCoefficientIndex).
+        scale = xsimd::fms(scale, r, tension) * r + stiffness;
     } else {
-        scale = xsimd::fnma(r, tension, stiffness);
+        scale = stiffness - r * tension;
     }
     return {scale * d.x, scale * d.y, scale * d.z};
 }

@@ -37,6 +37,13 @@ template <class Real>
 using EdgeHaloKernel = void (*)(EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
                                 const EdgeSources<Real>& before);
 
+// The length of a spring at rest as the fused kernels see it, to the last bit.
+template <class Real>
+struct RestLength {
+    Real squared;
+    Real reciprocal;  // times root_scale
+};
+
 template <class Real>
 struct RealKernels {
     std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
@@ -46,6 +53,7 @@ struct RealKernels {
     std::array<EdgeWavesKernel<Real>, Features::count> edge_waves;
     std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
+    RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;
     LimitKernels<Real> limits;
 };

@@ -8,6 +8,14 @@
 namespace clothsim {
 namespace {
 
+template <class Arch, class Real>
+RestLength<Real> fused_rest_length(Real along_columns, Real along_rows) {
+    using V = Lanes<Real, Arch>;
+    const V x(along_columns), z(along_rows);
+    const V l2 = xsimd::fma(z, z, xsimd::fma(x, x, V(smallest_squared_length<Real>)));
+    return {l2.get(0), scaled_reciprocal_root(l2).get(0)};
+}
+
 template <class Arch, class Real, int... index>
 constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
     return {{&gather_tile<Arch, Real, Arithmetic::fused, index>...},
@@ -17,6 +25,7 @@ constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
             {&edge_waves<Arch, Real, index>...},
             {&edge_halo<Arch, Real, index>...},
             root_scale<Real, Arch>(),
+            &fused_rest_length<Arch, Real>,
             int(Lanes<Real, Arch>::size),
             limit_kernels<Arch, Real>()};
 }

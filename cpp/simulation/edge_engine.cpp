@@ -158,6 +158,18 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan)
 template <class Real>
 EdgeEngine<Real>::~EdgeEngine() = default;
 
+// The stiffness rounded so that a spring at rest gives no force; as it is where rounding is not all there is
+// between the two, as with a rest length of 0.
+template <class Real>
+Real EdgeEngine<Real>::stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const {
+    const Cloth& cloth = plan_.cloth;
+    const Real r = kernels_of<Real>(*plan_.kernels)
+                       .rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing))
+                       .reciprocal;
+    const Real at_rest = tension * r;
+    return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
+}
+
 template <class Real>
 void EdgeEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
@@ -199,11 +211,12 @@ void EdgeEngine<Real>::build_coefficients() {
                 for (const int follow : reach) {
                     const bool there = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / force_scale_;
-                    const double value = what == EdgeCoefficientIndex::stiffness ? stiffness
-                                         : what == EdgeCoefficientIndex::tension
-                                             ? stiffness * cloth.rest_length(neighbour) / root_scale
-                                             : cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / force_scale_;
-                    coefficients_.push_back(Real(there ? value : 0));
+                    const Real tension = Real(stiffness * cloth.rest_length(neighbour) / root_scale);
+                    const double damping = cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / force_scale_;
+                    const Real value = what == EdgeCoefficientIndex::stiffness ? stiffness_at_rest(neighbour, Real(stiffness), tension)
+                                       : what == EdgeCoefficientIndex::tension ? tension
+                                                                               : Real(damping);
+                    coefficients_.push_back(there ? value : Real(0));
                 }
         return found->second;
     };

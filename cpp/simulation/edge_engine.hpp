@@ -57,6 +57,7 @@ private:
     struct Band;
 
     void build_coefficients();
+    Real stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const;
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_band(Band& band, std::int64_t steps, const Clock& clock);
     EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);

@@ -34,6 +34,18 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
     build_coefficients();
 }
 
+// The rest length as the kernel's arithmetic rounds it, so that a spring at rest gives no force.
+template <class Real>
+Real GatherEngine<Real>::length_at_rest(const Neighbour& neighbour) const {
+    const Cloth& cloth = plan_.cloth;
+    const Real exact = Real(cloth.rest_length(neighbour));
+    if (plan_.strict) return exact;
+    const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
+    const RestLength<Real> rest = kernels.rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing));
+    const Real at_rest = rest.squared * (rest.reciprocal / kernels.root_scale);
+    return std::abs(at_rest - exact) <= 16 * std::numeric_limits<Real>::epsilon() * exact ? at_rest : exact;
+}
+
 template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
@@ -48,7 +60,7 @@ void GatherEngine<Real>::build_coefficients() {
         for (int c = 0; c < cloth.columns; ++c) {
             if (c + neighbour.column < 0 || c + neighbour.column >= cloth.columns) continue;
             stiffness[c] = Real(cloth.stiffness[neighbour.family] * scale);
-            rest_length[c] = Real(cloth.rest_length(neighbour));
+            rest_length[c] = length_at_rest(neighbour);
             damping[c] = Real(cloth.spring_damping[neighbour.family] * scale);
         }
         spring_[n] = {stiffness, rest_length, damping};
