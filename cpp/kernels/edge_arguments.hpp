@@ -16,8 +16,8 @@ inline constexpr int edge_kind_count = 5;
 // each; all 0 in a lane whose point has no such spring. Scaled so that with r = scale / l
 //   force / mass = force_scale (r (damping (w.d) r - tension) + stiffness) d
 // Where all families are damped alike force_scale takes the damping, and no product with it is left. The first
-// class has every spring in every lane. `stiffness` is rounded to what tension times r is at rest, so that a
-// spring at rest gives no force at all.
+// class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at
+// rest (see exact_at_rest).
 struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };

@@ -64,10 +64,10 @@ CLOTHSIM_INLINE Vector3<V> spring_force(const Points<V>& a, const Real* b, const
         scale = xsimd::fma(w.y, d.y, scale);
         scale = xsimd::fma(w.z, d.z, scale);
         if constexpr (!complete) scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
-        // Not fused: at rest the product is the stiffness to the last bit (see EdgeCoefficientIndex).
-        scale = xsimd::fms(scale, r, tension) * r + stiffness;
+        scale = xsimd::fms(scale, r, tension);
+        scale = exact_at_rest<Real> ? scale * r + stiffness : xsimd::fma(scale, r, stiffness);
     } else {
-        scale = stiffness - r * tension;
+        scale = exact_at_rest<Real> ? stiffness - r * tension : xsimd::fnma(r, tension, stiffness);
     }
     return {scale * d.x, scale * d.y, scale * d.z};
 }

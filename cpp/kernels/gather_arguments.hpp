@@ -18,6 +18,12 @@ namespace clothsim {
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
 enum class Stage : int { first, second, third, fourth, evaluate };
 
+// Whether the fused kernels round the rest length as they round the length of a spring at rest, and multiply and
+// subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of a family by
+// the rounding of one: nothing in double, but as much as all other errors of a run together in single.
+template <class Real>
+inline constexpr bool exact_at_rest = sizeof(Real) == 8;
+
 // What every point of a cloth shares in a step, in either kernel.
 template <class Real>
 struct StepConstants {

@@ -43,7 +43,8 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
         scale = stiffness * (l - rest_length);
     } else {
         r = scaled_reciprocal_root(l2) * V(1 / root_scale<Real, typename V::arch_type>());
-        scale = stiffness * (l2 * r - rest_length);  // not fused: 0 at rest
+        if constexpr (exact_at_rest<Real>) scale = stiffness * (l2 * r - rest_length);
+        else scale = stiffness * xsimd::fms(l2, r, rest_length);
     }
     if constexpr (damped) {
         const Vector3<V> vj = load3<V>(other + 3 * plane, plane);

@@ -158,10 +158,11 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan)
 template <class Real>
 EdgeEngine<Real>::~EdgeEngine() = default;
 
-// The stiffness rounded so that a spring at rest gives no force; as it is where rounding is not all there is
-// between the two, as with a rest length of 0.
+// The stiffness rounded so that a spring at rest gives no force (see exact_at_rest); as it is where rounding is not
+// all there is between the two, as with a rest length of 0.
 template <class Real>
 Real EdgeEngine<Real>::stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const {
+    if (!exact_at_rest<Real>) return stiffness;
     const Cloth& cloth = plan_.cloth;
     const Real r = kernels_of<Real>(*plan_.kernels)
                        .rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing))

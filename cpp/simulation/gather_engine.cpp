@@ -39,7 +39,7 @@ template <class Real>
 Real GatherEngine<Real>::length_at_rest(const Neighbour& neighbour) const {
     const Cloth& cloth = plan_.cloth;
     const Real exact = Real(cloth.rest_length(neighbour));
-    if (plan_.strict) return exact;
+    if (plan_.strict || !exact_at_rest<Real>) return exact;
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
     const RestLength<Real> rest = kernels.rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing));
     const Real at_rest = rest.squared * (rest.reciprocal / kernels.root_scale);

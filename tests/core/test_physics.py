@@ -76,13 +76,21 @@ def test_hanging_sheet_comes_to_its_static_solution(variant, shape):
 
 @pytest.mark.parametrize("shape", [(17, 17), (9, 33), (2, 1), (1, 5)], ids=str)
 def test_a_sheet_at_rest_stays_at_rest(variant, shape):
-    """Exactly: rest lengths are rounded like the lengths of the springs, in every arithmetic."""
+    """Exactly in double and in the strict class: rest lengths are rounded like lengths of springs.
+
+    Single, fused: the length is l^2 times a rounded 1/l, which differs from the rest length by one
+    unit in the last place (by up to three with AVX2's estimate).
+    """
     rows, columns = shape
     cloth = cs.Cloth(shape, size=((rows - 1) / 16 or 1, (columns - 1) / 16 or 1), pins=())
     x, v = cloth.rest_positions, np.zeros((*shape, 3))
     after = cs.step(cs.Scene(cloth, gravity=(0, 0, 0)), x, v, 5e-4, 1000, **variant.options)
-    np.testing.assert_array_equal(after[0], x)
-    np.testing.assert_array_equal(after[1], v)
+    if variant.strict or variant.precision == "double":
+        np.testing.assert_array_equal(after[0], x)
+        np.testing.assert_array_equal(after[1], v)
+        return
+    assert np.abs(after[0] - x).max() < 3 * 2.0**-24
+    assert np.abs(after[1]).max() < 300 * 2.0**-24
 
 
 @pytest.mark.parametrize("mass", ["uniform", "per point"])
