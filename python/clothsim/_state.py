@@ -11,7 +11,7 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from .errors import UnstableError
-from .plan import check_options, choose_kernel, choose_threads, core_cloth, core_plan
+from .plan import check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan
 from .scene import Scene
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -113,10 +113,12 @@ class State:
         threads: int | None,
         kernel: str,
         strict: bool,
+        backend: str = "cpu",
     ) -> None:
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
         check_options(precision, kernel, strict, integrator)
+        check_backend(backend, kernel, threads)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
         if v is None:
@@ -133,14 +135,25 @@ class State:
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
         self.threads_optional = threads is None
-        self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-        plans = [core_plan(s, precision, kernel, strict) for s in scenes]
-        self.kernel = choose_kernel(kernel, strict)
-        self.instruction_set = plans[0].instruction_set
-        self.core = _core.Simulation(
-            plans * members if not batched else plans, check.number("t", t)
-        )
+        self.backend = backend
+        if backend == "gpu":
+            self._use_gpu(check.number("t", t), precision, strict)
+        else:
+            self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
+            plans = [core_plan(s, precision, kernel, strict) for s in scenes]
+            self.kernel = choose_kernel(kernel, strict)
+            self.instruction_set = plans[0].instruction_set
+            self.core = _core.Simulation(
+                plans * members if not batched else plans, check.number("t", t)
+            )
         self.core.load(x, v)
+
+    def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
+        from .gpu.simulation import Simulation
+
+        self.core = Simulation(self.scenes, t, precision, strict)
+        self.threads, self.kernel = 1, "gather"
+        self.instruction_set = str(self.core.adapter)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 PRECISIONS = ("double", "single")
 KERNELS = ("auto", "gather", "edge")
 INTEGRATORS = ("rk4",)
+BACKENDS = ("cpu", "gpu")
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
 # the second thread saves.
@@ -44,6 +45,16 @@ def check_options(precision: str, kernel: str, strict: bool, integrator: str = "
     check.choice("integrator", integrator, INTEGRATORS)
     if check.boolean("strict", strict) and kernel == "edge":
         raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
+
+
+def check_backend(backend: str, kernel: str, threads: int | None) -> None:
+    """Raise the errors of a backend and of options that it does not have."""
+    if check.choice("backend", backend, BACKENDS) == "cpu":
+        return
+    if kernel == "edge":
+        raise ValueError("kernel must be 'gather' or 'auto' with backend 'gpu', got 'edge'")
+    if threads is not None:
+        raise ValueError(f"threads must be None with backend 'gpu', got {threads!r}")
 
 
 def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1) -> int:

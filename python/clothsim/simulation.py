@@ -138,6 +138,7 @@ def simulate(
     *,
     kernel: str = "auto",
     strict: bool = False,
+    backend: str = "cpu",
     estimate_error: bool = False,
 ) -> Run:
     """Run a scene from its initial state for `duration` and store frames.
@@ -149,7 +150,7 @@ def simulate(
         Simulated time [s], > 0.
     dt : float, optional
         Time step [s]. Default: half of the guaranteed stable one (`max_stable_dt`).
-    integrator, precision, threads, kernel, strict
+    integrator, precision, threads, kernel, strict, backend
         As for `step`.
     rtol, atol : None
         Error control is not built yet; a value is refused.
@@ -172,7 +173,7 @@ def simulate(
         difference of the two runs / 15), "energy" ("start" and "end", see `energy`), "penetration"
         ("points" and "triangles" [m], the deepest over stored frames and spheres),
         "kernel", "integrator", "precision", "strict", "threads",
-        "instruction_set" and "version".
+        "instruction_set" (the adapter with the backend "gpu"), "backend" and "version".
 
     Raises
     ------
@@ -203,7 +204,7 @@ def simulate(
     times = _frame_times(duration, dt, every)
     options = {
         "integrator": integrator, "precision": precision, "threads": threads, "kernel": kernel,
-        "strict": strict,
+        "strict": strict, "backend": backend,
     }  # fmt: skip
     stepper = Stepper(scene, **options)
     frames = [(stepper.positions, stepper.velocities)]
@@ -240,6 +241,7 @@ def simulate(
         "strict": strict,
         "threads": stepper.threads,
         "instruction_set": stepper.instruction_set,
+        "backend": stepper.backend,
         "version": build_config()["version"],
     }
     return Run(scene, np.array(times), x, v, report)
