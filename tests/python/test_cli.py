@@ -37,7 +37,9 @@ def test_info(capsys):
     config = cs.build_config()
     code, out, _ = run(capsys, "info", "--json")
     assert code == 0
-    assert json.loads(out) == json.loads(json.dumps(config))
+    shown = json.loads(out)
+    assert shown.pop("graphics_adapters")
+    assert shown == json.loads(json.dumps(config))
     code, out, _ = run(capsys, "info")
     assert code == 0
     for name in ("version", "compiler", "flags", "instruction_set", "eigen", "xsimd"):

@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except (ValueError, TypeError) as error:
         return _failed(args, 2, error)
-    except (cs.UnstableError, ImportError, OSError) as error:
+    except (cs.UnstableError, ImportError, MemoryError, OSError, RuntimeError) as error:
         if isinstance(error, BrokenPipeError):  # the reader left, as in `clothsim info | head -1`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0

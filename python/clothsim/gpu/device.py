@@ -148,7 +148,7 @@ def _quiet() -> Iterator[None]:
 
 
 def chosen_adapter() -> Adapter:
-    """The adapter that is used: the best, or the one that CLOTHSIM_GPU_ADAPTER names."""
+    """The adapter that is used: the best, or the one that CLOTHSIM_GPU_ADAPTER names or counts from 0."""
     found = adapters()
     if not found:
         raise RuntimeError(
@@ -156,11 +156,13 @@ def chosen_adapter() -> Adapter:
             "driver, or Mesa's software one (Debian: mesa-vulkan-drivers)"
         )
     wanted = os.environ.get(ADAPTER_VARIABLE, "")
+    if wanted.isdecimal() and int(wanted) < len(found):
+        return found[int(wanted)]
     for adapter in found:
         if wanted.lower() in adapter.name.lower():
             return adapter
     raise ValueError(
-        f"{ADAPTER_VARIABLE} must be part of the name of an adapter "
+        f"{ADAPTER_VARIABLE} must be part of the name of an adapter, or its place from 0 on, "
         f"({', '.join(repr(a.name) for a in found)}), got {wanted!r}"
     )
 
@@ -171,6 +173,7 @@ class Device:
     def __init__(self, adapter: Adapter, float64: bool = True) -> None:
         self.wgpu = load_wgpu()
         self.adapter = adapter
+        self._process = os.getpid()
         self.float64 = adapter.float64 and float64
         limits = adapter.handle.limits
         with translated(adapter):
@@ -179,6 +182,14 @@ class Device:
                 required_limits={name: limits[name] for name in _LIMITS},
             )
         self.pipelines: dict[Any, Any] = {}
+
+    def check_process(self) -> None:
+        """Raise an error in a process forked from the one that opened this device."""
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "backend 'gpu' cannot be used in a process forked from one that has used it; "
+                "start processes with the method 'spawn'"
+            )
 
     def create_buffer(self, size: int, *usages: str) -> Any:
         flags = 0
@@ -200,11 +211,8 @@ def opened() -> Device:
     """The device of the chosen adapter, shared by all states of this process."""
     key = (os.getpid(), os.environ.get(ADAPTER_VARIABLE, ""))
     if key not in _opened:
-        if any(pid != key[0] for pid, _ in _opened):
-            raise RuntimeError(
-                "backend 'gpu' cannot be used in a process forked from one that has used it; "
-                "start processes with the method 'spawn'"
-            )
+        for device in _opened.values():
+            device.check_process()
         _opened[key] = Device(chosen_adapter())
     return _opened[key]
 

@@ -254,6 +254,7 @@ class Simulation:
     @contextmanager
     def _used(self) -> Any:
         """One caller at a time; a lost adapter is told in our words, and the last safe state kept."""
+        self.device.check_process()
         if not self._busy.acquire(blocking=False):
             raise RuntimeError(
                 "this state is being advanced by another thread; give each thread a Stepper of its own"
