@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
@@ -75,6 +75,8 @@ class Adapter:
         Whether its shaders compute in double precision.
     largest_buffer : int
         Bytes that one of a cloth's buffers may have.
+    place : int
+        In `adapters()`; CLOTHSIM_GPU_ADAPTER takes it too.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Adapter:
     float64: bool
     largest_buffer: int
     handle: Any = field(repr=False, compare=False)
+    place: int = 0
 
     @property
     def software(self) -> bool:
@@ -130,7 +133,8 @@ def adapters() -> list[Adapter]:
     wgpu = load_wgpu()
     found = [_described(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
     usable = [adapter for adapter in found if adapter.api in _BACKENDS]
-    return sorted(usable, key=lambda a: _ORDER.index(a.kind) if a.kind in _ORDER else len(_ORDER))
+    usable.sort(key=lambda a: _ORDER.index(a.kind) if a.kind in _ORDER else len(_ORDER))
+    return [replace(adapter, place=place) for place, adapter in enumerate(usable)]
 
 
 @contextmanager
@@ -215,6 +219,20 @@ def opened() -> Device:
             device.check_process()
         _opened[key] = Device(chosen_adapter())
     return _opened[key]
+
+
+@contextmanager
+def using(adapter: Adapter) -> Iterator[None]:
+    """Have new states take this adapter."""
+    before = os.environ.get(ADAPTER_VARIABLE)
+    os.environ[ADAPTER_VARIABLE] = str(adapter.place)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[ADAPTER_VARIABLE]
+        else:
+            os.environ[ADAPTER_VARIABLE] = before
 
 
 def forget(device: Device) -> None:
