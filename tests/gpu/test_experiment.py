@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from clothsim.gpu import report
-from clothsim.gpu.experiment import GPU, SIMD, Measurement, Settings, Target, run, touching_scene
+from clothsim.gpu.experiment import GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -71,7 +71,7 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
     snapshots = []
     measurements = run(settings, [device.adapter], finished=lambda m: snapshots.append(len(m)))
     kinds = {m.target.kind for m in measurements}
-    assert kinds == {SIMD, GPU} and snapshots == [len(measurements) // 2, len(measurements)]
+    assert kinds == {SCALAR, SIMD, GPU} and snapshots == [len(measurements) // 2, len(measurements)]
     for m in measurements:
         assert len(m.rates) == len(m.setup) == len(m.first_frames) == 2
         assert m.rate > 0 and all(seconds > 0 for seconds in m.first_frames[0])
@@ -88,7 +88,7 @@ def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
     assert done.returncode == 0, done.stderr
     with open(tmp_path / "here.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {"SIMD", "GPU"} == {row["target"] for row in rows}
+    assert {"scalar", "SIMD", "GPU"} == {row["target"] for row in rows}
     for row in rows:
         assert float(row["steps_per_second"]) > 0 and row["mass_points"] == "256"
     with open(tmp_path / "here_first_frames.csv", encoding="utf-8") as file:

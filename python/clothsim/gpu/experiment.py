@@ -130,7 +130,7 @@ def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
 
 
 def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Target]:
-    """Everything on this machine that can step in `precision`.
+    """Everything on this machine that can step in `precision`, and the scalar reference in double.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Targ
     """
     found = adapters() if found is None else found
     threads = int(cs.build_config()["openmp_threads"])
-    result = [Target(SCALAR, "scalar, 1 thread")] if precision == "double" else []
+    result = [Target(SCALAR, "scalar, 1 thread" + " (double)" * (precision == "single"))]
     result += [Target(SIMD, f"SIMD, {n} thread{'s' * (n > 1)}", n) for n in sorted({1, threads})]
     result += [
         Target(GPU, a.name + " [a CPU]" * a.software, 1, a)
