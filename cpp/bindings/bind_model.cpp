@@ -64,12 +64,15 @@ Motion keyframes(std::vector<double> times, std::vector<Vec3> centers) {
 }
 
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
-                   bool literal, double restitution, double friction, const Motion& motion) {
+                   bool literal, double restitution, double friction, const Motion& motion, bool faces,
+                   double push_out_speed) {
     Sphere s;
     s.center = center;
     s.radius = radius;
     s.contact_radius = contact_radius;
-    s.response = response == "reflect" ? Response::reflect : Response::ray;
+    s.response = response == "reflect" ? Response::reflect : response == "ray" ? Response::ray : Response::continuous;
+    s.faces = faces;
+    s.push_out_speed = push_out_speed;
     s.literal = literal;
     s.restitution = restitution;
     s.friction = friction;
@@ -121,7 +124,8 @@ void bind_model(py::module_& m) {
         .def_static("keyframes", &keyframes);
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), py::arg("center"), py::arg("radius"), py::arg("contact_radius"),
-             py::arg("response"), py::arg("literal"), py::arg("restitution"), py::arg("friction"), py::arg("motion"))
+             py::arg("response"), py::arg("literal"), py::arg("restitution"), py::arg("friction"), py::arg("motion"),
+             py::arg("faces") = false, py::arg("push_out_speed") = 1.0)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")

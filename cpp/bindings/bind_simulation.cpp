@@ -68,7 +68,10 @@ py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int th
         result["point"] = outcome.unstable->point;
         result["step"] = outcome.unstable->step;
         result["time"] = outcome.unstable->time;
+        result["shut_in"] = outcome.unstable->shut_in;
     }
+    if (outcome.pinned_inside)
+        result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
     return result;
 }
 

@@ -15,6 +15,7 @@ inline PointState respond(const Contact& contact, const PointState& point) {
     switch (contact.sphere.response) {
         case Response::reflect: return respond_reflect(contact, point);
         case Response::ray: return respond_ray(contact, point);
+        case Response::continuous: break;  // has its own pass over the whole step
     }
     return point;
 }

@@ -21,7 +21,7 @@ struct Motion {
     std::vector<Vec3> centers;       // keyframes [m]
 };
 
-enum class Response { reflect, ray };
+enum class Response { reflect, ray, continuous };
 
 struct Sphere {
     Vec3 center = Vec3::Zero();
@@ -31,6 +31,8 @@ struct Sphere {
     double friction = 0;
     Response response = Response::ray;
     bool literal = false;  // Kim et al. word for word: absolute velocity, approaching or not
+    bool faces = false;    // continuous: whole triangles are kept out, not only mass points
+    double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
 
     Vec3 center_at(double t) const;

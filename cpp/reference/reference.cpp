@@ -1,6 +1,10 @@
 #include "reference/reference.hpp"
 
+#include <limits>
+
+#include "collision/exact.hpp"
 #include "collision/response.hpp"
+#include "simulation/face_pass.hpp"
 
 namespace clothsim::reference {
 
@@ -45,6 +49,7 @@ namespace {
 
 void collide(const Plan& plan, Points& x, Points& v, double t) {
     for (const Sphere& sphere : plan.spheres) {
+        if (sphere.response == Response::continuous) continue;
         const Contact contact(sphere, t);
         for (int i = 0; i < plan.cloth.points(); ++i) {
             const PointState point{x.row(i), v.row(i)};
@@ -54,6 +59,59 @@ void collide(const Plan& plan, Points& x, Points& v, double t) {
             v.row(i) = after.velocity;
         }
     }
+}
+
+// The cloth at the two ends of a step, as collision/exact.hpp asks for it.
+struct BothEnds {
+    const Plan& plan;
+    const Points &x0, &v0;
+    Points &x, &v;
+
+    PointState before(int i) const { return {x0.row(i), v0.row(i)}; }
+    PointState now(int i) const { return {x.row(i), v.row(i)}; }
+    Vec3 before_position(int i) const { return x0.row(i); }
+    Vec3 position(int i) const { return x.row(i); }
+    void set(int i, const PointState& state) {
+        x.row(i) = state.position;
+        v.row(i) = state.velocity;
+    }
+    bool pinned(int i) const { return plan.cloth.pinned[std::size_t(i)]; }
+    double mass(int i) const { return plan.cloth.mass[std::size_t(i)]; }
+    const Vec3& gravity() const { return plan.gravity; }
+    double spring_energy(int i, const Vec3& at) const {
+        return clothsim::spring_energy(plan.cloth, i, at, [this](int j) { return position(j); });
+    }
+};
+
+// Continuous contact from (x0, v0) at t0 to the free end (x, v) at t1.
+void meet_spheres(const Plan& plan, const Points& x0, const Points& v0, Points& x, Points& v, double t0, double t1,
+                  double dt) {
+    std::vector<const Sphere*> spheres;
+    std::vector<SweptSphere> all;
+    bool faces = false;
+    for (const Sphere& sphere : plan.spheres) {
+        if (sphere.response != Response::continuous) continue;
+        spheres.push_back(&sphere);
+        all.push_back(swept(sphere, t0, t1, dt, std::numeric_limits<double>::epsilon()));
+        faces |= sphere.faces;
+    }
+    if (all.empty()) return;
+    BothEnds points{plan, x0, v0, x, v};
+    // With one sphere what does not fly is answered first: a bounce looks at its neighbours.
+    std::vector<int> left_over;
+    for (int i = 0; i < plan.cloth.points(); ++i) {
+        if (points.pinned(i)) continue;
+        PointState end = points.now(i);
+        const PointState start = points.before(i);
+        if (all.size() > 1 || meet(all[0], start.position.data(), start.velocity.data(), end.position.data(),
+                                   end.velocity.data()) == Meeting::flies)
+            left_over.push_back(i);
+        else
+            points.set(i, end);
+    }
+    for (const int i : left_over) exact::resolve(points, i, all);
+    ContactReport report;
+    if (faces) keep_faces_out(points, plan.cloth, spheres, all, report);
 }
 
 void hold_pinned(const Cloth& cloth, Points& v) {
@@ -67,13 +125,14 @@ void step(const Plan& plan, Points& x, Points& v, double dt, std::int64_t steps,
     const std::vector<Spring> list = springs(plan.cloth);
     hold_pinned(plan.cloth, v);
     for (std::int64_t n = 0; n < steps; ++n) {
-        const Points v1 = v, a1 = accelerations(plan, list, x, v1);
+        const Points x0 = x, v1 = v, a1 = accelerations(plan, list, x, v1);
         const Points v2 = v + dt / 2 * a1, a2 = accelerations(plan, list, x + dt / 2 * v1, v2);
         const Points v3 = v + dt / 2 * a2, a3 = accelerations(plan, list, x + dt / 2 * v2, v3);
         const Points v4 = v + dt * a3, a4 = accelerations(plan, list, x + dt * v3, v4);
         x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
         v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
         collide(plan, x, v, t + double(n + 1) * dt);
+        meet_spheres(plan, x0, v1, x, v, t + double(n) * dt, t + double(n + 1) * dt, dt);
     }
 }
 

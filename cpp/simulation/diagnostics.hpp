@@ -16,6 +16,20 @@ struct Energy {
 };
 Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
 
+// Of all springs of point i, were it at x; `position(j)` of the others [J].
+template <class Position>
+double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position) {
+    const int row = i / cloth.columns, column = i % cloth.columns;
+    double energy = 0;
+    for (const Neighbour& n : neighbours) {
+        const int r = row + n.row, c = column + n.column;
+        if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns) continue;
+        const double stretch = (position(r * cloth.columns + c) - x).norm() - cloth.rest_length(n);
+        energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
+    }
+    return energy;
+}
+
 // Deepest depth below the sphere's true radius [m], never negative.
 struct Penetration {
     double points, triangles;

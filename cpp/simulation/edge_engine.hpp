@@ -25,6 +25,9 @@ struct LiftedLayout {
         return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
     }
     std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
+    std::ptrdiff_t first() const { return 0; }
+    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
+    int column(int vector, int lane, int) const { return lane * vectors + vector; }
     // Where a point stands among values of which there is one a point.
     std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
     std::ptrdiff_t width() const { return vectors * lanes; }

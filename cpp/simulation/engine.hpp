@@ -25,9 +25,28 @@ struct Clock {
     }
 };
 
+// What the continuous contacts of a step came to, where not every point could be served.
+struct ContactReport {
+    std::int64_t shut_in = -1;        // first mass point between spheres that left it no place, or -1
+    std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
+
+    void note_shut_in(std::int64_t i) {
+        if (shut_in < 0) shut_in = i;
+    }
+    void note_pinned(std::int64_t i) {
+        if (pinned_inside < 0) pinned_inside = i;
+    }
+};
+
 class Engine {
 public:
     virtual ~Engine() = default;
+
+    // As `advance`, and continuous contacts answered after each step.
+    void advance_in_contact(std::int64_t steps, const Clock& clock, int threads);
+
+    // Of continuous contact since the last look, see ContactReport.
+    ContactReport contact_report;
 
     // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0.
     virtual void load(const float* x, const float* v) = 0;
@@ -54,6 +73,13 @@ public:
     // pass is then done by one thread.
     bool track_contact_energy = false;
     double contact_energy = 0;
+
+protected:
+    // Continuous contact: whether a sphere asks for it; before a step; after it.
+    virtual bool has_continuous() const = 0;
+    virtual void keep_state() = 0;
+    virtual ContactReport answer_contacts(double t0, double t1, double dt, int threads) = 0;
+    virtual double total_energy() const = 0;
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within

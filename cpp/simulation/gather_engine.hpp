@@ -8,13 +8,21 @@ namespace clothsim {
 // Planes of rows with padding before and behind, wide enough for a vector and two neighbours.
 struct PaddedLayout {
     std::ptrdiff_t stride, origin, plane;
+    int rows, columns;
 
     explicit PaddedLayout(const Cloth& cloth)
         : stride(round_up(cloth.columns, group_size) + group_size),
           origin(group_size),
-          plane(origin + cloth.rows * stride + group_size) {}
+          plane(origin + cloth.rows * stride + group_size),
+          rows(cloth.rows),
+          columns(cloth.columns) {}
     std::ptrdiff_t at(int row, int column, int k = 0) const { return origin + row * stride + column + k * plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
+    std::ptrdiff_t first() const { return origin; }
+    VectorGeometry geometry(int lanes) const {
+        return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
+    }
+    int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
 };
 
 template <class Real>

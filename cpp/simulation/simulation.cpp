@@ -46,17 +46,18 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(pla
 void Simulation::advance_members(std::int64_t steps, int threads) {
     const std::int64_t count = std::int64_t(members_.size());
     if (count == 1) {
-        members_[0]->advance(steps, clock, threads);
+        members_[0]->advance_in_contact(steps, clock, threads);
         return;
     }
     const int team = int(std::min<std::int64_t>(threads, count));
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-    for (std::int64_t i = 0; i < count; ++i) members_[std::size_t(i)]->advance(steps, clock, 1);
+    for (std::int64_t i = 0; i < count; ++i) members_[std::size_t(i)]->advance_in_contact(steps, clock, 1);
 }
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (members_[i]->first_bad_point(speed_limits_[i]) >= 0) return std::int64_t(i);
+        if (members_[i]->contact_report.shut_in >= 0 || members_[i]->first_bad_point(speed_limits_[i]) >= 0)
+            return std::int64_t(i);
     return -1;
 }
 
@@ -68,19 +69,24 @@ void Simulation::set_step(double dt) {
 }
 
 Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int threads) {
-    for (auto& member : members_) member->restore_checkpoint();
+    for (auto& member : members_) {
+        member->restore_checkpoint();
+        member->contact_report.shut_in = -1;
+    }
     for (std::int64_t k = 0; k < steps; ++k) {
         for (auto& member : members_) member->save_checkpoint();
         advance_members(1, threads);
         const std::int64_t bad = first_bad_member();
         if (bad >= 0) {
-            const std::int64_t point = members_[std::size_t(bad)]->first_bad_point(speed_limits_[std::size_t(bad)]);
-            for (auto& member : members_) member->restore_checkpoint();
-            return {bad, point, k + 1, clock.at(1)};
+            Engine& member = *members_[std::size_t(bad)];
+            const std::int64_t not_finite = member.first_bad_point(speed_limits_[std::size_t(bad)]);
+            const std::int64_t shut_in = std::exchange(member.contact_report.shut_in, -1);
+            for (auto& each : members_) each->restore_checkpoint();
+            return {bad, not_finite >= 0 ? not_finite : shut_in, k + 1, clock.at(1), not_finite < 0};
         }
         clock.steps += 1;
     }
-    return {0, 0, steps, clock.now()};  // not reached: the same steps give the same bits
+    return {0, 0, steps, clock.now(), false};  // not reached: the same steps give the same bits
 }
 
 Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
@@ -94,6 +100,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         for (auto& member : members_) member->save_checkpoint();
         const auto start = steady_clock::now();
         advance_members(n, team);
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
+            if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
+        }
         if (first_bad_member() >= 0) {
             outcome.unstable = rewind_to_last_good(n, threads);
             outcome.unstable->step += outcome.steps;

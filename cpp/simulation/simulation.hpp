@@ -16,8 +16,13 @@ struct Outcome {
         std::int64_t member, point;
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
+        bool shut_in = false;  // finite, but the spheres leave this point no place
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
+    struct PinnedInside {
+        std::int64_t member, point;
+    };
+    std::optional<PinnedInside> pinned_inside;  // a continuous sphere has run into a pinned point
 };
 
 // Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits

@@ -11,6 +11,7 @@
 
 #include "collision/response.hpp"
 #include "simulation/aligned_vector.hpp"
+#include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
 
 namespace clothsim {
@@ -49,18 +50,35 @@ public:
         return raw;
     }
     void set_raw_state(const std::vector<double>& raw) final {
+        contact_pass_.forget();
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
     }
 
     void save_checkpoint() final { checkpoint_ = memory_; }
-    void restore_checkpoint() final { memory_ = checkpoint_; }
+    void restore_checkpoint() final {
+        memory_ = checkpoint_;
+        contact_pass_.forget();
+    }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)) {}
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {}
+
+    bool has_continuous() const final { return contact_pass_.needed(); }
+    void keep_state() final { contact_pass_.keep(memory_); }
+    ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
+        return contact_pass_.answer(memory_, t0, t1, dt, threads);
+    }
+    double total_energy() const final {
+        Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
+        store_any(x.data(), v.data());
+        const PointsView xs(x.data(), x.rows(), 3), vs(v.data(), v.rows(), 3);
+        const Energy e = energy(plan_.cloth, plan_.gravity, xs, vs);
+        return e.kinetic + e.elastic + e.gravity;
+    }
 
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
@@ -86,10 +104,12 @@ protected:
         if constexpr (compensated) memory_[place + layout_.compensation()] = Real(v - T(memory_[place]));
     }
 
+    // The spheres that are met at the end of a step; continuous ones have their own pass.
     std::vector<Contact> contacts(double t) const {
         std::vector<Contact> result;
         result.reserve(plan_.spheres.size());
-        for (const Sphere& sphere : plan_.spheres) result.emplace_back(sphere, t);
+        for (const Sphere& sphere : plan_.spheres)
+            if (sphere.response != Response::continuous) result.emplace_back(sphere, t);
         return result;
     }
 
@@ -131,10 +151,12 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
+    ContactPass<Real, Layout> contact_pass_;
 
 private:
     template <class In>
     void load_any(const In* x, const In* v) {
+        contact_pass_.forget();
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
                 const bool pinned = plan_.cloth.pinned[r * columns() + c];
@@ -163,16 +185,8 @@ private:
     }
 
     double spring_energy(int row, int column) const {
-        const Cloth& cloth = plan_.cloth;
-        const Vec3 here = point_state(row, column).position;
-        double energy = 0;
-        for (const Neighbour& n : neighbours) {
-            const int r = row + n.row, c = column + n.column;
-            if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns) continue;
-            const double stretch = (point_state(r, c).position - here).norm() - cloth.rest_length(n);
-            energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
-        }
-        return energy;
+        return clothsim::spring_energy(plan_.cloth, row * columns() + column, point_state(row, column).position,
+                                       [this](int j) { return point_state(j / columns(), j % columns()).position; });
     }
 
     AlignedVector<Real> checkpoint_;

@@ -12,7 +12,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 from . import scenes
 from .build import build_config
 from .cloth import Cloth
-from .errors import UnstableError
+from .errors import ContactError, ContactWarning, UnstableError
 from .grid import thread_grid, triangles
 from .measures import energy, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
@@ -24,7 +24,7 @@ from .stepping import Snapshot, Stepper, acceleration, reference_step, step
 __version__ = build_config()["version"]
 
 __all__ = [
-    "Cloth", "Keyframes", "Linear", "Reciprocate", "Run", "Scene", "Snapshot", "Sphere", "Stepper",
-    "UnstableError", "acceleration", "build_config", "energy", "load_run", "max_stable_dt",
+    "Cloth", "ContactError", "ContactWarning", "Keyframes", "Linear", "Reciprocate", "Run", "Scene",
+    "Snapshot", "Sphere", "Stepper", "UnstableError", "acceleration", "build_config", "energy", "load_run", "max_stable_dt",
     "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid", "triangles",
 ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,8 +12,10 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
-from .errors import UnstableError
-from .plan import check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan
+from .errors import ContactError, ContactWarning, UnstableError
+from .plan import (
+    check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius,
+)  # fmt: skip
 from .scene import Scene
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -147,6 +151,9 @@ class State:
                 plans * members if not batched else plans, check.number("t", t)
             )
         self.core.load(x, v)
+        self._warned_of_pins = False
+        for member, one in enumerate(x if self.batched else x[None]):
+            warn_of_start(self.scenes[member], one, float(t), member if self.batched else None)
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         from .gpu.simulation import Simulation
@@ -160,14 +167,32 @@ class State:
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+        if "pinned_inside" in outcome and not self._warned_of_pins:
+            self._warned_of_pins = True
+            member, point = outcome["pinned_inside"]
+            where = divmod(point, self.scenes[member].cloth.columns)
+            warn(
+                f"a sphere has run into the pinned mass point {where}"
+                f"{f' of batch member {member}' if self.batched else ''}; a pinned point never "
+                "moves, so it, and triangles at it, are inside while the sphere is there"
+            )
         if "point" in outcome:
-            self._raise_unstable(outcome, dt)
+            self._raise_error(outcome, dt)
 
-    def _raise_unstable(self, outcome: dict[str, Any], dt: float) -> None:
+    def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
         x, v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(x, v)
         member = outcome["member"]
         scene = self.scenes[member]
+        if outcome["shut_in"]:
+            raise ContactError(
+                step=outcome["step"],
+                time=outcome["time"],
+                point=divmod(outcome["point"], scene.cloth.columns),
+                x=x[member] if self.batched else x,
+                v=v[member] if self.batched else v,
+                member=member if self.batched else None,
+            )
         raise UnstableError(
             step=outcome["step"],
             time=outcome["time"],
@@ -181,6 +206,37 @@ class State:
 
     def store(self, x: FloatArray, v: FloatArray) -> None:
         self.core.store(x, v)
+
+
+def warn(message: str) -> None:
+    """A ContactWarning that names the line of the caller of this package."""
+    depth, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("clothsim"):
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(message, ContactWarning, stacklevel=depth - 1)
+
+
+# Rounding of float32 positions, as part of the radius and the distance of the centre.
+_START_ROUNDING = 1e-6
+
+
+def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> None:
+    """Warn where a continuous sphere is on the cloth at the start, with the deepest point."""
+    for k, sphere in enumerate(scene.spheres):
+        if sphere.response != "continuous":
+            continue
+        radius, center = point_radius(sphere, scene.cloth), sphere.center_at(t)
+        depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+        inside = depth > _START_ROUNDING * (radius + np.abs(center).sum())
+        if not inside.any():
+            continue
+        row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
+        warn(
+            f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
+            f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
+            f"{depth[row, column]:.3g} m; they are pushed out at {sphere.push_out_speed:g} m/s "
+            "at most (push_out_speed)"
+        )
 
 
 def max_stable_dt_of(scene: Scene) -> float:

@@ -8,6 +8,63 @@ from typing import Any
 import numpy as np
 
 
+class ContactWarning(UserWarning):
+    """A sphere with response "continuous" starts on the cloth, or has run into a pinned point."""
+
+
+class ContactError(ArithmeticError):
+    """Spheres with response "continuous" have closed on a mass point and left it no place.
+
+    All arguments are keyword-only and become attributes.
+
+    Parameters
+    ----------
+    step : int
+        The step, counted from 1 at the start of the call, that could not be done.
+    time : float
+        Time of the scene at its end [s].
+    point : tuple of int
+        (row, column) of the first mass point concerned.
+    x, v : numpy.ndarray
+        The state before that step: positions [m] and velocities [m/s], shape (rows, columns, 3).
+    member : int, optional
+        Index into the batch, None for a single cloth.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), x=None, v=None))
+    no place left at step 3 (t = 0.5 s) for mass point (1, 2): the spheres have shut it in; keep \
+them further apart, or make them smaller
+    """
+
+    def __init__(
+        self,
+        *,
+        step: int,
+        time: float,
+        point: tuple[int, int],
+        x: np.ndarray | None,
+        v: np.ndarray | None,
+        member: int | None = None,
+    ) -> None:
+        self.step = step
+        self.time = time
+        self.point = point
+        self.x = x
+        self.v = v
+        self.member = member
+        which = "" if member is None else f" of batch member {member}"
+        super().__init__(
+            f"no place left at step {step} (t = {time:g} s) for mass point {point}{which}: the "
+            "spheres have shut it in; keep them further apart, or make them smaller"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        names = ("step", "time", "point", "x", "v", "member")
+        return partial(type(self), **{name: getattr(self, name) for name in names}), (), self.__dict__
+
+
 class UnstableError(ArithmeticError):
     """The state of the cloth stopped being finite or grew beyond bounds.
 

@@ -79,6 +79,11 @@ def _core_motion(sphere: Sphere) -> _core.Motion:
     return _core.Motion()
 
 
+def point_radius(sphere: Sphere, cloth: Any) -> float:
+    """Distance at which a mass point is answered; with offset "face" triangles ask for more."""
+    return sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
+
+
 def core_cloth(scene: Scene) -> _core.Cloth:
     """The cloth as the core takes it."""
     cloth = scene.cloth
@@ -108,12 +113,14 @@ def core_plan(
             _core.Sphere(
                 center=sphere.center,
                 radius=sphere.radius,
-                contact_radius=sphere.contact_radius(scene.cloth),
+                contact_radius=point_radius(sphere, scene.cloth),
                 response=sphere.response,
                 literal=sphere.literal,
                 restitution=sphere.restitution,
                 friction=sphere.friction,
                 motion=_core_motion(sphere),
+                faces=sphere.offset == "face",
+                push_out_speed=sphere.push_out_speed,
             )
             for sphere in scene.spheres
         ],
@@ -214,7 +221,7 @@ def explain(
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
                 f"{s.response}{' (literal)' if s.literal else ''}, contact radius "
-                f"{s.contact_radius(cloth):.6g} m"
+                f"{point_radius(s, cloth):.6g} m{', triangles' if s.offset == 'face' else ''}"
                 for s in scene.spheres
             ),
             "integrator": "rk4",

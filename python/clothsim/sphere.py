@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,17 +16,23 @@ from ._record import Record
 from .cloth import Cloth
 from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
 
-RESPONSES = ("reflect", "ray")
-OFFSETS = ("none", "edge")
+RESPONSES = ("reflect", "ray", "continuous")
+OFFSETS = ("none", "edge", "face")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Record):
-    """A sphere that pushes mass points out, after Kim et al., section 5.
+    """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
     ``radius`` plus the offset. Unless `literal`, what counts is the point's velocity relative to
     the sphere, and only approaching points are answered.
+
+    "reflect" and "ray" look at the end of a step: what is fast passes between two steps, and what
+    they move or turn makes energy. "continuous" finds when within the step point and sphere meet,
+    both on straight lines, in double whatever the state's precision: the point is turned there
+    and goes on for the rest of the step. No point passes at any speed, and no energy is made
+    (docs/contact.md).
 
     Parameters
     ----------
@@ -36,21 +43,29 @@ class Sphere(Record):
         True radius [m], > 0.
     motion : Linear, Reciprocate or Keyframes, optional
         Default: the sphere stands still.
-    response : {"ray", "reflect"}, default "ray"
+    response : {"ray", "reflect", "continuous"}, default "ray"
         "reflect" (method 1, eq 7) turns the velocity round and leaves the position alone. "ray"
         (method 2, eq 8-12) moves the point back along its velocity to the contact radius, then
-        turns the velocity round.
-    offset : {"edge", "none"} or float, default "edge"
+        turns the velocity round. "continuous" answers at the time of impact.
+    offset : {"edge", "none", "face"} or float, default "edge"
         What the contact radius adds to `radius`: "edge" the length of eq 13, which keeps the
         middle of an unstretched structural spring out of the sphere; "none" nothing; a number
-        that length [m], >= 0.
+        that length [m], >= 0. "face" keeps every triangle of the cloth out, as large as it is at
+        that moment, with what its corners need for that and no more; it also catches spheres
+        that are smaller than a cell. It needs the response "continuous".
     restitution : float, default 1.0
-        Normal velocity after a contact over that before it, 0 <= restitution <= 1.
+        Normal velocity after a contact over that before it, 0 <= restitution <= 1. With
+        "continuous" a bounce that would be over within a step is not flown: the point stays at
+        the surface and keeps the speed.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     literal : bool, default False
         True takes the paper's words exactly: the velocity is absolute also for a moving sphere,
-        and is reflected whether the point approaches or leaves. For reproducing the paper.
+        and is reflected whether the point approaches or leaves. For reproducing the paper, so not
+        with the response "continuous".
+    push_out_speed : float, default 1.0
+        With the response "continuous", how fast points that the sphere starts on are pushed out
+        [m/s], > 0. They are moved, not thrown: their velocity gets nothing from it.
 
     Raises
     ------
@@ -65,6 +80,13 @@ class Sphere(Record):
     [0.5, -0.25, 0.5]
     >>> round(ball.contact_radius(cs.Cloth()), 6)
     0.25052
+
+    Nothing gets through this one, triangles included:
+
+    >>> fast = cs.Sphere((0.5, -2, 0.5), 0.05, cs.Linear((0, 300, 0)), "continuous", "face")
+    >>> x, v = cs.step(cs.Scene(cs.Cloth(), fast), cs.Cloth().rest_positions, 0 * x, 1e-4, 80)
+    >>> cs.penetration(x, fast, 0.008)["triangles"], bool(x[..., 1].max() > 0.45)
+    (0.0, True)
     """
 
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -75,6 +97,7 @@ class Sphere(Record):
     restitution: float = 1.0
     friction: float = 0.0
     literal: bool = False
+    push_out_speed: float = 1.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
@@ -90,7 +113,19 @@ class Sphere(Record):
             restitution=check.number("restitution", self.restitution, minimum=0, maximum=1),
             friction=check.number("friction", self.friction, minimum=0),
             literal=check.boolean("literal", self.literal),
+            push_out_speed=check.number(
+                "push_out_speed", self.push_out_speed, minimum=0, exclusive=True
+            ),
         )
+        if self.literal and self.response == "continuous":
+            raise ValueError(
+                "literal must be False with response 'continuous', which the paper does not have"
+            )
+        if self.offset == "face" and self.response != "continuous":
+            raise ValueError(
+                f"offset 'face' needs response 'continuous', got {self.response!r}, which answers "
+                "to mass points only and cannot keep triangles out"
+            )
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Sphere:
@@ -155,6 +190,10 @@ class Sphere(Record):
         also where the cloth has no structural springs), computed as
         (D/2)^2 / (sqrt((D/2)^2 + R^2) + R), which loses no digits for small D.
 
+        With "face" there is no fixed length: this is the most that a corner of an unstretched
+        cell needs, sqrt(rho^2 + R^2) - R with rho half the cell's diagonal, the radius of the
+        smallest circle around its triangles.
+
         Parameters
         ----------
         cloth : Cloth
@@ -184,10 +223,16 @@ class Sphere(Record):
             return self.offset
         if self.offset == "none":
             return 0.0
+        if self.offset == "face":
+            return float(_core.edge_offset(self.radius, math.hypot(*cloth.spacing)))
         return float(_core.edge_offset(self.radius, max(cloth.spacing)))
 
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact.
+
+        With `offset` "face" mass points themselves are in contact at the true radius, which is
+        what the core takes; this is the distance at which a corner of an unstretched cell stands
+        when the middle of its longest side touches.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ from .shader import Features, pipelines
 
 GROUP = 16
 NONE_BAD = 0xFFFFFFFF
-_INTEGERS = 6  # of Constants in layout.wgsl, after its four numbers
+_BAD, _PINNED_INSIDE, _SHUT_IN = range(3)  # what `results` tells of a member
 
 
 class Block:
@@ -56,6 +56,7 @@ class Block:
         self.features = Features.of(scenes[0])
         self.groups = (math.ceil(self.columns / GROUP), math.ceil(self.rows / GROUP), len(members))
         self._check_limits()
+        self._check_responses()
         self.pipelines = pipelines(device, self.features, precision, strict)
         self._make_buffers(most_steps)
 
@@ -76,6 +77,20 @@ class Block:
                 f"{adapter.name} has at most {most:,} in each direction"
             )
 
+    def _check_responses(self) -> None:
+        for scene in self.scenes:
+            for k, sphere in enumerate(scene.spheres):
+                if sphere.response == "continuous" and self.wide != np.float64:
+                    raise ValueError(
+                        f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics adapter "
+                        f"{self.device.adapter.name}, whose shaders have no float64, got 'continuous'"
+                    )
+                if sphere.offset == "face":
+                    raise ValueError(
+                        f"offset of spheres[{k}] must be 'none', 'edge' or a length with backend "
+                        "'gpu', got 'face': whole triangles are kept out by backend 'cpu' only"
+                    )
+
     @property
     def _plane_bytes(self) -> int:
         return self.points * len(self.members) * np.dtype(self.real).itemsize
@@ -94,16 +109,25 @@ class Block:
         per_scene = len(self.features.spheres) * parameters.CONTACT_SIZE
         per_step = per_scene * len(self.scenes)
         tables = most_steps if self.features.moving else 1
-        size = max(1, tables * per_step) * np.dtype(self.wide).itemsize
+        self._energies = np.empty((0, 0), self.wide)
+        if self.features.continuous:
+            self._energies = np.stack([parameters.energies(scene) for scene in self.scenes])
+        size = (self._energies.size + tables * per_step or 1) * np.dtype(self.wide).itemsize
         self.contacts = create(size, "STORAGE", "COPY_DST")
-        self.results = create(4 * (1 + len(self.members)), *both)
-        self.constants = create(64, "UNIFORM", "COPY_DST")
-        self.readback = create(4 * (1 + len(self.members)), "MAP_READ", "COPY_DST")
+        self._told = 1 + 3 * len(self.members)
+        words = math.ceil(self.points / 32) if self.features.continuous else 0
+        self.results = create(4 * (self._told + words * len(self.members)), *both)
+        self._results = np.zeros(self._told + words * len(self.members), np.uint32)
+        self._results[1 : self._told] = NONE_BAD
+        self.constants = create(96, "UNIFORM", "COPY_DST")
+        self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
         self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
+        energy_stride = self._energies.shape[1] if stride else 0
         self._integers = np.array(
-            [self.rows, self.columns, stride, per_scene if stride else 0, per_step, 0], np.uint32
-        )
-        assert len(self._integers) == _INTEGERS
+            [self.rows, self.columns, stride, per_scene if stride else 0, per_step, 0,
+             len(self.members), energy_stride, self._energies.size],
+            np.uint32,
+        )  # fmt: skip
         bound = [
             self.constants, self.state, self.compensation, *working, self.parameters, self.contacts,
             self.results,
@@ -136,8 +160,8 @@ class Block:
         parts = (np.frombuffer(read(b, 0, size), self.real) for b in self._kept)
         return [part.reshape(shape).copy() for part in parts]
 
-    def _write(self, buffer: Any, values: np.ndarray) -> None:
-        self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
+    def _write(self, buffer: Any, values: np.ndarray, offset: int = 0) -> None:
+        self.device.handle.queue.write_buffer(buffer, offset, np.ascontiguousarray(values))
 
     # Stepping -----------------------------------------------------------------------------------------
 
@@ -150,20 +174,23 @@ class Block:
         pairs = zip(self.scenes, limits, strict=True)
         tables = [parameters.scene_parameters(scene, limit, self.real) for scene, limit in pairs]
         self._write(self.parameters, np.concatenate(tables))
+        self._dt = dt
+        if self.features.continuous:
+            self._write(self.contacts, self._energies)
         if self.features.spheres and not self.features.moving:
-            self._write_contacts([0.0])
+            self._write_contacts([0.0, 0.0])
 
     def begin(self, times: Sequence[float]) -> None:
-        """Be ready for steps that end at `times`."""
+        """Be ready for the steps between `times`."""
         if self.features.moving:
             self._write_contacts(times)
-        results = np.full(1 + len(self.members), NONE_BAD, np.uint32)
-        results[0] = 0
-        self._write(self.results, results)
+        self._write(self.results, self._results)
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        table = parameters.contacts(self.scenes, self.plans, times, self.single, self.wide)
-        self._write(self.contacts, table)
+        table = parameters.contacts(
+            self.scenes, self.plans, times, self._dt, self.single, self.wide
+        )
+        self._write(self.contacts, table, self._energies.nbytes)
 
     def save(self, encoder: Any) -> None:
         """Copy the state, on the adapter, to where `restore` finds it."""
@@ -181,6 +208,9 @@ class Block:
             for stage in self.pipelines.stages:
                 work.set_pipeline(stage)
                 work.dispatch_workgroups(*self.groups)
+            if self.pipelines.settle:
+                work.set_pipeline(self.pipelines.settle)
+                work.dispatch_workgroups(1, 1, self.groups[2])
 
     def check(self, work: Any) -> None:
         """Record the search for bad points."""
@@ -188,10 +218,23 @@ class Block:
         work.set_pipeline(self.pipelines.check)
         work.dispatch_workgroups(*self.groups)
 
-    def bad(self) -> tuple[int, int] | None:
-        """The first member of the batch with a bad point and that point, once `readback` is filled."""
+    def copy_results(self, encoder: Any) -> None:
+        encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, 4 * self._told)
+
+    def told(self) -> tuple[dict[str, Any] | None, tuple[int, int] | None]:
+        """Of the members of this block, once the results are copied: the first one in trouble, and
+        the first with a sphere in a pinned point, each with its point."""
         self.readback.map_sync("READ")
-        results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : 1 + len(self.members)]
+        results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
         self.readback.unmap()
-        found = np.flatnonzero(results != NONE_BAD)
-        return (self.members[found[0]], int(results[found[0]])) if found.size else None
+        tables = results.reshape(3, len(self.members))
+        bad = None
+        trouble = np.minimum(tables[_BAD], tables[_SHUT_IN])
+        for k in np.flatnonzero(trouble != NONE_BAD)[:1]:
+            shut_in = bool(tables[_BAD, k] == NONE_BAD)
+            point = tables[_SHUT_IN if shut_in else _BAD, k]
+            bad = {"member": self.members[k], "point": int(point), "shut_in": shut_in}
+        pinned = None
+        for k in np.flatnonzero(tables[_PINNED_INSIDE] != NONE_BAD)[:1]:
+            pinned = self.members[k], int(tables[_PINNED_INSIDE, k])
+        return bad, pinned

@@ -10,15 +10,24 @@ import numpy.typing as npt
 
 from .. import _core
 from ..cloth import FAMILIES
+from ..plan import point_radius
 from ..scene import Scene
 
 FIRST_WEIGHT = 20
-CONTACT_SIZE = 13
+CONTACT_SIZE = 16
+ENERGY_SIZE = 13  # without masses
 
 # (row, column) of a neighbour at the end of each of the shader's five springs.
 _SPRINGS = (
     ("structural", 0, 1), ("structural", 1, 0), ("shear", 1, 1), ("bend", 0, 2), ("bend", 2, 0),
 )  # fmt: skip
+
+
+def rest_lengths(scene: Scene) -> list[float]:
+    """Of the five springs [m]."""
+    row_spacing, column_spacing = scene.cloth.spacing
+    along = [(rows * row_spacing, columns * column_spacing) for _, rows, columns in _SPRINGS]
+    return [math.sqrt(c * c + r * r) for r, c in along]
 
 
 def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
@@ -33,15 +42,12 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
         That of the shader's arithmetic.
     """
     cloth = scene.cloth
-    row_spacing, column_spacing = cloth.spacing
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
     scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
     stiffness, damping = cloth.family_stiffness, cloth.family_damping
     limit = min(speed_limit, float(np.finfo(dtype).max))
     numbers = [*scene.gravity, cloth.point_damping * scale, limit]
-    for family, rows, columns in _SPRINGS:
-        along_rows, along_columns = rows * row_spacing, columns * column_spacing
-        rest_length = math.sqrt(along_columns * along_columns + along_rows * along_rows)
+    for (family, *_), rest_length in zip(_SPRINGS, rest_lengths(scene), strict=True):
         numbers += [stiffness.get(family, 0.0) * scale, rest_length, damping.get(family, 0.0) * scale]
     assert len(numbers) == FIRST_WEIGHT and set(stiffness) <= set(FAMILIES)
     weights = 1 / cloth.mass_per_point.ravel()
@@ -59,33 +65,55 @@ def contacts(
     scenes: Sequence[Scene],
     plans: Sequence[_core.Plan],
     times: Sequence[float],
+    dt: float,
     single: bool,
     wide: npt.DTypeLike,
 ) -> np.ndarray:
-    """What `contacts` holds: shape (times, scenes, spheres, 13).
+    """The spheres' part of `contacts`: shape (steps, scenes, spheres, 16).
 
     Parameters
     ----------
     scenes, plans : sequence of Scene, of Plan
         With equally many spheres each; the plans are the core's, which moves the spheres.
     times : sequence of float
-        Times of collision passes [s].
+        Time before the first step and after each [s].
+    dt : float
+        Time step [s].
     single : bool
         Whether a step's arithmetic is float32.
     wide : numpy dtype
         That of the responses' arithmetic.
     """
     real = np.float32 if single else np.float64
-    margin = 1 + 8 * float(np.finfo(real).eps)
-    table = np.empty((len(times), len(scenes), len(scenes[0].spheres), CONTACT_SIZE), wide)
+    eps = float(np.finfo(real).eps)
+    shape = (len(times) - 1, len(scenes), len(scenes[0].spheres), CONTACT_SIZE)
+    table = np.zeros(shape, wide)
     for k, (scene, plan) in enumerate(zip(scenes, plans, strict=True)):
-        moving = plan.sphere_states(list(times))
-        center = moving[..., :3]
-        table[:, k, :, 0:3] = center
-        table[:, k, :, 3:6] = center - table[:, k, :, 0:3]
-        table[:, k, :, 6:9] = moving[..., 3:]
+        states = plan.sphere_states(list(times))
         for s, sphere in enumerate(scene.spheres):
-            radius = sphere.contact_radius(scene.cloth)
-            outer = real(radius * radius * margin)
-            table[:, k, s, 9:] = radius, sphere.restitution, sphere.friction, outer
+            start, end = states[:-1, s, :3], states[1:, s, :3]
+            radius = point_radius(sphere, scene.cloth)
+            row = table[:, k, s]
+            row[:, 9:12] = radius, sphere.restitution, sphere.friction
+            if sphere.response == "continuous":
+                row[:, 0:3], row[:, 3:6], row[:, 6:9] = start, end, (end - start) / dt
+                slop = 4 * eps * (np.abs(end).sum(axis=1) + radius)
+                row[:, 12] = dt
+                row[:, 13], row[:, 14] = radius + slop, slop
+                row[:, 15] = sphere.push_out_speed * dt
+            else:
+                row[:, 0:3] = end
+                row[:, 3:6] = end - row[:, 0:3]
+                row[:, 6:9] = states[1:, s, 3:]
+                row[:, 12] = real(radius * radius * (1 + 8 * eps))
     return table
+
+
+def energies(scene: Scene) -> npt.NDArray[np.float64]:
+    """What a point's energy is made of (continuous.wgsl), one scene's part of `contacts`."""
+    cloth = scene.cloth
+    stiffness = [cloth.family_stiffness.get(family, 0.0) for family, *_ in _SPRINGS]
+    masses = cloth.mass_per_point.ravel()
+    if cloth.uniform_mass:
+        masses = masses[:1]
+    return np.concatenate([scene.gravity, stiffness, rest_lengths(scene), masses])

@@ -57,17 +57,43 @@ class Features:
             switches[name] = getattr(self, name)
         return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
 
+    @property
+    def continuous(self) -> tuple[int, ...]:
+        """Places of the spheres whose response is continuous."""
+        return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
+
     def after_contacts(self) -> str:
-        """The shader's function that meets the spheres in their order."""
+        """The shader's function that meets the spheres: those at the step's end in their order,
+        then the continuous ones."""
 
         def word(flag: bool) -> str:
             return "true" if flag else "false"
 
-        lines = ["fn after_contacts(body: Body, member: u32) -> Body {", "    var result = body;"]
+        lines = [
+            "fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {",
+            "    var result = body;",
+            "    if (!is_pinned(id)) {",
+        ]
         for k, s in enumerate(self.spheres):
-            flags = ", ".join(map(word, (s.response == "ray", s.literal, s.rough)))
-            lines.append(f"    result = met(result, contact_of(member, {k}u), {flags});")
-        return "\n".join([*lines, "    return result;", "}"])
+            if k not in self.continuous:
+                flags = ", ".join(map(word, (s.response == "ray", s.literal, s.rough)))
+                lines.append(f"        result = met(result, contact_of(id.z, {k}u), {flags});")
+        lines.append("    }")
+        if self.continuous:
+            lines.append("    result = after_continuous(result, before, id);")
+        lines += ["    return result;", "}"]
+        if self.continuous:
+            lines += [
+                f"const continuous_spheres = {len(self.continuous)}u;",
+                "fn swept_sphere(member: u32, k: u32) -> Swept {",
+                *(
+                    f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}"
+                    for n, place in enumerate(self.continuous[1:], start=1)
+                ),
+                f"    return swept_of(member, {self.continuous[0]}u);",
+                "}",
+            ]
+        return "\n".join(lines)
 
 
 @cache
@@ -85,12 +111,14 @@ def arithmetic_file(precision: str, float64: bool) -> str:
 
 def source(features: Features, precision: str, float64: bool) -> str:
     """The whole WGSL of a step."""
-    names = (arithmetic_file(precision, float64), "layout", "contact", "step", "check")
+    names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
+    if features.continuous:
+        names.append("continuous")
     return "\n".join([*map(shader_text, names), features.after_contacts()])
 
 
 class Pipelines:
-    """The four stages of a step and the check, compiled for some features."""
+    """The four stages of a step, what follows on them, and the check, compiled for some features."""
 
     def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
         handle = device.handle
@@ -114,6 +142,9 @@ class Pipelines:
             constants = features.constants(strict)
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
             self.check = pipeline("check", {})
+            self.settle = None
+            if features.continuous:
+                self.settle = pipeline("settle", {**constants, "stage": 4})
 
 
 def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:

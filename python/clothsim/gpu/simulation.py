@@ -176,21 +176,28 @@ class Simulation:
         with self._used(), Interrupts() as interrupts:
             self._need_adapter()
             self._set_step(dt)
-            done = 0
-            while done < steps:
-                count = min(self._steps_unchecked, steps - done)
-                start = time.monotonic()
-                if self._advance(count):
-                    found = self._rewind_to_last_good(count)
-                    return {**found, "step": done + found["step"], "steps": done + found["step"] - 1}
-                self._clock = self._clock.after(count)
-                done += count
-                seconds = time.monotonic() - start
-                wanted = int(SECONDS_BETWEEN_CHECKS * count / max(seconds, 1e-9))
-                self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
-                self._save_if_due()
-                interrupts.deliver()
-            return {"steps": done}
+            self._pinned_inside: tuple[int, int] | None = None
+            outcome = self._advance_all(steps, interrupts)
+            if self._pinned_inside:
+                outcome["pinned_inside"] = self._pinned_inside
+            return outcome
+
+    def _advance_all(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
+        done = 0
+        while done < steps:
+            count = min(self._steps_unchecked, steps - done)
+            start = time.monotonic()
+            if self._advance(count):
+                found = self._rewind_to_last_good(count)
+                return {**found, "step": done + found["step"], "steps": done + found["step"] - 1}
+            self._clock = self._clock.after(count)
+            done += count
+            seconds = time.monotonic() - start
+            wanted = int(SECONDS_BETWEEN_CHECKS * count / max(seconds, 1e-9))
+            self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
+            self._save_if_due()
+            interrupts.deliver()
+        return {"steps": done}
 
     def _set_step(self, dt: float) -> None:
         self._clock = self._clock.with_step(dt)
@@ -199,10 +206,10 @@ class Simulation:
                 block.set_step(dt)
             self._step_set = dt
 
-    def _advance(self, steps: int) -> tuple[int, int] | None:
-        """`steps` steps after a checkpoint; the first member with a bad point, and that point."""
+    def _advance(self, steps: int) -> dict[str, Any] | None:
+        """`steps` steps after a checkpoint; the first member in trouble, the point and the trouble."""
         handle = self.device.handle
-        times = [self._clock.at(k) for k in range(1, steps + 1)]
+        times = [self._clock.at(k) for k in range(steps + 1)]
         for block in self._blocks:
             block.begin(times)
         encoder = handle.create_command_encoder()
@@ -220,10 +227,12 @@ class Simulation:
                 handle.queue.submit([encoder.finish()])
                 encoder = handle.create_command_encoder()
         for block in self._blocks:
-            encoder.copy_buffer_to_buffer(block.results, 0, block.readback, 0, block.results.size)
+            block.copy_results(encoder)
         handle.queue.submit([encoder.finish()])
-        found = [bad for block in self._blocks if (bad := block.bad())]
-        return min(found, default=None)
+        told = [block.told() for block in self._blocks]
+        pinned = [point for _, point in told if point]
+        self._pinned_inside = self._pinned_inside or min(pinned, default=None)
+        return min((bad for bad, _ in told if bad), key=lambda bad: bad["member"], default=None)
 
     def _restore_checkpoint(self) -> None:
         encoder = self.device.handle.create_command_encoder()
@@ -238,7 +247,7 @@ class Simulation:
             bad = self._advance(1)
             if bad:
                 self._restore_checkpoint()
-                return {"member": bad[0], "point": bad[1], "step": k, "time": self._clock.at(1)}
+                return {**bad, "step": k, "time": self._clock.at(1)}
             self._clock = self._clock.after(1)
         raise RuntimeError(
             f"the graphics adapter {self.adapter.name} gave another result for the same steps"

@@ -18,7 +18,7 @@ struct Contact {
     outer_radius_squared: wide,
 }
 
-const contact_size = 13u;
+const contact_size = 16u;
 
 struct Answer {
     moved: bool,
@@ -26,11 +26,16 @@ struct Answer {
     velocity: vec3<wide>,
 }
 
-fn contact_of(member: u32, sphere: u32) -> Contact {
-    var at = member * constants.contact_member_stride + sphere * contact_size;
+fn contact_place(member: u32, sphere: u32) -> u32 {
+    let at = constants.first_contact + member * constants.contact_member_stride + sphere * contact_size;
     if (moving) {
-        at += (atomicLoad(&results[0]) - 1u) * constants.contact_step_stride;
+        return at + (atomicLoad(&results[0]) - 1u) * constants.contact_step_stride;
     }
+    return at;
+}
+
+fn contact_of(member: u32, sphere: u32) -> Contact {
+    let at = contact_place(member, sphere);
     return Contact(
         vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]),
         vec3<wide>(contacts[at + 3u], contacts[at + 4u], contacts[at + 5u]),

@@ -16,6 +16,14 @@ fn is_finite(a: f64) -> bool {
     return (u32(bitcast<u64>(a) >> 32u) & 0x7ff00000u) != 0x7ff00000u;
 }
 
+fn widened(value: vec3<f64>, low: vec3<f64>) -> vec3<f64> {
+    return value;
+}
+
+fn narrowed(position: vec3<f64>, velocity: vec3<f64>) -> Body {
+    return Body(position, vec3<f64>(), velocity, vec3<f64>());
+}
+
 fn position_from(body: Body, contact: Contact) -> vec3<f64> {
     return body.position - contact.center;
 }

@@ -31,6 +31,9 @@ struct Constants {
     contact_member_stride: u32,  // likewise
     contact_step_stride: u32,    // from step to step
     zero: u32,                   // 0; no compiler knows
+    members: u32,
+    energy_stride: u32,          // of `contacts`, from member to member; 0: they share one scene
+    first_contact: u32,          // of `contacts`
 }
 
 // Springs that share a rest length: structural along columns and rows, shear, bend along columns and rows.
@@ -54,7 +57,8 @@ const first_weight = 20u;
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// Steps since the host set it to 0, and for every member the first bad point.
+// Steps since the host set it to 0; for every member the first bad point, the first pinned point in a sphere and the
+// first point that spheres have shut in; with continuous contact a bit a point for those left over.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
 fn points() -> u32 {

@@ -30,12 +30,16 @@ fn velocity_of(body: Body) -> vec3<f64> {
     return widened(body.velocity, body.velocity_low);
 }
 
+fn narrowed(position: vec3<f64>, velocity: vec3<f64>) -> Body {
+    let x = vec3<f32>(position);
+    let v = vec3<f32>(velocity);
+    return Body(x, vec3<f32>(position - vec3<f64>(x)), v, vec3<f32>(velocity - vec3<f64>(v)));
+}
+
 fn answered(body: Body, contact: Contact, answer: Answer) -> Body {
     var position = widened(body.position, body.position_low);
     if (answer.moved) {
         position = contact.center + answer.on_surface;
     }
-    let x = vec3<f32>(position);
-    let v = vec3<f32>(answer.velocity);
-    return Body(x, vec3<f32>(position - vec3<f64>(x)), v, vec3<f32>(answer.velocity - vec3<f64>(v)));
+    return narrowed(position, answer.velocity);
 }

@@ -161,11 +161,14 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
     let v = vec3<real>(state[at + 3u * n], state[at + 4u * n], state[at + 5u * n]);
     let dx = scaled(constants.h, v) + scaled(constants.h2_6, first + middle);
     let dv = scaled(constants.h_6, (first + a) + (middle + middle));
-    var body = Body(x, vec3<real>(), v, vec3<real>());
+    var before = Body(x, vec3<real>(), v, vec3<real>());
+    var body = before;
     if (compensated) {
         let low = array<real, 6>(
             compensation[at], compensation[at + n], compensation[at + 2u * n],
             compensation[at + 3u * n], compensation[at + 4u * n], compensation[at + 5u * n]);
+        before.position_low = vec3<real>(low[0], low[1], low[2]);
+        before.velocity_low = vec3<real>(low[3], low[4], low[5]);
         let sx = added(x.x, low[0], dx.x);
         let sy = added(x.y, low[1], dx.y);
         let sz = added(x.z, low[2], dx.z);
@@ -179,9 +182,7 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
         body.position = x + dx;
         body.velocity = v + dv;
     }
-    if (!is_pinned(id)) {
-        body = after_contacts(body, id.z);
-    }
+    body = after_contacts(body, before, id);
     for (var k = 0u; k < 3u; k++) {
         state[at + k * n] = body.position[k];
         state[at + (3u + k) * n] = body.velocity[k];

@@ -1,0 +1,104 @@
+// A triangle of moving corners against a sphere: the first time at which they touch.
+//
+// In the sphere's frame every corner goes straight from p0 to p1. At a time t the point y of the triangle that
+// is nearest to the centre has the distance d and the direction n = y / d, and the whole triangle lies beyond
+// the plane through y across n. As long as every corner stays beyond the plane at distance `reach` from the
+// centre, so does the triangle: each corner tells when it gets there, the earliest is safe to go to. That is
+// conservative advancement (Mirtich 1996) with the direction taken into account: what moves sideways or away does
+// not count, and close to contact it converges like Newton's method. It never goes past a contact.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "model/sphere.hpp"
+
+namespace clothsim {
+
+using Corners = std::array<Vec3, 3>;
+
+// The point of a triangle nearest to the origin.
+struct Foot {
+    Vec3 point;
+    std::array<double, 3> weight;
+};
+
+// The nearest of the sides, or the foot of the perpendicular if it lies inside. Every candidate is a point of
+// the triangle, so that a thin or collapsed one gives its nearest side and nothing worse.
+inline Foot nearest_to_origin(const Corners& c) {
+    Foot best{c[0], {1, 0, 0}};
+    double least = c[0].squaredNorm();
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1) % 3;
+        const Vec3 side = c[std::size_t(j)] - c[std::size_t(i)];
+        const double length2 = side.squaredNorm();
+        const double s = length2 > 0 ? std::clamp(-side.dot(c[std::size_t(i)]) / length2, 0.0, 1.0) : 0.0;
+        const Vec3 point = c[std::size_t(i)] + s * side;
+        const double distance2 = point.squaredNorm();
+        if (distance2 >= least) continue;
+        least = distance2;
+        best = {point, {0, 0, 0}};
+        best.weight[std::size_t(i)] = 1 - s;
+        best.weight[std::size_t(j)] = s;
+    }
+    const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
+    const Vec3 normal = ab.cross(ac);
+    const double area2 = normal.squaredNorm();
+    if (!(area2 > 0)) return best;
+    const double b = -c[0].cross(ac).dot(normal) / area2, d = -ab.cross(c[0]).dot(normal) / area2;
+    if (b < 0 || d < 0 || b + d > 1) return best;
+    const Vec3 point = c[0] + b * ab + d * ac;
+    if (point.squaredNorm() < least) best = {point, {1 - b - d, b, d}};
+    return best;
+}
+
+// Radius of the smallest circle around a triangle: half the longest side, or the circumradius if it is acute.
+inline double smallest_circle(const Corners& c) {
+    std::array<double, 3> side2{(c[1] - c[2]).squaredNorm(), (c[2] - c[0]).squaredNorm(), (c[0] - c[1]).squaredNorm()};
+    std::sort(side2.begin(), side2.end());
+    if (side2[0] + side2[1] <= side2[2]) return std::sqrt(side2[2]) / 2;
+    const double twice_area = (c[1] - c[0]).cross(c[2] - c[0]).norm();
+    return std::sqrt(side2[0] * side2[1] * side2[2]) / (2 * twice_area);
+}
+
+struct TriangleTouch {
+    bool hit = false;
+    double time = 0;  // part of the way
+    Foot foot;
+    Vec3 normal = Vec3::Zero();
+};
+
+// The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
+inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
+    constexpr int most_advances = 200;  // then it grazes at this distance all along: called a touch
+    TriangleTouch t;
+    for (int k = 0; k < most_advances; ++k) {
+        Corners now;
+        for (std::size_t i = 0; i < 3; ++i) now[i] = p0[i] + t.time * (p1[i] - p0[i]);
+        t.foot = nearest_to_origin(now);
+        const double distance = t.foot.point.norm();
+        t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
+        t.hit = distance <= reach + tolerance;
+        if (t.hit) return t;
+        double advance = 2;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double rate = t.normal.dot(p1[i] - p0[i]);
+            const double gap = t.normal.dot(now[i]) - reach;
+            if (rate < 0) advance = std::min(advance, gap / -rate);
+        }
+        if (t.time + advance >= 1) {
+            if (advance < 2 && t.time < 1) {
+                t.time = 1;  // the end itself is looked at once
+                continue;
+            }
+            return t;
+        }
+        t.time += advance;
+    }
+    t.hit = true;
+    return t;
+}
+
+}  // namespace clothsim
