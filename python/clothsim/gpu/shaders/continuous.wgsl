@@ -50,68 +50,70 @@ fn swept_of(member: u32, sphere: u32) -> Swept {
 }
 
 fn touch_of(s: Swept, p0: vec3<wide>, q: vec3<wide>, v: vec3<wide>, gain: vec3<wide>) -> Touch {
-    let surface2 = s.surface * s.surface;
+    let surface2 = wide_product(s.surface, s.surface);
     let innermost = s.surface - wide(2.0) * s.slop;
     let start2 = wide_inner(p0, p0);
-    let inside = start2 < innermost * innermost;
+    let inside = start2 < wide_product(innermost, innermost);
     let a = wide_inner(q, q);
     let b = wide_inner(p0, q);
     var closest = zero;
     if (a > zero) {
         closest = -b / a;
     }
-    let m = p0 + closest * q;
+    let m = p0 + wide_scaled(closest, q);
     let below = surface2 - wide_inner(m, m);
     let c = max(start2 - surface2, zero);
-    let down = sqrt(max(a * below, zero)) - b;
+    let down = sqrt(max(wide_product(a, below), zero)) - b;
     var time = zero;
     if (down > zero) {
         time = c / down;
     }
     let hit = b < zero && below > zero && time <= one && !inside;
     let rest = one - time;
-    let contact = p0 + time * q;
+    let contact = p0 + wide_scaled(time, q);
     let distance2 = wide_inner(contact, contact);
     var inverse = zero;
     if (distance2 > zero) {
         inverse = one / sqrt(distance2);
     }
-    let normal = contact * inverse;
+    let normal = wide_scaled(inverse, contact);
     let normal_way = min(wide_inner(q, normal), zero);
-    let depth = -rest * normal_way;
+    let depth = wide_product(-rest, normal_way);
     let speed = wide_inner(v, normal);
     let press = -wide_inner(gain, normal) / s.dt;
-    let arrival2 = speed * speed - wide(2.0) * press * depth;
-    let bounce = s.restitution * sqrt(max(arrival2, zero));
+    let arrival2 = wide_product(speed, speed) - wide_product(wide(2.0) * press, depth);
+    let bounce = wide_product(s.restitution, sqrt(max(arrival2, zero)));
     return Touch(
-        hit, inside, time, normal, contact, depth, rest * (q - normal_way * normal), speed, press, bounce);
+        hit, inside, time, normal, contact, depth, wide_scaled(rest, q - wide_scaled(normal_way, normal)), speed, press, bounce);
 }
 
 // Whether a bounce is still in the air when the step after it begins.
 fn flies(s: Swept, t: Touch) -> bool {
-    return t.hit && t.bounce > zero && wide(2.0) * t.bounce > t.press * s.dt;
+    return t.hit && t.bounce > zero && wide(2.0) * t.bounce > wide_product(t.press, s.dt);
 }
 
 // From the centre and relative to the sphere, `height` above the tangent plane.
 fn leave(s: Swept, t: Touch, height: wide, normal_speed: wide, v: vec3<wide>) -> Motion {
-    let tangential = v - t.speed * t.normal;
+    let tangential = v - wide_scaled(t.speed, t.normal);
     var kept = one;
     if (s.friction > zero) {
         let slip = sqrt(wide_inner(tangential, tangential));
-        let most = s.friction * max(normal_speed - t.speed, zero);
+        let most = wide_product(s.friction, max(normal_speed - t.speed, zero));
         kept = zero;
         if (slip > most) {
             kept = one - most / slip;
         }
     }
-    return Motion(t.place + kept * t.along + height * t.normal, kept * tangential + normal_speed * t.normal);
+    return Motion(
+        t.place + wide_scaled(kept, t.along) + wide_scaled(height, t.normal),
+        wide_scaled(kept, tangential) + wide_scaled(normal_speed, t.normal));
 }
 
 // p brought to the distance `surface`.
 fn lifted(p: vec3<wide>, surface: wide) -> vec3<wide> {
     let distance2 = wide_inner(p, p);
     if (distance2 > zero) {
-        return p * (surface / sqrt(distance2));
+        return wide_scaled(surface / sqrt(distance2), p);
     }
     return vec3<wide>(zero, surface, zero);
 }
@@ -127,7 +129,7 @@ fn pushed_out(s: Swept, start_distance: wide, body: Motion) -> Motion {
     if (distance > zero) {
         n = body.position / distance;
     }
-    return Motion(aim * n, body.velocity - min(wide_inner(body.velocity, n), zero) * n);
+    return Motion(wide_scaled(aim, n), body.velocity - wide_scaled(min(wide_inner(body.velocity, n), zero), n));
 }
 
 struct Meeting {
@@ -151,12 +153,12 @@ fn meeting_of(s: Swept, before: Motion, after: Motion) -> Meeting {
         free = leave(s, t, zero, max(t.speed, t.bounce), v);
         limit = s.surface;
     } else if (t.inside) {
-        changed = wide_inner(p1, p1) < s.surface * s.surface;
+        changed = wide_inner(p1, p1) < wide_product(s.surface, s.surface);
         free = pushed_out(s, sqrt(wide_inner(p0, p0)), free);
         limit = zero;
     }
     // Rounding: whoever was outside ends outside.
-    if (wide_inner(free.position, free.position) < limit * limit) {
+    if (wide_inner(free.position, free.position) < wide_product(limit, limit)) {
         free.position = lifted(free.position, s.surface);
         changed = true;
     }
@@ -291,7 +293,7 @@ fn spring_energy(o: Owner, x: vec3<wide>, row: i32, column: i32, kind: u32) -> w
     let d = now_of(other, 0u) - x;
     let at = energy_place(o) + 3u + kind;
     let stretch = sqrt(wide_inner(d, d)) - contacts[at + 5u];
-    return contacts[at] / wide(2.0) * stretch * stretch;
+    return wide_product(wide_product(contacts[at] / wide(2.0), stretch), stretch);
 }
 
 // Of all springs of a point and of gravity, if it were at x.
@@ -317,7 +319,7 @@ fn potential(o: Owner, x: vec3<wide>) -> wide {
     }
     let at = energy_place(o);
     let gravity = vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]);
-    return energy - mass_of(o) * wide_inner(gravity, x);
+    return energy - wide_product(mass_of(o), wide_inner(gravity, x));
 }
 
 fn answer_of(o: Owner, s: Swept, t: Touch, end: Motion) -> Motion {
@@ -325,12 +327,12 @@ fn answer_of(o: Owner, s: Swept, t: Touch, end: Motion) -> Motion {
     var height = zero;
     if (flies(s, t)) {
         let mass = mass_of(o);
-        let plane = end.position + t.depth * t.normal;
-        let mirrored = s.restitution * t.depth;
+        let plane = end.position + wide_scaled(t.depth, t.normal);
+        let mirrored = wide_product(s.restitution, t.depth);
         let at_plane = potential(o, plane);
-        let arrival = max(t.speed * t.speed + wide(2.0) * (potential(o, end.position) - at_plane) / mass, zero);
-        let leaving2 = s.restitution * s.restitution * arrival;
-        let last2 = leaving2 + wide(2.0) * (at_plane - potential(o, plane + mirrored * t.normal)) / mass;
+        let arrival = max(wide_product(t.speed, t.speed) + wide(2.0) * (potential(o, end.position) - at_plane) / mass, zero);
+        let leaving2 = wide_product(wide_product(s.restitution, s.restitution), arrival);
+        let last2 = leaving2 + wide(2.0) * (at_plane - potential(o, plane + wide_scaled(mirrored, t.normal))) / mass;
         if (last2 >= zero) {
             height = mirrored;
             normal_speed = sqrt(last2);
@@ -339,7 +341,7 @@ fn answer_of(o: Owner, s: Swept, t: Touch, end: Motion) -> Motion {
         }
     }
     var left = leave(s, t, height, normal_speed, end.velocity - s.velocity);
-    if (wide_inner(left.position, left.position) < s.surface * s.surface) {
+    if (wide_inner(left.position, left.position) < wide_product(s.surface, s.surface)) {
         left.position = lifted(left.position, s.surface);
     }
     return Motion(s.finish + left.position, s.velocity + left.velocity);
@@ -353,13 +355,14 @@ fn on_common_circle(a: Swept, b: Swept, x: vec3<wide>) -> vec3<wide> {
         return x;
     }
     let axis = between / distance;
-    let along = (distance * distance + a.surface * a.surface - b.surface * b.surface) / (wide(2.0) * distance);
-    let height2 = a.surface * a.surface - along * along;
+    let squares = wide_product(distance, distance) + wide_product(a.surface, a.surface) - wide_product(b.surface, b.surface);
+    let along = squares / (wide(2.0) * distance);
+    let height2 = wide_product(a.surface, a.surface) - wide_product(along, along);
     if (height2 <= zero) {
         return x;
     }
     var aside = x - a.finish;
-    aside = aside - wide_inner(aside, axis) * axis;
+    aside = aside - wide_scaled(wide_inner(aside, axis), axis);
     if (sqrt(wide_inner(aside, aside)) <= wide(1e-12) * distance) {
         if (abs(axis.x) > wide(1e-12) || abs(axis.y) > wide(1e-12)) {
             aside = vec3<wide>(-axis.y, axis.x, zero);
@@ -368,7 +371,7 @@ fn on_common_circle(a: Swept, b: Swept, x: vec3<wide>) -> vec3<wide> {
         }
     }
     let unit = aside / sqrt(wide_inner(aside, aside));
-    return a.finish + along * axis + (sqrt(height2) + a.slop + b.slop) * unit;
+    return a.finish + wide_scaled(along, axis) + wide_scaled(sqrt(height2) + a.slop + b.slop, unit);
 }
 
 struct Settled {
@@ -423,7 +426,7 @@ fn resolved(o: Owner) -> bool {
         var soonest: Touch;
         for (var k = 0u; k < continuous_spheres; k++) {
             let s = swept_sphere(o.member, k);
-            let p0 = x - (s.start + elapsed * (s.finish - s.start));
+            let p0 = x - (s.start + wide_scaled(elapsed, s.finish - s.start));
             let t = touch_of(s, p0, (end.position - s.finish) - p0, end.velocity - s.velocity, gain);
             if (!t.hit || (first >= 0 && t.time >= soonest.time)) {
                 continue;
@@ -437,8 +440,8 @@ fn resolved(o: Owner) -> bool {
         }
         let s = swept_sphere(o.member, u32(first));
         end = answer_of(o, s, soonest, end);
-        elapsed += soonest.time * (one - elapsed);
-        x = s.start + elapsed * (s.finish - s.start) + soonest.place;
+        elapsed += wide_product(soonest.time, one - elapsed);
+        x = s.start + wide_scaled(elapsed, s.finish - s.start) + soonest.place;
         done = continuous_spheres == 1u;  // away from a convex body there is no second contact with it
     }
     if (!done) {
