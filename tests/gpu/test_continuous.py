@@ -65,28 +65,32 @@ def test_a_batch_has_the_bits_of_its_members(same_bits):
     scenes = [falling((BALL,)), falling((BALL.replace(radius=0.22),)), falling((LEFT, RIGHT))]
     x = np.stack([s.initial_position for s in scenes])
     v = np.stack([s.initial_velocity for s in scenes])
-    batch = cs.step(scenes, x, v, 5e-4, 60, precision="single", backend="gpu")
+    batch = cs.step(scenes, x, v, 5e-4, 45, precision="single", backend="gpu")
     for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], v[k], 5e-4, 60, precision="single", backend="gpu")
+        alone = cs.step(scene, x[k], v[k], 5e-4, 45, precision="single", backend="gpu")
         assert same_bits([part[k] for part in batch], alone)
 
 
 def test_points_without_a_place_are_the_cores_error():
-    """Two spheres close on the sheet from above and below."""
-    spheres = [
-        cs.Sphere((0.5, sign * 0.4, 0.5), 0.3, cs.Linear((0, -sign * 2.0, 0)), "continuous")
+    """Two spheres close on a point from above and below, three stand around it."""
+    closing = [
+        cs.Sphere((0.5, sign * 0.35, 0.5), 0.25, cs.Linear((0, -sign * 2.0, 0)), "continuous", "none")
         for sign in (1, -1)
     ]
-    scene, errors = falling(spheres), []
+    around = [
+        cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none")
+        for dx, dz in ((0.3, 0), (-0.15, 0.26), (-0.15, -0.26))
+    ]
+    cloth = cs.Cloth((3, 3), mass=1.0, stiffness=10.0, damping=0.0, pins=())
+    scene, errors = cs.Scene(cloth, closing + around), []
+    state = scene.initial_position, scene.initial_velocity
     for backend in ("cpu", "gpu"):
         with pytest.raises(cs.ContactError) as raised:
-            cs.step(
-                scene, scene.initial_position, 0 * scene.initial_velocity, 5e-4, 400, strict=True,
-                backend=backend,
-            )  # fmt: skip
+            cs.step(scene, *state, 1e-3, 100, strict=True, backend=backend)
         errors.append(raised.value)
     cpu, gpu = errors
-    assert (gpu.step, gpu.point, gpu.time) == (cpu.step, cpu.point, cpu.time)
+    assert gpu.step > 10
+    assert (gpu.step, gpu.point, gpu.time) == (cpu.step, cpu.point, cpu.time) and gpu.point == (1, 1)
     assert np.abs(gpu.x - cpu.x).max() < 1e-9
 
 
