@@ -2,4 +2,9 @@
 
 from importlib.util import find_spec
 
-collect_ignore = [] if find_spec("numba") else ["python/clothsim/benchmark/numba_kernels.py"]
+_NEEDED = {
+    "numba": ["python/clothsim/benchmark/numba_kernels.py"],
+    "xarray": ["python/clothsim/sweep/accessor.py", "python/clothsim/sweep/api.py"],
+    "zarr": ["python/clothsim/sweep/dataset.py"],
+}
+collect_ignore = [path for name, paths in _NEEDED.items() if not find_spec(name) for path in paths]

@@ -6,8 +6,8 @@
     python benchmarks/gpu.py --adapter NVIDIA --sizes 32 256 --batches 64 --precision single
 
 Writes <name>.csv after every scene, so that what was measured survives an interruption,
-<name>_first_frames.csv and <name>.png to --out, and prints the tables with the crossover. docs/gpu.md
-says what the columns are.
+<name>_first_frames.csv and <name>.png to --out, and prints the tables with the crossover.
+docs/gpu.md says what the columns are.
 """
 
 import argparse

@@ -81,7 +81,7 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres, const std::string& precision,
-               const std::string& kernel, bool strict, const std::string& instruction_set) {
+               const std::string& kernel, bool strict, const std::string& instruction_set, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
@@ -90,6 +90,7 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.strict = strict;
     plan.kernels = &choose_instruction_set(instruction_set);
+    plan.integrator = integrator;
     return plan;
 }
 
@@ -116,7 +117,10 @@ void bind_model(py::module_& m) {
         .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"), py::arg("row_spacing"),
              py::arg("column_spacing"), py::arg("stiffness"), py::arg("spring_damping"), py::arg("point_damping"),
              py::arg("mass"), py::arg("uniform_mass"), py::arg("pinned"))
-        .def("rk4_stable_dt", &rk4_stable_dt);
+        .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
+            const ModeBounds bounds = mode_bounds(cloth);
+            return std::make_pair(bounds.stiffness, bounds.damping);
+        });
     py::class_<Motion>(m, "Motion")
         .def(py::init<>())
         .def_static("linear", &linear)
@@ -130,9 +134,11 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"))
+             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
+        .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
-        .def("runaway_speed", [](const Plan& p, double dt) { return runaway_speed(p.cloth, dt); })
+        .def("runaway_speed",
+             [](const Plan& p, double dt, double stable_dt) { return runaway_speed(p.cloth, dt, stable_dt); })
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
         .def_property_readonly("lanes", [](const Plan& p) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);

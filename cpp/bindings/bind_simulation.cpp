@@ -40,8 +40,10 @@ template <class T>
 void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(x.size()) / simulation->size();
-    for (std::size_t i = 0; i < simulation->size(); ++i)
+    for (std::size_t i = 0; i < simulation->size(); ++i) {
         simulation->member(i).load(x.data() + i * size, v.data() + i * size);
+        simulation->restart(i);
+    }
 }
 
 template <class T>
@@ -83,6 +85,39 @@ void accelerations(SharedSimulation& shared, Array<double>& a, int threads) {
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).accelerations(out + i * size, threads);
 }
 
+py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps, double tolerance_x,
+                          double tolerance_v, double longest, StepController& controller, int threads, bool optional) {
+    auto simulation = shared.use();
+    if (simulation->size() != 1 || !simulation->member(0).adaptive())
+        throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
+    Simulation::AdaptiveOutcome outcome;
+    {
+        py::gil_scoped_release release;
+        outcome = simulation->advance_adaptive(
+            {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller, signal_pending);
+    }
+    if (outcome.interrupted) throw py::error_already_set();
+    py::dict result;
+    result["steps"] = outcome.steps;
+    result["rejected"] = outcome.rejected;
+    result["contacts"] = outcome.contacts;
+    if (outcome.unstable) {
+        result["member"] = outcome.unstable->member;
+        result["point"] = outcome.unstable->point;
+        result["step"] = outcome.unstable->step;
+        result["time"] = outcome.unstable->time;
+    }
+    return result;
+}
+
+void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& v, int threads) {
+    auto simulation = shared.use();
+    double* const px = x.mutable_data();
+    double* const pv = v.mutable_data();
+    py::gil_scoped_release release;
+    simulation->dense(t, px, pv, threads);
+}
+
 py::tuple snapshot(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::list members;
@@ -106,6 +141,7 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
     for (std::size_t i = 0; i < members.size(); ++i) {
         simulation->member(i).set_raw_state(members[i].first);
         simulation->member(i).contact_energy = members[i].second;
+        simulation->restart(i);
     }
 }
 
@@ -113,6 +149,9 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
 
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
+    py::class_<StepController>(m, "StepController")
+        .def(py::init<>())
+        .def_readwrite("h", &StepController::h);
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
@@ -121,6 +160,33 @@ void bind_simulation(py::module_& m) {
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
         .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("set_stable_dt", [](S& s, const std::vector<double>& stable_dt) {
+            auto simulation = s.use();
+            if (stable_dt.size() != simulation->size()) throw std::invalid_argument("one time step a member is needed");
+            simulation->set_stable_dt(stable_dt);
+        })
+        .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
+        .def_property_readonly("frozen", [](S& s) {
+            auto simulation = s.use();
+            std::vector<bool> frozen;
+            for (std::size_t i = 0; i < simulation->size(); ++i) frozen.push_back(simulation->frozen(i));
+            return frozen;
+        })
+        .def("advance_adaptive", &advance_adaptive)
+        .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def_property_readonly("contacts", [](S& s) {
+            auto simulation = s.use();
+            std::vector<std::int64_t> contacts;
+            for (std::size_t i = 0; i < simulation->size(); ++i)
+                contacts.push_back(simulation->member(i).contacts_answered);
+            return contacts;
+        })
+        .def_property_readonly("evaluations", [](S& s) {
+            auto simulation = s.use();
+            std::vector<std::int64_t> evaluations;
+            for (std::size_t i = 0; i < simulation->size(); ++i) evaluations.push_back(simulation->member(i).evaluations);
+            return evaluations;
+        })
         .def("snapshot", &snapshot)
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {

@@ -22,7 +22,7 @@
 // A bounce that flies for longer than a step goes on to where the mirrored way leads, and its energy is
 // balanced exactly, springs included: that is `bounce` in collision/exact.hpp.
 //
-// Lane by lane without a branch, so that a compiler makes SIMD code of a loop over it; in an anonymous
+// Without a branch, and written for a number type D that is a double or a SIMD vector of doubles; in an anonymous
 // namespace because files of several instruction sets include it.
 #pragma once
 
@@ -44,72 +44,94 @@ namespace {
 
 #define CLOTHSIM_LANE inline __attribute__((always_inline))
 
-CLOTHSIM_LANE double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-CLOTHSIM_LANE double larger(double a, double b) { return a > b ? a : b; }
-CLOTHSIM_LANE double smaller(double a, double b) { return a < b ? a : b; }
+// What differs between a double and a vector of doubles.
+template <class D>
+struct Number {
+    using Mask = bool;
+    static CLOTHSIM_LANE D select(bool c, D a, D b) { return c ? a : b; }
+    static CLOTHSIM_LANE D root(D a) { return __builtin_sqrt(a); }
+};
+template <class D>
+using MaskOf = typename Number<D>::Mask;
+template <class D>
+CLOTHSIM_LANE D pick(const MaskOf<D>& c, const D& a, const D& b) { return Number<D>::select(c, a, b); }
+template <class D>
+CLOTHSIM_LANE D root(const D& a) { return Number<D>::root(a); }
+template <class D>
+CLOTHSIM_LANE D larger(const D& a, const D& b) { return pick<D>(a > b, a, b); }
+template <class D>
+CLOTHSIM_LANE D smaller(const D& a, const D& b) { return pick<D>(a < b, a, b); }
+template <class D>
+CLOTHSIM_LANE D dot3(const D a[3], const D b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 // Where a point meets the sphere within a step.
+template <class D>
 struct Touch {
-    bool hit;     // within the step
-    bool inside;  // at the start, by more than rounding
-    double time;  // of the hit, part of the way that was left
-    double normal[3];
-    double place[3];  // of the hit, from the centre [m]
-    double depth;     // how far the rest of the way leads below the tangent plane [m]
-    double along[3];  // the rest of the way along the tangent plane [m]
-    double speed;     // normal speed at the free end [m/s], negative: towards the sphere
-    double press;     // mean acceleration towards the sphere [m/s^2]
-    double bounce;    // normal speed after the contact [m/s], before anything presses again
+    MaskOf<D> hit;     // within the step
+    MaskOf<D> inside;  // at the start, by more than rounding
+    D time;            // of the hit, part of the way that was left
+    D normal[3];
+    D place[3];  // of the hit, from the centre [m]
+    D depth;     // how far the rest of the way leads below the tangent plane [m]
+    D along[3];  // the rest of the way along the tangent plane [m]
+    D speed;     // normal speed at the free end [m/s], negative: towards the sphere
+    D press;     // mean acceleration towards the sphere [m/s^2]
+    D bounce;    // normal speed after the contact [m/s], before anything presses again
 };
 
 // p0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the velocity.
 // All relative to the sphere.
-CLOTHSIM_LANE Touch touch(const SweptSphere& s, const double p0[3], const double q[3], const double v[3],
-                          const double gain[3]) {
-    Touch r;
-    const double surface2 = s.surface * s.surface;
-    const double start2 = dot3(p0, p0);
+template <class D>
+CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], const D v[3], const D gain[3]) {
+    Touch<D> r;
+    const D zero(0), one(1), surface2(s.surface * s.surface);
     const double innermost = s.surface - 2 * s.slop;
-    r.inside = start2 < innermost * innermost;
-    const double a = dot3(q, q), b = dot3(p0, q);
-    const double closest = a > 0 ? -b / a : 0;
-    const double m[3] = {p0[0] + closest * q[0], p0[1] + closest * q[1], p0[2] + closest * q[2]};
-    const double below = surface2 - dot3(m, m);
-    const double c = larger(start2 - surface2, 0);
-    const double root = __builtin_sqrt(larger(a * below, 0));
-    const double down = -b + root;
-    r.time = down > 0 ? c / down : 0;
-    r.hit = (b < 0) & (below > 0) & (r.time <= 1) & !r.inside;
-    const double rest = 1 - r.time;
+    const D start2 = dot3(p0, p0);
+    r.inside = start2 < D(innermost * innermost);
+    const D a = dot3(q, q), b = dot3(p0, q);
+    const D closest = pick<D>(a > zero, -b / a, zero);
+    const D m[3] = {p0[0] + closest * q[0], p0[1] + closest * q[1], p0[2] + closest * q[2]};
+    const D below = surface2 - dot3(m, m);
+    const D c = larger(start2 - surface2, zero);
+    const D down = root(larger(a * below, zero)) - b;
+    r.time = pick<D>(down > zero, c / down, zero);
+    r.hit = (b < zero) & (below > zero) & (r.time <= one) & !r.inside;
+    const D rest = one - r.time;
     for (int k = 0; k < 3; ++k) r.place[k] = p0[k] + r.time * q[k];
-    const double distance2 = dot3(r.place, r.place);
-    const double inverse = distance2 > 0 ? 1 / __builtin_sqrt(distance2) : 0;
+    const D distance2 = dot3(r.place, r.place);
+    const D inverse = pick<D>(distance2 > zero, one / root(distance2), zero);
     for (int k = 0; k < 3; ++k) r.normal[k] = r.place[k] * inverse;
-    const double normal_way = smaller(dot3(q, r.normal), 0);
+    const D normal_way = smaller(dot3(q, r.normal), zero);
     r.depth = -rest * normal_way;
     for (int k = 0; k < 3; ++k) r.along[k] = rest * (q[k] - normal_way * r.normal[k]);
     r.speed = dot3(v, r.normal);
-    r.press = -dot3(gain, r.normal) / s.dt;
-    const double arrival = larger(r.speed * r.speed - 2 * r.press * r.depth, 0);
-    r.bounce = s.restitution * __builtin_sqrt(arrival);
+    r.press = -dot3(gain, r.normal) / D(s.dt);
+    const D arrival2 = r.speed * r.speed - D(2) * r.press * r.depth;
+    r.bounce = D(s.restitution) * root(larger(arrival2, zero));
     return r;
 }
 
 // Whether a bounce is still in the air when the step after it begins. The others are over before anybody could
 // see them: the point stays at the surface and keeps the speed.
-CLOTHSIM_LANE bool flies(const SweptSphere& s, const Touch& t) { return t.hit & (2 * t.bounce > t.press * s.dt); }
+template <class D>
+CLOTHSIM_LANE MaskOf<D> flies(const SweptSphere& s, const Touch<D>& t) {
+    return t.hit & (t.bounce > D(0)) & (D(2) * t.bounce > t.press * D(s.dt));
+}
 
-// Position (from the centre) and velocity (relative) after a contact that does not fly. `normal_speed`: after it.
-// Coulomb: the tangential change is at most friction times the normal one.
-CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch& t, double height, double normal_speed, double p[3],
-                         double v[3]) {
-    const double change = normal_speed - t.speed;
-    double tangential[3];
+// Position (from the centre) and velocity (relative; before: at the free end) after a contact, `height` above the
+// tangent plane. Coulomb: the tangential change is at most friction times the normal one.
+template <class D>
+CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& height, const D& normal_speed, D p[3],
+                         D v[3]) {
+    const D zero(0), one(1);
+    D tangential[3];
     for (int k = 0; k < 3; ++k) tangential[k] = v[k] - t.speed * t.normal[k];
-    const double slip = __builtin_sqrt(dot3(tangential, tangential));
-    const double most = s.friction * larger(change, 0);
-    const double kept = slip > most ? 1 - most / slip : 0;
-    const double keep = s.friction > 0 ? kept : 1;
+    D keep = one;
+    if (s.friction > 0) {
+        const D slip = root(dot3(tangential, tangential));
+        const D most = D(s.friction) * larger(normal_speed - t.speed, zero);
+        keep = pick<D>(slip > most, one - most / slip, zero);
+    }
     for (int k = 0; k < 3; ++k) {
         p[k] = t.place[k] + keep * t.along[k] + height * t.normal[k];
         v[k] = keep * tangential[k] + normal_speed * t.normal[k];
@@ -117,72 +139,74 @@ CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch& t, double height, do
 }
 
 // p brought to the distance `surface` if it is nearer than `limit`.
-CLOTHSIM_LANE bool lift(double p[3], double limit, double surface) {
-    const double distance2 = dot3(p, p);
-    const bool low = distance2 < limit * limit;
-    const double distance = __builtin_sqrt(distance2);
-    const bool at_center = !(distance > 0);
-    const double scale = at_center ? 0 : surface / distance;
-    for (int k = 0; k < 3; ++k) p[k] = low ? p[k] * scale : p[k];
-    p[1] = (low & at_center) ? surface : p[1];
+template <class D>
+CLOTHSIM_LANE MaskOf<D> lift(D p[3], const D& limit, const D& surface) {
+    const D zero(0), distance2 = dot3(p, p);
+    const MaskOf<D> low = distance2 < limit * limit, away = distance2 > zero;
+    const D scale = pick<D>(away, surface / root(distance2), zero);
+    for (int k = 0; k < 3; ++k) p[k] = pick<D>(low, p[k] * scale, p[k]);
+    p[1] = pick<D>(low & !away, surface, p[1]);
     return low;
 }
 
 // A point that was inside: it goes outwards by no more than `push` a step unless it moves so itself, never
-// deeper, and its velocity is not directed inwards any more.
-CLOTHSIM_LANE void push_out(const SweptSphere& s, double start_distance, double p[3], double v[3]) {
-    const double distance = __builtin_sqrt(dot3(p, p));
-    const double aim = smaller(s.surface, larger(distance, start_distance + s.push));
-    const bool inside = distance < s.surface;
-    double n[3];
-    for (int k = 0; k < 3; ++k) n[k] = distance > 0 ? p[k] / distance : (k == 1 ? 1.0 : 0.0);
-    const double inwards = smaller(dot3(v, n), 0);
+// deeper, and its velocity is not directed inwards any more. Whether anything was done.
+template <class D>
+CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& start_distance, D p[3], D v[3]) {
+    const D zero(0), surface(s.surface), distance = root(dot3(p, p));
+    const D aim = smaller(surface, larger(distance, start_distance + D(s.push)));
+    const MaskOf<D> inside = distance < surface, away = distance > zero;
+    D n[3];
+    for (int k = 0; k < 3; ++k) n[k] = pick<D>(away, p[k] / distance, D(k == 1));
+    const D inwards = smaller(dot3(v, n), zero);
     for (int k = 0; k < 3; ++k) {
-        p[k] = inside ? aim * n[k] : p[k];
-        v[k] = inside ? v[k] - inwards * n[k] : v[k];
+        p[k] = pick<D>(inside, aim * n[k], p[k]);
+        v[k] = pick<D>(inside, v[k] - inwards * n[k], v[k]);
     }
+    return inside;
 }
 
 // What became of a point in the pass over many.
-enum class Meeting : int { none = 0, answered = 1, flies = 2 };
+template <class D>
+struct Meeting {
+    MaskOf<D> answered, in_the_air;
+};
 
 // The common case of a whole step for one point: x0, v0 before it, x, v after the free step, replaced by the
-// answer unless it `flies`.
-CLOTHSIM_LANE Meeting meet(const SweptSphere& s, const double x0[3], const double v0[3], double x[3], double v[3]) {
-    double p0[3], p1[3], q[3], relative[3], gain[3];
+// answer unless the point bounces off and flies.
+template <class D>
+CLOTHSIM_LANE Meeting<D> meet(const SweptSphere& s, const D x0[3], const D v0[3], D x[3], D v[3]) {
+    D p0[3], p1[3], q[3], relative[3], gain[3];
     for (int k = 0; k < 3; ++k) {
-        p0[k] = x0[k] - s.start[k];
-        p1[k] = x[k] - s.end[k];
+        p0[k] = x0[k] - D(s.start[k]);
+        p1[k] = x[k] - D(s.end[k]);
         q[k] = p1[k] - p0[k];
-        relative[k] = v[k] - s.velocity[k];
+        relative[k] = v[k] - D(s.velocity[k]);
         gain[k] = v[k] - v0[k];
     }
-    const Touch t = touch(s, p0, q, relative, gain);
-    const bool in_the_air = flies(s, t);
+    const Touch<D> t = touch(s, p0, q, relative, gain);
+    const MaskOf<D> in_the_air = flies(s, t);
 
-    double p[3], u[3], out[3], w[3];
+    D p[3], u[3], out[3], w[3];
     for (int k = 0; k < 3; ++k) {
-        u[k] = relative[k];
+        u[k] = w[k] = relative[k];
         out[k] = p1[k];
-        w[k] = relative[k];
     }
-    leave(s, t, 0, larger(t.speed, t.bounce), p, u);
-    push_out(s, __builtin_sqrt(dot3(p0, p0)), out, w);
-    const double p1_2 = dot3(p1, p1);
-    const bool pushed = t.inside & (p1_2 < s.surface * s.surface);
+    leave(s, t, D(0), larger(t.speed, t.bounce), p, u);
+    const MaskOf<D> pushed = t.inside & push_out(s, root(dot3(p0, p0)), out, w);
     for (int k = 0; k < 3; ++k) {
-        p[k] = t.hit ? p[k] : (t.inside ? out[k] : p1[k]);
-        u[k] = t.hit ? u[k] : (t.inside ? w[k] : relative[k]);
+        p[k] = pick<D>(t.hit, p[k], pick<D>(pushed, out[k], p1[k]));
+        u[k] = pick<D>(t.hit, u[k], pick<D>(pushed, w[k], relative[k]));
     }
     // Rounding: whoever was outside ends outside.
-    const double limit = t.inside ? 0 : (t.hit ? s.surface : s.surface - s.slop / 2);
-    const bool lifted = lift(p, limit, s.surface);
-    const bool changed = (t.hit | pushed | lifted) & !in_the_air;
+    const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, D(s.surface), D(s.surface - s.slop / 2)));
+    const MaskOf<D> lifted = lift(p, limit, D(s.surface));
+    const MaskOf<D> answered = (t.hit | pushed | lifted) & !in_the_air;
     for (int k = 0; k < 3; ++k) {
-        x[k] = changed ? s.end[k] + p[k] : x[k];
-        v[k] = changed ? s.velocity[k] + u[k] : v[k];
+        x[k] = pick<D>(answered, D(s.end[k]) + p[k], x[k]);
+        v[k] = pick<D>(answered, D(s.velocity[k]) + u[k], v[k]);
     }
-    return in_the_air ? Meeting::flies : changed ? Meeting::answered : Meeting::none;
+    return {answered, in_the_air};
 }
 
 }  // namespace

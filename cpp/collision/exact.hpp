@@ -49,7 +49,7 @@ double potential(const Points& points, int i, const Vec3& x) {
 // way leads: uc^2 = u^2 + 2 (U_end - U_plane) / m on arrival, (e uc)^2 + 2 (U_plane - U_mirrored) / m at last. If
 // that is negative the point does not get so far and is left on the plane.
 template <class Points>
-PointState answer(const Points& points, int i, const SweptSphere& s, const Touch& t, const PointState& end) {
+PointState answer(const Points& points, int i, const SweptSphere& s, const Touch<double>& t, const PointState& end) {
     const Vec3 velocity = vec(s.velocity), normal = vec(t.normal);
     double normal_speed = std::max(t.speed, t.bounce), height = 0;
     if (flies(s, t)) {
@@ -66,8 +66,8 @@ PointState answer(const Points& points, int i, const SweptSphere& s, const Touch
     }
     double p[3], v[3];
     for (int k = 0; k < 3; ++k) v[k] = end.velocity[k] - s.velocity[k];
-    leave(s, t, height, normal_speed, p, v);
-    lift(p, s.surface, s.surface);
+    leave<double>(s, t, height, normal_speed, p, v);
+    lift<double>(p, s.surface, s.surface);
     return {vec(s.end) + vec(p), velocity + vec(v)};
 }
 
@@ -102,7 +102,7 @@ inline bool settle(const std::vector<SweptSphere>& spheres, const Vec3& start, P
             if (round > 0 && last && !was_inside) {
                 end.position = on_common_circle(*last, s, end.position);
             } else {
-                push_out(s, was_inside ? start_distance : s.surface, p.data(), v.data());
+                push_out<double>(s, was_inside ? start_distance : s.surface, p.data(), v.data());
                 end = {vec(s.end) + p, vec(s.velocity) + v};
             }
             moved = true;
@@ -126,11 +126,11 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
     bool done = false;
     for (int contact = 0; contact < most_contacts && !done; ++contact) {
         const SweptSphere* first = nullptr;
-        Touch soonest{};
+        Touch<double> soonest{};
         for (const SweptSphere& s : spheres) {
             const Vec3 center = vec(s.start) + elapsed * (vec(s.end) - vec(s.start));
             const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0, v = end.velocity - vec(s.velocity);
-            const Touch t = touch(s, p0.data(), q.data(), v.data(), gain.data());
+            const Touch<double> t = touch<double>(s, p0.data(), q.data(), v.data(), gain.data());
             if (!t.hit || (first && t.time >= soonest.time)) continue;
             first = &s;
             soonest = t;

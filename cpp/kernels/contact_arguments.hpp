@@ -23,9 +23,10 @@ struct ContactArguments {
     Real* state;
     Real* before;             // the state at the start of the step, in the same layout
     const double* free;       // a value a lane, row by row: 0 for pinned and padding points, else 1
-    std::uint8_t* near;       // a value a vector, row by row: whether a point of it may touch a sphere
+    std::uint8_t* open;       // a value a vector, row by row: whether it still has to go to `before`
     const SweptSphere* spheres;
     int sphere_count;
+    bool copy;  // whether vectors that are done here go to `before` at once
     // Points that are not answered here: those whose bounce flies; all that are near if there are several
     // spheres; pinned points in a sphere.
     void (*left_over)(void* context, int row, int vector, std::uint64_t lanes);

@@ -4,7 +4,7 @@
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
-// The state of vectors that are far from every sphere is copied for the next step on the way.
+// The state of vectors that are done is copied for the next step on the way.
 #pragma once
 
 #include "kernels/contact_arguments.hpp"
@@ -40,46 +40,45 @@ struct SphereNear {
     }
 };
 
-// One vector of points in double, answered lane by lane.
-template <class Real, int W>
-struct PointBlock {
-    double x0[3][W], v0[3][W], x[3][W], v[3][W];
-    int met[W];
+template <class Arch>
+struct Number<xsimd::batch<double, Arch>> {
+    using D = xsimd::batch<double, Arch>;
+    using Mask = xsimd::batch_bool<double, Arch>;
+    static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
+    static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
+};
 
-    CLOTHSIM_INLINE void load(const Real* from, const VectorGeometry& g, double (&x)[3][W], double (&v)[3][W]) {
-        for (int k = 0; k < 3; ++k) {
-            const Real* const px = from + k * g.component;
-            const Real* const pv = px + 3 * g.component;
-            if constexpr (sizeof(Real) == 4) {
-                const Real* const cx = px + g.compensation;
-                const Real* const cv = pv + g.compensation;
-                for (int l = 0; l < W; ++l) x[k][l] = double(px[l]) + double(cx[l]);
-                for (int l = 0; l < W; ++l) v[k][l] = double(pv[l]) + double(cv[l]);
-            } else {
-                for (int l = 0; l < W; ++l) x[k][l] = px[l];
-                for (int l = 0; l < W; ++l) v[k][l] = pv[l];
-            }
-        }
+// Vectors of doubles out of and into memory of Real.
+template <class Arch, class Real>
+struct Wide {
+    using D = xsimd::batch<double, Arch>;
+    static constexpr int N = int(D::size);
+    typedef double Doubles __attribute__((vector_size(8 * N)));
+    typedef Real Reals __attribute__((vector_size(sizeof(Real) * N)));
+
+    static CLOTHSIM_INLINE Reals load(const Real* p) {
+        Reals a;
+        __builtin_memcpy(&a, p, sizeof a);
+        return a;
     }
-    void meet_all(const SweptSphere& s, const double* free) {
-        for (int l = 0; l < W; ++l) {
-            const double a0[3] = {x0[0][l], x0[1][l], x0[2][l]}, b0[3] = {v0[0][l], v0[1][l], v0[2][l]};
-            double a[3] = {x[0][l], x[1][l], x[2][l]}, b[3] = {v[0][l], v[1][l], v[2][l]};
-            const Meeting meeting = meet(s, a0, b0, a, b);
-            const bool moves = free[l] != 0;
-            for (int k = 0; k < 3; ++k) x[k][l] = moves ? a[k] : x[k][l];
-            for (int k = 0; k < 3; ++k) v[k][l] = moves ? b[k] : v[k][l];
-            met[l] = int(meeting) + (moves ? 0 : 4);
-        }
+    static CLOTHSIM_INLINE void store(Real* p, const Reals& a) { __builtin_memcpy(p, &a, sizeof a); }
+    static CLOTHSIM_INLINE Doubles widen(const Reals& a) { return __builtin_convertvector(a, Doubles); }
+    static CLOTHSIM_INLINE Reals narrow(const Doubles& a) { return __builtin_convertvector(a, Reals); }
+    static CLOTHSIM_INLINE D batch(const Doubles& a) { return D(typename D::register_type(a)); }
+    static CLOTHSIM_INLINE Doubles doubles(const D& a) { return Doubles(typename D::register_type(a)); }
+
+    static CLOTHSIM_INLINE D read(const Real* p, std::ptrdiff_t compensation) {
+        if constexpr (sizeof(Real) == 4) return batch(widen(load(p)) + widen(load(p + compensation)));
+        else return batch(load(p));
     }
-    CLOTHSIM_INLINE void store(Real* to, const VectorGeometry& g, int lane) const {
-        for (int k = 0; k < 3; ++k)
-            for (int part = 0; part < 2; ++part) {
-                const double value = part == 0 ? x[k][lane] : v[k][lane];
-                Real* const place = to + (k + 3 * part) * g.component + lane;
-                *place = Real(value);
-                if constexpr (sizeof(Real) == 4) place[g.compensation] = Real(value - double(*place));
-            }
+    // Only where `chosen` is not 0.
+    static CLOTHSIM_INLINE void write(Real* p, std::ptrdiff_t compensation, const D& value, const D& chosen) {
+        const Doubles wide = doubles(value);
+        const Reals rounded = narrow(wide);
+        const auto here = narrow(doubles(chosen)) != 0;
+        store(p, here ? rounded : load(p));
+        if constexpr (sizeof(Real) == 4)
+            store(p + compensation, here ? narrow(wide - widen(rounded)) : load(p + compensation));
     }
 };
 
@@ -93,23 +92,37 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Every lane of a vector that may touch the one sphere there is.
-template <class Real, int W>
-__attribute__((noinline)) void meet_vector(const ContactArguments<Real>& a, int row, int vector, std::uint64_t mask) {
+// Every lane of a vector that may touch the one sphere there is; the lanes that are left over.
+template <class Arch, class Real, int W>
+__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector) {
+    using D = xsimd::batch<double, Arch>;
+    using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
-    const std::ptrdiff_t at = row * g.row + vector * g.vector;
-    PointBlock<Real, W> block;
-    block.load(a.before + at, g, block.x0, block.v0);
-    block.load(a.state + at, g, block.x, block.v);
-    block.meet_all(a.spheres[0], a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W);
+    const std::ptrdiff_t first = row * g.row + vector * g.vector;
+    const double* const free = a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W;
     std::uint64_t left_over = 0;
-    for (; mask != 0; mask &= mask - 1) {
-        const int lane = __builtin_ctzll(mask);
-        const int met = block.met[lane];
-        if (met == int(Meeting::answered)) block.store(a.state + at, g, lane);
-        else if (met != int(Meeting::none) && met != 4) left_over |= std::uint64_t(1) << lane;
+    for (int l = 0; l < W; l += Memory::N) {
+        Real* const state = a.state + first + l;
+        const Real* const before = a.before + first + l;
+        D x0[3], v0[3], x[3], v[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            x0[k] = Memory::read(before + k * g.component, g.compensation);
+            v0[k] = Memory::read(before + (k + 3) * g.component, g.compensation);
+            x[k] = Memory::read(state + k * g.component, g.compensation);
+            v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
+        });
+        const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
+        const auto moves = D::load_unaligned(free + l) != D(0.0);
+        left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
+        const auto answered = m.answered & moves;
+        if (xsimd::none(answered)) continue;
+        const D chosen = xsimd::select(answered, D(1.0), D(0.0));
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            Memory::write(state + k * g.component, g.compensation, x[k], chosen);
+            Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
+        });
     }
-    if (left_over) a.left_over(a.context, row, vector, left_over);
+    return left_over;
 }
 
 template <class Arch, class Real>
@@ -129,14 +142,14 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 const Vector3<V> x0 = load3<V>(a.before + at, g.component);
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
-                std::uint8_t& flag = a.near[std::ptrdiff_t(row) * g.vectors + vector];
                 const bool any = xsimd::any(near);
-                flag = first == 0 ? any : flag | any;
-                if (__builtin_expect(!flag && first + count == a.sphere_count, 1))
+                std::uint64_t left_over = any ? near.mask() : 0;
+                if (any && a.sphere_count == 1) left_over = meet_vector<Arch, Real, W>(a, row, vector);
+                if (left_over) a.left_over(a.context, row, vector, left_over);
+                std::uint8_t& open = a.open[std::ptrdiff_t(row) * g.vectors + vector];
+                open = left_over != 0 || (first > 0 && open);
+                if (__builtin_expect(a.copy && !open && first + count == a.sphere_count, 1))
                     copy_vector<V>(a.state + at, a.before + at, g);
-                if (!any) continue;
-                if (a.sphere_count == 1) meet_vector<Real, W>(a, row, vector, near.mask());
-                else a.left_over(a.context, row, vector, near.mask());
             }
     }
 }

@@ -14,7 +14,9 @@ inline constexpr int edge_kind_count = 5;
 
 // Coefficients of one vector of mass points: for every kind `stiffness`, `tension` and `damping`, a lane
 // each; all 0 in a lane whose point has no such spring. Scaled so that with r = scale / l
-//   force / mass = (r (damping (w.d) r - tension) + stiffness) d
+//   force / mass = force_scale (r (damping (w.d) r - tension) + stiffness) d
+// Where all families are damped alike force_scale takes the damping, and no product with it is left. The first
+// class has every spring in every lane.
 struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };
@@ -39,7 +41,7 @@ struct EdgeRowPointers {
     Real* work;
     const Real* free;          // 0 for pinned and padding points, else 1
     const Real* inverse_mass;  // null: uniform
-    bool has_fixed;
+    bool special;              // pinned points or padding, mass or damping per point
 };
 
 // One stage over a band of rows.
@@ -50,11 +52,13 @@ struct EdgeArguments : StepConstants<Real> {
     const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
     const Real* coefficients;               // [class][EdgeKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
-    // Scratch, three vectors a vector of mass points each: what the next row and the row after it have received so far (one pair for
-    // each stage), and the force on the current row.
-    Real* received;
+    // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what the
+    // current row has received and what it hands to the next one (they take turns), and to the row after that.
+    Real* received[2];
     Real* received_2;
-    Real* force;
+    Real* force;  // on the first two vectors, and on one that is finished out of line
+    Real force_scale;  // of the sums of spring forces: accelerations
+    bool complete;     // rows end with a whole vector and all families are damped alike
     const SphereOutline<Real>* spheres;
     int sphere_count;
     void (*hit)(void* context, int sphere, int row, int vector, std::uint64_t lanes);

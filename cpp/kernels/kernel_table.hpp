@@ -30,11 +30,11 @@ using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback,
 
 // The edge kernel: one row, several stages over many rows, and what the two rows before a band hand on to it.
 template <class Real>
-using EdgeStageKernel = void (*)(const EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
+using EdgeStageKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
-using EdgeWavesKernel = void (*)(const EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end);
+using EdgeWavesKernel = void (*)(EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end);
 template <class Real>
-using EdgeHaloKernel = void (*)(const EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
+using EdgeHaloKernel = void (*)(EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
                                 const EdgeSources<Real>& before);
 
 template <class Real>

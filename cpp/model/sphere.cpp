@@ -30,9 +30,7 @@ std::size_t segment(const Motion& m, double t) {
                                     m.times.begin()) - 1;
 }
 
-}  // namespace
-
-Vec3 Sphere::center_at(double t) const {
+Vec3 place(const Motion& motion, const Vec3& center, double t) {
     switch (motion.kind) {
         case Motion::Kind::none:
             return center;
@@ -52,6 +50,10 @@ Vec3 Sphere::center_at(double t) const {
     }
     return center;
 }
+
+}  // namespace
+
+Vec3 Sphere::center_at(double t) const { return place(motion, center, t) - origin; }
 
 Vec3 Sphere::velocity_at(double t) const {
     switch (motion.kind) {

@@ -34,6 +34,7 @@ struct Sphere {
     bool faces = false;    // continuous: whole triangles are kept out, not only mass points
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
+    Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
     Vec3 center_at(double t) const;
     Vec3 velocity_at(double t) const;

@@ -103,15 +103,16 @@ void meet_spheres(const Plan& plan, const Points& x0, const Points& v0, Points& 
         if (points.pinned(i)) continue;
         PointState end = points.now(i);
         const PointState start = points.before(i);
-        if (all.size() > 1 || meet(all[0], start.position.data(), start.velocity.data(), end.position.data(),
-                                   end.velocity.data()) == Meeting::flies)
+        if (all.size() > 1 || meet<double>(all[0], start.position.data(), start.velocity.data(), end.position.data(),
+                                           end.velocity.data()).in_the_air)
             left_over.push_back(i);
         else
             points.set(i, end);
     }
     for (const int i : left_over) exact::resolve(points, i, all);
     ContactReport report;
-    if (faces) keep_faces_out(points, plan.cloth, spheres, all, report);
+    SeparatingPlanes planes;
+    if (faces) keep_faces_out(points, plan.cloth, spheres, all, planes, report);
 }
 
 void hold_pinned(const Cloth& cloth, Points& v) {

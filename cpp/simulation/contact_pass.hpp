@@ -34,7 +34,7 @@ public:
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
         geometry_ = layout.geometry(lanes);
         const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
-        near_.assign(vectors, 0);
+        open_.assign(vectors, 0);
         left_over_.assign(vectors, 0);
         free_.assign(vectors * std::size_t(lanes), 0.0);
         for (int r = 0; r < geometry_.rows; ++r)
@@ -67,12 +67,12 @@ public:
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j) finish_vector(r, j);
         if (faces_) {
-            keep_faces_out(*this, plan_.cloth, spheres_, swept_, report_);
+            keep_faces_out(*this, plan_.cloth, spheres_, swept_, planes_, report_);
             before_ = memory;
         } else {
             for (int r = 0; r < geometry_.rows; ++r)
                 for (int j = 0; j < geometry_.vectors; ++j)
-                    if (near_[index(r, j)]) copy(r, j);
+                    if (open_[index(r, j)]) copy(r, j);
         }
         current_ = true;
         return report_;
@@ -126,9 +126,10 @@ private:
         a.state = memory_->data() + layout_.first();
         a.before = before_.data() + layout_.first();
         a.free = free_.data();
-        a.near = near_.data();
+        a.open = open_.data();
         a.spheres = swept_.data();
         a.sphere_count = int(swept_.size());
+        a.copy = !faces_;
         a.left_over = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
             pass->left_over_[pass->index(row, vector)] |= lanes;
@@ -180,10 +181,11 @@ private:
     AlignedVector<Real> before_;
     bool current_ = false;  // whether `before_` is the state
     AlignedVector<Real>* memory_ = nullptr;
-    std::vector<std::uint8_t> near_;
+    std::vector<std::uint8_t> open_;
     std::vector<std::uint64_t> left_over_;
     std::vector<double> free_;
     std::vector<SweptSphere> swept_;
+    SeparatingPlanes planes_;
     ContactReport report_;
 };
 

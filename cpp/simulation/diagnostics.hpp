@@ -16,6 +16,8 @@ struct Energy {
 };
 Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
 
+// Largest length over rest length - 1 of all springs; -infinity where there is no spring.
+double largest_stretch(const Cloth& cloth, const PointsView& x);
 // Of all springs of point i, were it at x; `position(j)` of the others [J].
 template <class Position>
 double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position) {

@@ -172,45 +172,75 @@ void EdgeEngine<Real>::build_coefficients() {
                                 {to_diagonal, {1, 1, shear}},
                                 {to_below_2, {2, 0, bend}}};
 
-    // Vectors whose lanes have the same springs share a class; there are few.
+    // Damping that is the same for all families is taken out of the springs, which saves a product each.
+    double most_damping = 0, most_stiffness = 0;
+    bool alike = true;
+    for (int f = 0; f < family_count; ++f)
+        if (cloth.present[f]) {
+            if (most_damping != 0 && cloth.spring_damping[f] != most_damping) alike = false;
+            most_damping = std::max(most_damping, cloth.spring_damping[f]);
+            most_stiffness = std::max(most_stiffness, cloth.stiffness[f]);
+        }
+    for (int f = 0; f < family_count; ++f) alike &= !cloth.present[f] || cloth.spring_damping[f] == most_damping;
+    const double unit = most_damping * scale / (root_scale * root_scale);
+    const bool damped = most_damping > 0;
+    // A quotient of stiffness and damping that single cannot hold is not worth it.
+    const bool fold = damped && alike && most_stiffness * scale <= 1e15 * unit && unit < 1e15;
+    force_scale_ = fold ? unit : 1;
+    complete_ = cloth.columns == layout_.width() && (!damped || fold);
+
+    // Vectors whose lanes have the same springs share a class; there are few. The first has them all.
     std::map<std::vector<int>, int> classes;
-    coefficient_class_.resize(std::size_t(layout_.vectors));
-    for (int k = 0; k < layout_.vectors; ++k) {
-        std::vector<int> reach;  // per lane, how many columns follow (2: enough for every spring), -1: padding
-        for (int lane = 0; lane < layout_.lanes; ++lane)
-            reach.push_back(std::clamp(cloth.columns - 1 - (lane * layout_.vectors + k), -1, 2));
+    const auto class_of = [&](const std::vector<int>& reach) {
         const auto [found, is_new] = classes.try_emplace(reach, int(classes.size()));
-        coefficient_class_[std::size_t(k)] = std::uint8_t(found->second);
-        if (!is_new) continue;
+        if (!is_new) return found->second;
         for (const auto& [kind, neighbour] : kinds)
             for (const int what : {0, 1, 2})
                 for (const int follow : reach) {
                     const bool there = follow >= neighbour.column;
-                    const double stiffness = cloth.stiffness[neighbour.family] * scale;
+                    const double stiffness = cloth.stiffness[neighbour.family] * scale / force_scale_;
                     const double value = what == EdgeCoefficientIndex::stiffness ? stiffness
                                          : what == EdgeCoefficientIndex::tension
                                              ? stiffness * cloth.rest_length(neighbour) / root_scale
-                                             : cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale);
+                                             : cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / force_scale_;
                     coefficients_.push_back(Real(there ? value : 0));
                 }
+        return found->second;
+    };
+    class_of(std::vector<int>(std::size_t(layout_.lanes), 2));
+    for (int k = 0; k < layout_.vectors; ++k) {
+        std::vector<int> reach;  // per lane, how many columns follow (2: enough for every spring), -1: padding
+        for (int lane = 0; lane < layout_.lanes; ++lane)
+            reach.push_back(std::clamp(cloth.columns - 1 - (lane * layout_.vectors + k), -1, 2));
+        coefficient_class_.push_back(std::uint8_t(class_of(reach)));
     }
+    for (Real& value : inverse_mass_) value = Real(double(value) * force_scale_);
 }
 
 template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Band& band, Stage stage, double dt) {
+    EdgeArguments<Real> e = arguments(stage, dt, band.scratch.data() + (stage == Stage::evaluate ? 0 : int(stage)) * scratch_size());
+    e.rows = band.rows.data();
+    e.hit = &Band::hit;
+    e.context = &band;
+    return e;
+}
+
+template <class Real>
+EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
     static_cast<StepConstants<Real>&>(e) = this->step_constants(dt);
     e.vectors = layout_.vectors;
     e.stage = stage;
-    e.rows = band.rows.data();
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
-    const std::ptrdiff_t three = 3 * layout_.width();
-    e.force = band.scratch.data();
-    e.received = e.force + three + (stage == Stage::evaluate ? 0 : int(stage)) * 2 * three;
-    e.received_2 = e.received + three;
-    e.hit = &Band::hit;
-    e.context = &band;
+    e.force_scale = Real(force_scale_);
+    e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale() / force_scale_);
+    e.complete = complete_;
+    e.received[0] = scratch;
+    e.received[1] = scratch + handed_size();
+    e.received_2 = scratch + 2 * handed_size();
+    e.force = scratch + 3 * handed_size();
     return e;
 }
 
@@ -227,7 +257,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->upwards = team > 1 && t % 2 == 0;
         band->from_near.prepare(layout_);
         band->from_far.prepare(layout_);
-        band->scratch.assign(9 * 3 * layout_.width(), Real(0));
+        band->scratch.assign(4 * scratch_size(), Real(0));
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
@@ -240,7 +270,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->rows.push_back({memory_.data() + r * layout_.row_size(), band->work.data() + i % ring * work_row,
                                   free_.data() + r * layout_.width(),
                                   inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
-                                  row_has_fixed_[std::size_t(r)] != 0});
+                                  is_special(r)});
         }
         bands.push_back(std::move(band));
     }
@@ -263,9 +293,10 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
     std::int64_t number = 0;  // of the step's first stage in this call
 
     const auto begin_stage = [&](int s) {
-        const EdgeArguments<Real>& e = stages[s];
+        EdgeArguments<Real>& e = stages[s];
         if (!band.near) {
-            std::fill_n(e.received, 6 * layout_.width(), Real(0));
+            std::fill_n(e.received[0], handed_size(), Real(0));
+            std::fill_n(e.received_2, handed_size(), Real(0));
             return;
         }
         band.from_near.wait(number + s);
@@ -274,7 +305,7 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
                      {band.from_near.row(number + s, 0), first, band.source(e.stage, 1)});
     };
     const auto run_row = [&](int s, int row) {
-        const EdgeArguments<Real>& e = stages[s];
+        EdgeArguments<Real>& e = stages[s];
         if (row == 0) begin_stage(s);
         const auto source = [&](int r) -> const Real* {
             if (r < n) return band.source(e.stage, r);
@@ -350,8 +381,8 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
     Band& band = *bands(1)[0];
-    const EdgeArguments<Real> e = arguments(band, Stage::evaluate, 0);
-    std::fill_n(e.received, 6 * layout_.width(), Real(0));
+    EdgeArguments<Real> e = arguments(band, Stage::evaluate, 0);
+    std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     for (int r = 0; r < rows(); ++r) {
         const auto state = [&](int row) -> const Real* {
             return row < rows() ? band.rows[std::size_t(row)].state : nullptr;

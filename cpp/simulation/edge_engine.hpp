@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 
+#include "dynamics/field.hpp"
 #include "simulation/state_engine.hpp"
 
 namespace clothsim {
@@ -34,28 +35,46 @@ struct LiftedLayout {
 };
 
 template <class Real>
-class EdgeEngine final : public StateEngine<Real, LiftedLayout> {
+class EdgeEngine : public StateEngine<Real, LiftedLayout> {
 public:
     explicit EdgeEngine(const Plan& plan);
     ~EdgeEngine() override;
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
 
-private:
+protected:  // for cpp/dynamics, in edge_evaluate.cpp
     using Base = StateEngine<Real, LiftedLayout>;
     using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+
+    FieldLayout field() const;
+    // Accelerations of rows [begin, end) at a state in the engine's layout. A band has at least two rows before it or
+    // begins the cloth.
+    void evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch);
+    // The collision pass over some rows; whether any point was found inside.
+    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
+
+private:
     struct Band;
 
     void build_coefficients();
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_band(Band& band, std::int64_t steps, const Clock& clock);
     EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);
+    EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
+    bool is_special(int row) const {
+        return row_has_fixed_[std::size_t(row)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0;
+    }
+    // What a row hands on: a force for each point and one vector more; three of it and three single vectors a stage.
+    std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
+    std::ptrdiff_t scratch_size() const { return 3 * handed_size() + 9 * layout_.lanes; }
 
     EdgeStageKernel<Real> stage_kernel_;
     EdgeWavesKernel<Real> waves_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
     AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
+    double force_scale_ = 1;  // what the forces the kernel sums are to be multiplied by
+    bool complete_ = false;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
 };
 

@@ -1,10 +1,12 @@
 // One cloth's state inside the core, and the loop that advances it.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <vector>
 
+#include "dynamics/adaptive.hpp"
 #include "simulation/plan.hpp"
 
 namespace clothsim {
@@ -74,6 +76,13 @@ public:
     bool track_contact_energy = false;
     double contact_energy = 0;
 
+    // Answers of the spheres to mass points so far.
+    std::atomic<std::int64_t> contacts_answered{0};
+
+    // Force evaluations so far, of the integrators in cpp/dynamics; the fused RK4 takes four a step.
+    std::int64_t evaluations = 0;
+    // Not null: the integrator carries an error estimate.
+    virtual AdaptiveEngine* adaptive() { return nullptr; }
 protected:
     // Continuous contact: whether a sphere asks for it; before a step; after it.
     virtual bool has_continuous() const = 0;
@@ -84,7 +93,7 @@ protected:
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within
 // a step is not. Infinite for a time step within the guarantee [m/s].
-double runaway_speed(const Cloth& cloth, double dt);
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
 

@@ -10,6 +10,7 @@
 // after that is lifted out of the way without further bounces.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "collision/exact.hpp"
@@ -18,16 +19,28 @@
 
 namespace clothsim {
 
+// A direction a triangle and sphere, as the last look at it found it: a triangle that lies far enough along it all
+// through the step needs no further look. Only saves time: a triangle skipped is one that would not be touched.
+using SeparatingPlanes = std::vector<std::vector<Vec3>>;
+
+// Triangles are kept this part of the radius away, and rounding; contacts are told apart to as much.
+inline constexpr double face_tolerance = 2e-7;
+
 template <class Points>
 class FacePass {
 public:
-    FacePass(Points& points, const Cloth& cloth, const SweptSphere& sphere, ContactReport& report)
-        : points_(points), cloth_(cloth), s_(sphere), report_(report), tolerance_(s_.slop + 1e-9 * s_.radius) {}
+    FacePass(Points& points, const Cloth& cloth, const SweptSphere& sphere, std::vector<Vec3>& planes,
+             ContactReport& report)
+        : points_(points), cloth_(cloth), s_(sphere), planes_(planes), report_(report),
+          tolerance_(s_.slop + face_tolerance * s_.radius) {
+        planes_.resize(2 * std::size_t(cloth.points()), Vec3(0, 1, 0));
+    }
 
     // Whether anything was moved.
     bool run() {
         constexpr int rounds = 6, bouncing_sweeps = 20, lifting_sweeps = 200, spreading_sweeps = 40;
         bool any = false;
+        pushed_.assign(std::size_t(cloth_.points()), 0.0);
         for (int round = 0; round < rounds; ++round) {
             load();
             find_candidates();
@@ -52,7 +65,11 @@ public:
     }
 
 private:
-    using Triangle = std::array<int, 3>;
+    struct Triangle {
+        std::array<int, 3> corner;
+        std::size_t number;
+        int operator[](std::size_t i) const { return corner[i]; }
+    };
 
     void load() {
         const int n = cloth_.points();
@@ -81,15 +98,15 @@ private:
         };
         if (rows == 1 || columns == 1) {  // a chain: its links
             for (int i = 0; i + 1 < cloth_.points(); ++i)
-                if (may_touch({i, i + 1})) candidates_.push_back({i, i + 1, i + 1});
+                if (may_touch({i, i + 1})) candidates_.push_back({{i, i + 1, i + 1}, 2 * std::size_t(i)});
             return;
         }
         for (int r = 0; r + 1 < rows; ++r)
             for (int c = 0; c + 1 < columns; ++c) {
                 const int i = r * columns + c, below = i + columns;
                 if (!may_touch({i, i + 1, below, below + 1})) continue;
-                candidates_.push_back({i, i + 1, below});
-                candidates_.push_back({i + 1, below + 1, below});
+                candidates_.push_back({{i, i + 1, below}, 2 * std::size_t(i)});
+                candidates_.push_back({{i + 1, below + 1, below}, 2 * std::size_t(i) + 1});
             }
     }
 
@@ -132,11 +149,21 @@ private:
         return work;
     }
 
+    bool separated(const Triangle& t) const {
+        const Vec3& n = planes_[t.number];
+        double least = std::numeric_limits<double>::infinity();
+        for (const int i : t.corner)
+            least = std::min({least, n.dot(start_[std::size_t(i)]), n.dot(end_[std::size_t(i)])});
+        return least > s_.radius + 1.5 * tolerance_;
+    }
+
     bool bounce(const Triangle& t) {
+        if (separated(t)) return false;
         const Corners p0 = corners(start_, t), p1 = corners(end_, t);
         const double began = nearest_to_origin(p0).point.norm();
         if (began < s_.radius - tolerance_) return false;  // was inside: lift_out's part
         const TriangleTouch touch = triangle_touch(p0, p1, s_.radius, tolerance_);
+        planes_[t.number] = touch.normal;
         if (!touch.hit) return false;
         const Share h = share(t, touch.foot);
         if (h.mobility <= 0) {
@@ -175,6 +202,7 @@ private:
 
     // At the end of the step no place of a triangle is inside, however it came there.
     bool lift_out(const Triangle& t) {
+        if (separated(t)) return false;
         const Foot foot = nearest_to_origin(corners(end_, t));
         const double distance = foot.point.norm();
         const double began = nearest_to_origin(corners(start_, t)).point.norm();
@@ -193,7 +221,17 @@ private:
         const double inwards = std::min(velocity.dot(n), 0.0);
         // Beside a pinned corner a small weight would throw the free one far: in several sweeps instead.
         const double longest = *std::max_element(h.part.begin(), h.part.end());
-        const double lift = ((was_inside ? std::min(aim, began + s_.push) : aim) - distance) / std::max(1.0, longest / 4);
+        double lift = ((was_inside ? std::min(aim, began + s_.push) : aim) - distance) / std::max(1.0, longest / 4);
+        if (was_inside) {  // a corner goes no faster for being shared, nor for having been inside itself
+            for (std::size_t i = 0; i < 3; ++i) {
+                double& pushed = pushed_[std::size_t(t[i])];
+                if (pushed == 0 && start_[std::size_t(t[i])].norm() < s_.radius - tolerance_) pushed = s_.push;
+                if (h.part[i] > 0) lift = std::min(lift, (s_.push - pushed) / h.part[i]);
+            }
+            if (lift <= 1e-3 * s_.push && inwards == 0) return false;
+            lift = std::max(lift, 0.0);
+            for (std::size_t i = 0; i < 3; ++i) pushed_[std::size_t(t[i])] += h.part[i] * lift;
+        }
         apply(t, h, lift * n, -inwards * n);
         return true;
     }
@@ -231,24 +269,27 @@ private:
     Points& points_;
     const Cloth& cloth_;
     const SweptSphere& s_;
+    std::vector<Vec3>& planes_;
     ContactReport& report_;
     double tolerance_;  // m
     std::vector<Vec3> start_, end_;  // in the sphere's frame
+    std::vector<double> pushed_;     // how far corners were pushed out of where they started inside, this step [m]
     std::vector<Triangle> candidates_;
 };
 
 // Spheres in turn until none has moved anything.
 template <class Points>
 void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const Sphere*>& spheres,
-                    const std::vector<SweptSphere>& swept, ContactReport& report) {
+                    const std::vector<SweptSphere>& swept, SeparatingPlanes& planes, ContactReport& report) {
     constexpr int rounds = 10;
+    planes.resize(spheres.size());
     for (int round = 0; round < rounds; ++round) {
         bool moved = false;
         int count = 0;
         for (std::size_t k = 0; k < spheres.size(); ++k) {
             if (!spheres[k]->faces) continue;
             ++count;
-            moved |= FacePass<Points>(points, cloth, swept[k], report).run();
+            moved |= FacePass<Points>(points, cloth, swept[k], planes[k], report).run();
         }
         if (!moved || count == 1) return;
     }

@@ -129,7 +129,7 @@ void GatherEngine<Real>::accelerations(double* a, int threads) {
 }
 
 template <class Real>
-void GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
+bool GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
     SphereTest<Real> test{};
     test.stride = layout_.stride;
     test.plane = layout_.plane;
@@ -140,11 +140,44 @@ void GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
     struct Context {
         GatherEngine* engine;
         const Contact* contact;
+        bool hit = false;
     } context{this, &contact};
     sphere_kernel_(test, tile, [](void* p, int row, int column) {
-        const auto* c = static_cast<Context*>(p);
+        auto* c = static_cast<Context*>(p);
+        c->hit = true;
         c->engine->answer(*c->contact, row, column);
     }, &context);
+    return context.hit;
+}
+
+template <class Real>
+FieldLayout GatherEngine<Real>::field() const {
+    FieldLayout f{};
+    f.runs = 3;
+    f.length = int(round_up(columns(), group_size));
+    f.origin = f.acceleration_origin = layout_.origin;
+    f.row = f.acceleration_row = layout_.stride;
+    f.run = f.acceleration_run = layout_.plane;
+    f.velocity = 3 * layout_.plane;
+    f.compensation = Base::compensated ? layout_.compensation() : 0;
+    f.slots = 1;
+    f.slot = f.block = 3 * layout_.plane;
+    return f;
+}
+
+template <class Real>
+void GatherEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>&) {
+    GatherArguments<Real> g = arguments(Stage::evaluate, 0);
+    g.source = state + layout_.origin;
+    g.first_acceleration = acceleration + layout_.origin;
+    kernel_(g, {begin, end, 0, columns()});
+}
+
+template <class Real>
+bool GatherEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
+    bool any = false;
+    for (const Contact& contact : contacts) any |= collide(contact, {begin, end, 0, columns()});
+    return any;
 }
 
 template class GatherEngine<float>;

@@ -1,6 +1,7 @@
 // The engine of the "gather" kernel: padded structure of arrays, one tile a shader group.
 #pragma once
 
+#include "dynamics/field.hpp"
 #include "simulation/state_engine.hpp"
 
 namespace clothsim {
@@ -26,19 +27,25 @@ struct PaddedLayout {
 };
 
 template <class Real>
-class GatherEngine final : public StateEngine<Real, PaddedLayout> {
+class GatherEngine : public StateEngine<Real, PaddedLayout> {
 public:
     explicit GatherEngine(const Plan& plan);
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
 
-private:
+protected:  // for cpp/dynamics; see EdgeEngine
     using Base = StateEngine<Real, PaddedLayout>;
     using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
+    FieldLayout field() const;
+    void evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch);
+    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
+
+private:
+
     void build_coefficients();
     GatherArguments<Real> arguments(Stage stage, double dt);
-    void collide(const Contact& contact, const Tile& tile);
+    bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
 
     ThreadGrid grid_;
     GatherKernel<Real> kernel_;

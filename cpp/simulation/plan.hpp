@@ -1,6 +1,7 @@
 // A scene compiled for the core: what has to be computed, in which precision, by which kernels.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "kernels/dispatch.hpp"
@@ -19,6 +20,7 @@ struct Plan {
     Precision precision = Precision::double_;
     Kernel kernel = Kernel::edge;
     bool strict = false;  // gather only
+    std::string integrator = "rk4";
     const KernelTable* kernels = nullptr;
 
     Features features() const {

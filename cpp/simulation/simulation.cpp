@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 #include <utility>
 
 namespace clothsim {
@@ -12,6 +13,8 @@ using std::chrono::steady_clock;
 // Steps between two looks at the clock and at the state: the state of an unstable run is caught within
 // this many steps of its first non-finite value, then the exact step is found by going back.
 constexpr std::int64_t most_steps_unchecked = 64;
+// Above the guaranteed time step energies are compared too, after every so many steps of the clock.
+constexpr std::int64_t steps_between_energies = 16;
 constexpr double seconds_between_polls = 0.01;
 
 // How often the alternative of a team choice is tried again, at the price of one chunk each time.
@@ -40,24 +43,44 @@ void TeamChoice::observe(double seconds_per_step, double seconds) {
 Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(plans) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
+    stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
+    frozen_.assign(plans.size(), 0);
+    for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
+}
+
+void Simulation::set_stable_dt(std::vector<double> stable_dt) {
+    stable_dt_ = std::move(stable_dt);
+    speed_limits_.clear();
 }
 
 void Simulation::advance_members(std::int64_t steps, int threads) {
     const std::int64_t count = std::int64_t(members_.size());
     if (count == 1) {
-        members_[0]->advance_in_contact(steps, clock, threads);
+        if (!frozen_[0]) members_[0]->advance_in_contact(steps, clock, threads);
         return;
     }
     const int team = int(std::min<std::int64_t>(threads, count));
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-    for (std::int64_t i = 0; i < count; ++i) members_[std::size_t(i)]->advance_in_contact(steps, clock, 1);
+    for (std::int64_t i = 0; i < count; ++i)
+        if (!frozen_[std::size_t(i)]) members_[std::size_t(i)]->advance_in_contact(steps, clock, 1);
 }
 
-std::int64_t Simulation::first_bad_member() const {
+bool Simulation::above_stable_dt() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (members_[i]->contact_report.shut_in >= 0 || members_[i]->first_bad_point(speed_limits_[i]) >= 0)
-            return std::int64_t(i);
+        if (!frozen_[i] && clock.dt > stable_dt_[i]) return true;
+    return false;
+}
+
+std::int64_t Simulation::bad_point(std::size_t i) {
+    if (frozen_[i]) return -1;
+    const std::int64_t point = members_[i]->first_bad_point(speed_limits_[i]);
+    return point < 0 && clock.dt > stable_dt_[i] ? watches_[i].runaway_point(*members_[i]) : point;
+}
+
+std::int64_t Simulation::first_bad_member() {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (bad_point(i) >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -65,7 +88,8 @@ void Simulation::set_step(double dt) {
     if (dt == clock.dt && !speed_limits_.empty()) return;
     clock.set_step(dt);
     speed_limits_.clear();
-    for (const Plan& plan : plans_) speed_limits_.push_back(runaway_speed(plan.cloth, dt));
+    for (std::size_t i = 0; i < plans_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
 }
 
 Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int threads) {
@@ -78,11 +102,10 @@ Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int thread
         advance_members(1, threads);
         const std::int64_t bad = first_bad_member();
         if (bad >= 0) {
-            Engine& member = *members_[std::size_t(bad)];
-            const std::int64_t not_finite = member.first_bad_point(speed_limits_[std::size_t(bad)]);
-            const std::int64_t shut_in = std::exchange(member.contact_report.shut_in, -1);
-            for (auto& each : members_) each->restore_checkpoint();
-            return {bad, not_finite >= 0 ? not_finite : shut_in, k + 1, clock.at(1), not_finite < 0};
+            const std::int64_t point = bad_point(std::size_t(bad));
+            const std::int64_t shut_in = std::exchange(members_[std::size_t(bad)]->contact_report.shut_in, -1);
+            for (auto& member : members_) member->restore_checkpoint();
+            return {bad, point >= 0 ? point : shut_in, k + 1, clock.at(1), point < 0};
         }
         clock.steps += 1;
     }
@@ -93,9 +116,13 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
+    const bool watched = above_stable_dt();
+    if (watched && steps > 0) first_bad_member();  // notes the energies to begin with
     auto last_poll = steady_clock::now();
     while (outcome.steps < steps) {
-        const std::int64_t n = std::min(chunk_, steps - outcome.steps);
+        std::int64_t n = std::min(chunk_, steps - outcome.steps);
+        // At the same steps whatever the clock on the wall says.
+        if (watched) n = std::min(steps_between_energies - clock.steps % steps_between_energies, steps - outcome.steps);
         const int team = optional && !choice_.team() ? 1 : threads;
         for (auto& member : members_) member->save_checkpoint();
         const auto start = steady_clock::now();

@@ -4,7 +4,7 @@
 #include <functional>
 #include <optional>
 
-#include "simulation/engine.hpp"
+#include "simulation/stability.hpp"
 
 namespace clothsim {
 
@@ -45,26 +45,59 @@ public:
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
+    // To be called when a member's state was set from outside.
+    void restart(std::size_t i) { watches_[i].restart(); }
     const Engine& member(std::size_t i) const { return *members_[i]; }
 
     Clock clock;
+
+    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
+    void set_stable_dt(std::vector<double> stable_dt);
+
+    // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
+    void set_frozen(std::size_t i, bool frozen) { frozen_[i] = frozen; }
+    bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
     // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
     // `interrupted` is asked about every 10 ms, between steps.
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
+    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the last of
+    // them no longer than to `end`, at most `steps` of them.
+    struct AdaptiveRequest {
+        double until, end;
+        std::int64_t steps;
+        Tolerance tolerance;
+        double longest;  // step [s]
+        int threads;
+        bool optional;  // the threads, see above
+    };
+    struct AdaptiveOutcome : Outcome {
+        std::int64_t rejected = 0, contacts = 0;  // steps tried in vain, and steps that ended in contact
+    };
+    AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
+                                     const std::function<bool()>& interrupted);
+    // The state at a time within the last step of `advance_adaptive`.
+    void dense(double t, double* x, double* v, int threads);
+
 private:
     void advance_members(std::int64_t steps, int threads);
     void set_step(double dt);
-    std::int64_t first_bad_member() const;
+    bool above_stable_dt() const;
+    std::int64_t bad_point(std::size_t i);  // of a member that has no result, or -1
+    std::int64_t first_bad_member();
     Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
 
     TeamChoice choice_;
     std::int64_t chunk_ = 1;  // steps between two looks at the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
+    std::vector<double> stable_dt_;
+    std::vector<std::uint8_t> frozen_;
+    std::vector<EnergyWatch> watches_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
+    double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`
 };
 
 }  // namespace clothsim

@@ -2,10 +2,26 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
+
+#include "simulation/diagnostics.hpp"
 
 namespace clothsim {
 
-double laplacian_bound(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
+namespace {
+
+// 1 / mass of a point that moves, 0 of one that does not.
+double mobility(const Cloth& cloth, int point) {
+    return cloth.pinned[std::size_t(point)] ? 0 : 1 / cloth.mass[std::size_t(point)];
+}
+
+double highest_mobility(const Cloth& cloth) {
+    double most = 0;
+    for (int i = 0; i < cloth.points(); ++i) most = std::max(most, mobility(cloth, i));
+    return most;
+}
+
+double largest_symbol(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
     const auto value = [&](Family f) { return cloth.present[f] ? coefficient[f] : 0.0; };
     const double ks = value(structural), kh = value(shear), kb = value(bend);
     const auto symbol = [&](double x, double y) {
@@ -25,17 +41,61 @@ double laplacian_bound(const Cloth& cloth, const std::array<double, family_count
             most = std::max(most, symbol(x, x));
         }
     }
-    return most / *std::min_element(cloth.mass.begin(), cloth.mass.end());
+    return most;
 }
 
-double rk4_stable_dt(const Cloth& cloth) {
-    const double lambda = laplacian_bound(cloth, cloth.stiffness);
-    const double lightest = *std::min_element(cloth.mass.begin(), cloth.mass.end());
-    const double delta = laplacian_bound(cloth, cloth.spring_damping) + cloth.point_damping / lightest;
-    double dt = std::numeric_limits<double>::infinity();
-    if (lambda > 0) dt = (delta > 0 ? 2.6155 : 2.828) / std::sqrt(lambda);
-    if (delta > 0) dt = std::min(dt, 2.785 / delta);
-    return dt;
+double largest_sum_of_springs(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
+    double most = 0;
+    for (int r = 0; r < cloth.rows; ++r)
+        for (int c = 0; c < cloth.columns; ++c) {
+            const double here = mobility(cloth, r * cloth.columns + c);
+            if (here == 0) continue;
+            double sum = 0;
+            for (const Neighbour& n : neighbours) {
+                const int row = r + n.row, column = c + n.column;
+                if (!cloth.present[n.family] || row < 0 || row >= cloth.rows || column < 0 || column >= cloth.columns)
+                    continue;
+                sum += coefficient[n.family] * (here + mobility(cloth, row * cloth.columns + column));
+            }
+            most = std::max(most, sum);
+        }
+    return most;
+}
+
+}  // namespace
+
+double laplacian_bound(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
+    const double waves = largest_symbol(cloth, coefficient) * highest_mobility(cloth);
+    const bool uniform = cloth.uniform_mass && std::min(cloth.rows, cloth.columns) > 2;
+    return uniform ? waves : std::min(waves, largest_sum_of_springs(cloth, coefficient));
+}
+
+EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
+    const Cloth& cloth = plan.cloth;
+    double all = 0;
+    for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
+        if (cloth.present[n.family])
+            all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
+    negligible_ = plan.spheres.empty() ? 1e-6 * all : std::numeric_limits<double>::infinity();
+}
+
+std::int64_t EnergyWatch::runaway_point(const Engine& engine) {
+    if (negligible_ == std::numeric_limits<double>::infinity()) return -1;
+    Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
+    engine.store(x.data(), v.data());
+    const Energy now = energy(plan_.cloth, plan_.gravity, PointsView(x.data(), x.rows(), 3), PointsView(v.data(), v.rows(), 3));
+    const double total = now.kinetic + now.elastic + now.gravity;
+    if (!std::exchange(started_, true)) start_ = total;
+    const double made = total - start_;
+    if (!(made > negligible_ && made > 0.9 * (now.kinetic + now.elastic))) return -1;
+    Eigen::Index fastest = 0;
+    v.rowwise().squaredNorm().maxCoeff(&fastest);
+    return fastest;
+}
+
+ModeBounds mode_bounds(const Cloth& cloth) {
+    return {laplacian_bound(cloth, cloth.stiffness),
+            laplacian_bound(cloth, cloth.spring_damping) + cloth.point_damping * highest_mobility(cloth)};
 }
 
 }  // namespace clothsim

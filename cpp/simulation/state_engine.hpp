@@ -19,6 +19,15 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
+inline constexpr double extents_that_are_far = 8;
+
+// What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
+template <class Real>
+struct FieldScratch {
+    AlignedVector<Real> values;
+    std::vector<EdgeRowPointers<Real>> rows;
+};
+
 template <class Real, class Layout>
 class StateEngine : public Engine {
 public:
@@ -45,19 +54,23 @@ public:
 
     std::vector<double> raw_state() const final {
         std::vector<double> raw;
-        raw.reserve(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6));
+        raw.reserve(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
         for_each_place([&](std::ptrdiff_t place) { raw.push_back(double(memory_[place])); });
+        raw.insert(raw.end(), origin_.begin(), origin_.end());
         return raw;
     }
     void set_raw_state(const std::vector<double>& raw) final {
         contact_pass_.forget();
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
+        set_origin({next[0], next[1], next[2]});
+        acceleration_known_ = false;
     }
 
     void save_checkpoint() final { checkpoint_ = memory_; }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
+        acceleration_known_ = false;
         contact_pass_.forget();
     }
 
@@ -70,6 +83,7 @@ protected:
     bool has_continuous() const final { return contact_pass_.needed(); }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
+        acceleration_known_ = false;
         return contact_pass_.answer(memory_, t0, t1, dt, threads);
     }
     double total_energy() const final {
@@ -130,6 +144,7 @@ protected:
         const PointState before = point_state(row, column);
         if (!touches(contact, before.position)) return;
         const PointState after = respond(contact, before);
+        contacts_answered.fetch_add(1, std::memory_order_relaxed);
         const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
         for (int k = 0; k < 6; ++k)
             set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
@@ -151,17 +166,21 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
+    // An integrator holds the acceleration at the state in memory; false after every change from elsewhere.
+    bool acceleration_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
 
 private:
     template <class In>
     void load_any(const In* x, const In* v) {
+        set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
+        acceleration_known_ = false;
         contact_pass_.forget();
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
                 const bool pinned = plan_.cloth.pinned[r * columns() + c];
                 for (int k = 0; k < 3; ++k) {
-                    set_value(layout_.at(r, c, k), x[k]);
+                    set_value(layout_.at(r, c, k), double(x[k]) - origin_[k]);
                     set_value(layout_.at(r, c, 3 + k), pinned ? In(0) : v[k]);
                 }
             }
@@ -171,7 +190,8 @@ private:
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, x += 3, v += 3)
                 for (int k = 0; k < 3; ++k) {
-                    x[k] = Out(value(layout_.at(r, c, k)));
+                    const double here = value(layout_.at(r, c, k));
+                    x[k] = Out(origin_[k] != 0 ? here + origin_[k] : here);  // -0 stays -0
                     v[k] = Out(value(layout_.at(r, c, 3 + k)));
                 }
     }
@@ -184,12 +204,32 @@ private:
                         visit(layout_.at(r, c, k) + part * layout_.compensation());
     }
 
+    // float32 tells points of a cloth that is far from 0 apart no better than by 6e-8 of that distance. So in
+    // single memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
+    template <class In>
+    Vec3 far_origin(const In* x) const {
+        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
+        for (int i = 0; i < plan_.cloth.points(); ++i)
+            for (int k = 0; k < 3; ++k) {
+                low[k] = std::min(low[k], double(x[3 * i + k]));
+                high[k] = std::max(high[k], double(x[3 * i + k]));
+            }
+        const Vec3 middle = low / 2 + high / 2;
+        const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
+        return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
+    }
+    void set_origin(const Vec3& origin) {
+        origin_ = origin;
+        for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
+    }
+
     double spring_energy(int row, int column) const {
         return clothsim::spring_energy(plan_.cloth, row * columns() + column, point_state(row, column).position,
                                        [this](int j) { return point_state(j / columns(), j % columns()).position; });
     }
 
     AlignedVector<Real> checkpoint_;
+    Vec3 origin_ = Vec3::Zero();
 };
 
 }  // namespace clothsim

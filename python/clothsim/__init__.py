@@ -10,21 +10,29 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 """
 
 from . import scenes
+from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
 from .cloth import Cloth
-from .errors import ContactError, ContactWarning, UnstableError
+from .errors import ContactError, ContactWarning, StabilityWarning, UnstableError
 from .grid import thread_grid, triangles
-from .measures import energy, max_stable_dt, penetration
+from .integration import integrators
+from .measures import energy, largest_stretch, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
+from .scene_files import load_scene, save_scene
 from .simulation import Run, load_run, simulate
 from .sphere import Sphere
+from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
+from .sweep import open_sweep, sweep
 
 __version__ = build_config()["version"]
 
 __all__ = [
-    "Cloth", "ContactError", "ContactWarning", "Keyframes", "Linear", "Reciprocate", "Run", "Scene",
-    "Snapshot", "Sphere", "Stepper", "UnstableError", "acceleration", "build_config", "energy", "load_run", "max_stable_dt",
-    "penetration", "reference_step", "scenes", "simulate", "step", "thread_grid", "triangles",
+    "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
+    "Reciprocate", "Reference", "Run", "Scene", "Snapshot", "Sphere", "StabilityWarning",
+    "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
+    "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
+    "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",
+    "stability_map", "step", "sweep", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,11 +10,12 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
-from .errors import ContactError, ContactWarning, UnstableError
+from .errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt
 from .plan import (
     check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius,
 )  # fmt: skip
 from .scene import Scene
+from .stability.bound import guaranteed_dt
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
@@ -122,7 +121,7 @@ class State:
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
         check_options(precision, kernel, strict, integrator)
-        check_backend(backend, kernel, threads)
+        check_backend(backend, kernel, threads, integrator)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
         if v is None:
@@ -138,18 +137,25 @@ class State:
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
+        self.integrator = integrator
         self.threads_optional = threads is None
         self.backend = backend
         if backend == "gpu":
             self._use_gpu(check.number("t", t), precision, strict)
+            cloths = [core_cloth(s) for s in scenes]
         else:
             self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-            plans = [core_plan(s, precision, kernel, strict) for s in scenes]
+            plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
             self.kernel = choose_kernel(kernel, strict)
             self.instruction_set = plans[0].instruction_set
             self.core = _core.Simulation(
                 plans * members if not batched else plans, check.number("t", t)
             )
+            cloths = [plan.cloth for plan in plans]
+        limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
+        self.max_stable_dt = limits * members if not batched else limits
+        self.core.set_stable_dt(self.max_stable_dt)
+        self.warned = False
         self.core.load(x, v)
         self._warned_of_pins = False
         for member, one in enumerate(x if self.batched else x[None]):
@@ -166,18 +172,29 @@ class State:
         """Advance all members; see `Stepper.advance`."""
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
+        self._warn(dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if "pinned_inside" in outcome and not self._warned_of_pins:
             self._warned_of_pins = True
             member, point = outcome["pinned_inside"]
             where = divmod(point, self.scenes[member].cloth.columns)
-            warn(
+            warn_caller(
                 f"a sphere has run into the pinned mass point {where}"
                 f"{f' of batch member {member}' if self.batched else ''}; a pinned point never "
-                "moves, so it, and triangles at it, are inside while the sphere is there"
+                "moves, so it, and triangles at it, are inside while the sphere is there",
+                ContactWarning,
             )
         if "point" in outcome:
             self._raise_error(outcome, dt)
+
+    def _warn(self, dt: float) -> None:
+        if self.warned or dt <= min(self.max_stable_dt):
+            return
+        active = [k for k, frozen in enumerate(self.core.frozen) if not frozen]
+        limit, member = min(((self.max_stable_dt[k], k) for k in active), default=(dt, 0))
+        if dt > limit:
+            self.warned = True
+            warn_of_dt(dt, limit, self.integrator, member if self.batched else None)
 
     def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
         x, v = np.empty(self.shape), np.empty(self.shape)
@@ -198,7 +215,7 @@ class State:
             time=outcome["time"],
             point=divmod(outcome["point"], scene.cloth.columns),
             dt=dt,
-            max_stable_dt=max_stable_dt_of(scene),
+            max_stable_dt=self.max_stable_dt[member],
             x=x[member] if self.batched else x,
             v=v[member] if self.batched else v,
             member=member if self.batched else None,
@@ -206,14 +223,6 @@ class State:
 
     def store(self, x: FloatArray, v: FloatArray) -> None:
         self.core.store(x, v)
-
-
-def warn(message: str) -> None:
-    """A ContactWarning that names the line of the caller of this package."""
-    depth, frame = 2, sys._getframe(1)
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith("clothsim"):
-        depth, frame = depth + 1, frame.f_back
-    warnings.warn(message, ContactWarning, stacklevel=depth - 1)
 
 
 # Rounding of float32 positions, as part of the radius and the distance of the centre.
@@ -231,14 +240,10 @@ def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> 
         if not inside.any():
             continue
         row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
-        warn(
+        warn_caller(
             f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
             f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
             f"{depth[row, column]:.3g} m; they are pushed out at {sphere.push_out_speed:g} m/s "
-            "at most (push_out_speed)"
+            "at most (push_out_speed)",
+            ContactWarning,
         )
-
-
-def max_stable_dt_of(scene: Scene) -> float:
-    """The guarantee that `max_stable_dt` gives."""
-    return float(core_cloth(scene).rk4_stable_dt())

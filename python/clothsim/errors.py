@@ -1,11 +1,56 @@
-"""Errors of a computation, as against errors of its arguments."""
+"""Errors and warnings of a computation, as against errors of its arguments."""
 
 from __future__ import annotations
 
+import sys
+import warnings
 from functools import partial
 from typing import Any
 
 import numpy as np
+
+
+class StabilityWarning(UserWarning):
+    """The time step is above the one that is guaranteed to be stable (`max_stable_dt`).
+
+    A run may well be stable all the same: the guarantee holds for any state, and a cloth near rest
+    often takes twice that step. ``max_stable_dt(scene, integrator, x)`` tells the limit at a state.
+
+    Given once per `Stepper` and `simulate`, and by `step` once per line of the caller's code (that
+    is Python's default; see `warnings.filterwarnings` for others). Where a run does grow,
+    `UnstableError` follows.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_swing()
+    >>> with warnings.catch_warnings(record=True) as given:
+    ...     warnings.simplefilter("always")
+    ...     stepper = cs.Stepper(scene)
+    ...     stepper.advance(2, 1.5e-3); stepper.advance(2, 1.5e-3)
+    >>> print(*(warning.message for warning in given))
+    dt = 0.0015 s is above 0.00116 s, up to which rk4 is guaranteed to be stable for this scene
+    """
+
+
+def warn_caller(message: str, category: type[Warning]) -> None:
+    """Give a warning that points to the caller's code, outside this package."""
+    frame, level = sys._getframe(1), 2
+    package = __name__.partition(".")[0]
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
+
+
+def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None) -> None:
+    """Give a `StabilityWarning`."""
+    which = "this scene" if member is None else f"batch member {member}"
+    warn_caller(
+        f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable "
+        f"for {which}",
+        StabilityWarning,
+    )
 
 
 class ContactWarning(UserWarning):
@@ -82,7 +127,7 @@ class UnstableError(ArithmeticError):
     dt : float
         Time step [s].
     max_stable_dt : float, optional
-        Estimate of the largest stable time step [s].
+        The time step guaranteed to be stable [s]; see `clothsim.max_stable_dt`.
     x, v : numpy.ndarray, optional
         The last finite state: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _core
 from . import _validate as check
+from .integration import integrators
 from .motion import Keyframes, Linear, Reciprocate
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 PRECISIONS = ("double", "single")
 KERNELS = ("auto", "gather", "edge")
-INTEGRATORS = ("rk4",)
+INTEGRATORS = tuple(integrators())
 BACKENDS = ("cpu", "gpu")
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
@@ -47,10 +48,12 @@ def check_options(precision: str, kernel: str, strict: bool, integrator: str = "
         raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
 
 
-def check_backend(backend: str, kernel: str, threads: int | None) -> None:
+def check_backend(backend: str, kernel: str, threads: int | None, integrator: str) -> None:
     """Raise the errors of a backend and of options that it does not have."""
     if check.choice("backend", backend, BACKENDS) == "cpu":
         return
+    if integrator != "rk4":
+        raise ValueError(f"integrator must be 'rk4' with backend 'gpu', got {integrator!r}")
     if kernel == "edge":
         raise ValueError("kernel must be 'gather' or 'auto' with backend 'gpu', got 'edge'")
     if threads is not None:
@@ -103,7 +106,11 @@ def core_cloth(scene: Scene) -> _core.Cloth:
 
 
 def core_plan(
-    scene: Scene, precision: str = "double", kernel: str = "auto", strict: bool = False
+    scene: Scene,
+    precision: str = "double",
+    kernel: str = "auto",
+    strict: bool = False,
+    integrator: str = "rk4",
 ) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
@@ -128,6 +135,7 @@ def core_plan(
         kernel=choose_kernel(kernel, strict),
         strict=strict,
         instruction_set="",
+        integrator=integrator,
     )
 
 

@@ -8,6 +8,8 @@ pinned at the two ends of the side x = 0, and swings down about z (section 6).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from . import _validate as check
@@ -15,6 +17,9 @@ from .cloth import FAMILIES, Cloth
 from .motion import Reciprocate
 from .scene import Scene
 from .sphere import Sphere
+
+if TYPE_CHECKING:
+    from .stability import HardCase
 
 
 def _paper_cloth(bend: bool) -> Cloth:
@@ -260,3 +265,32 @@ def oscillator(
     position = cloth.rest_positions.copy()
     position[0, 1, 0] += amplitude
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)
+
+
+def hard_cases() -> dict[str, HardCase]:
+    """Scenes that strain the method or the arithmetic, each with the outcome to expect, by name.
+
+    Stiffnesses of 1e6 to 1e12 N/m and of 1e7 beside 1 N/m; time steps right below and above the
+    limit, of 5e-6 s in single, a million of them; springs without length, points that coincide, a
+    collapsed cloth; a mass ratio of 1e6; strips of one row; 1e6 m from the origin; denormal speeds;
+    pins and points inside a sphere, and a sphere at 100 m/s. The tests and
+    ``clothsim stability --hard-cases`` run them all.
+
+    Returns
+    -------
+    dict of str to clothsim.stability.HardCase
+        A case has `scene`, `dt`, `steps`, what is hard and what is `expected`, and `run`.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> case = cs.scenes.hard_cases()["1e6 m away"]
+    >>> case.expected
+    'the motion at the origin, contact included'
+    >>> result = case.run("single")
+    >>> result.passed, len(result.figures)
+    (True, 2)
+    """
+    from .stability.hard_cases import hard_cases
+
+    return hard_cases()

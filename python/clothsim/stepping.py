@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import _validate as check
 from ._state import FloatArray, State, out_array, out_arrays, state_arrays
 from .scene import Scene
 
@@ -31,8 +32,8 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    Each step is classic Runge-Kutta of order 4 on (x, v) together, followed by one collision pass
-    per sphere. Pinned points do not move; velocities given for them are taken as 0.
+    Each step is one of the integrator's (default: classic Runge-Kutta of order 4 on (x, v)
+    together), followed by one collision pass per sphere. Pinned points do not move; velocities given for them are taken as 0.
 
     Parameters
     ----------
@@ -48,8 +49,8 @@ def step(
         Number of steps, >= 0.
     t : float, default 0.0
         Time of the state given [s]; spheres move by it.
-    integrator : {"rk4"}, default "rk4"
-        Time integration method.
+    integrator : str, default "rk4"
+        Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
     precision : {"double", "single"}, default "double"
         Arithmetic. "single" computes in float32 and keeps what rounding takes from x and v in a
         second float32 each (compensated summation), without which small steps stall.
@@ -81,7 +82,12 @@ def step(
     ValueError, TypeError
         If an argument is not as above; nothing has changed then.
     UnstableError
-        If the state stops being finite; nothing is written to `out` then.
+        If the state stops being finite or runs away; nothing is written to `out` then.
+
+    Warns
+    -----
+    StabilityWarning
+        If `dt` is above `max_stable_dt`, the step that is stable in any state.
     KeyboardInterrupt
         On Ctrl-C, between two steps.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
@@ -250,7 +256,10 @@ class Stepper:
         ValueError, TypeError
             If an argument is not as above.
         UnstableError
-            If the state stops being finite. The stepper then stands at the last finite state.
+            If the state stops being finite, or, with a time step above `max_stable_dt`, a point
+            crosses the whole sheet within a step. It is found within 100 steps, and the stepper
+            then stands right before the step that went wrong: every member of a batch at that
+            same step, with the bits it has when it runs alone. `freeze` lets the others go on.
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
         RuntimeError
@@ -258,8 +267,52 @@ class Stepper:
         clothsim.gpu.AdapterLostError
             If the graphics adapter stops answering. The stepper then stands at the last state that
             was copied back, at most about a second of work ago.
+
+        Warns
+        -----
+        StabilityWarning
+            Once in the life of a stepper, if `dt` is above `max_stable_dt`.
         """
         self._state.advance(steps, dt)
+
+    def freeze(self, member: int) -> None:
+        """Take a member of the batch out of all further steps; it keeps the state it has.
+
+        So a batch can go on without a member that became unstable: `UnstableError.member`.
+
+        Parameters
+        ----------
+        member : int
+            Index into the batch, >= 0.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If there is no such member.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> scenes = [cs.scenes.oscillator(stiffness=k) for k in (1.0, 1e6)]
+        >>> stepper = cs.Stepper(scenes)
+        >>> import warnings; warnings.simplefilter("ignore", cs.StabilityWarning)
+        >>> try:
+        ...     stepper.advance(1000, 0.01)
+        ... except cs.UnstableError as error:
+        ...     stepper.freeze(error.member)
+        ...     stepper.advance(1001 - error.step, 0.01)
+        >>> round(stepper.time, 12), stepper.frozen.tolist()
+        (10.0, [False, True])
+        """
+        members = len(self._state.scenes)
+        self._state.core.set_frozen(
+            check.integer("member", member, minimum=0, maximum=members - 1), True
+        )
+
+    @property
+    def frozen(self) -> npt.NDArray[np.bool_]:
+        """Which members take no part in further steps, shape (B,); see `freeze`."""
+        return np.array(self._state.core.frozen)
 
     def _arrays(self) -> tuple[FloatArray, FloatArray]:
         x, v = np.empty(self._state.shape, self._state.dtype), np.empty(self._state.shape, self._state.dtype)
@@ -326,7 +379,10 @@ class Stepper:
         -------
         Snapshot
         """
-        arguments = {**self._options, "scene": self._scene, "track_contact_energy": self._track}
+        arguments = {
+            **self._options, "scene": self._scene, "track_contact_energy": self._track,
+            "frozen": self.frozen.nonzero()[0].tolist(),
+        }  # fmt: skip
         state = self._state
         return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())
 
@@ -363,9 +419,12 @@ class Stepper:
         origin, steps, dt, members = snapshot.core
         scene = snapshot.arguments["scene"]
         zeros = np.zeros(snapshot.shape, snapshot.dtype)
-        arguments = {name: value for name, value in snapshot.arguments.items() if name != "scene"}
+        kept = ("scene", "frozen")
+        arguments = {name: value for name, value in snapshot.arguments.items() if name not in kept}
         stepper = cls(scene, zeros, zeros, **arguments)
         stepper._state.core.restore(origin, steps, dt, members)
+        for member in snapshot.arguments["frozen"]:
+            stepper.freeze(member)
         return stepper
 
 
@@ -417,7 +476,6 @@ def reference_step(
     True
     """
     from . import _core
-    from . import _validate as check
     from .plan import core_plan
 
     if not isinstance(scene, Scene):

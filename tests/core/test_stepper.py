@@ -166,6 +166,7 @@ def disturbed(scene, size=1e-3):
     )
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_an_unstable_run_tells_where_and_stands_at_the_last_finite_state(variant, same_bits):
     scene = stiff()
     x = disturbed(scene)
@@ -204,6 +205,7 @@ def test_the_point_named_is_the_first_that_is_not_finite(kernel):
     assert raised.value.v[4, 7, 2] == 1e300
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_an_unstable_batch_names_its_member(crumpled):
     stable = crumpled(damped=False)
     bad = stiff()
@@ -222,6 +224,7 @@ def test_an_unstable_batch_names_its_member(crumpled):
     assert stable.scene.cloth.shape == bad.cloth.shape
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_step_writes_nothing_when_unstable():
     scene = stiff()
     x = disturbed(scene)
@@ -232,6 +235,7 @@ def test_step_writes_nothing_when_unstable():
     np.testing.assert_array_equal(x, kept)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel):
     """A sheet of 1 m whose points are 1e6 m apart is no result, finite or not."""
     scene = stiff()

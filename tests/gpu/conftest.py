@@ -6,7 +6,7 @@ import pathlib
 
 import pytest
 
-# lavapipe's threads wait for each other after every dispatch: on a busy machine one is faster than two.
+# lavapipe's threads wait for each other after every dispatch: on a busy machine one is faster.
 os.environ.setdefault("LP_NUM_THREADS", "1")
 
 

@@ -120,6 +120,56 @@ def test_simulate_tells_the_backend(device):
     assert np.abs(run.x - expected.x).max() < 1e-7
 
 
+def test_simulate_finds_a_step_and_estimates_its_error():
+    scene, options = cs.scenes.oscillator(amplitude=0.05), {"backend": "gpu", "precision": "single"}
+    gpu, cpu = cs.simulate(scene, 0.3, **options), cs.simulate(scene, 0.3)
+    assert gpu.report["dt"] == cpu.report["dt"] and gpu.report["chaotic"] is False
+    assert gpu.report["force_evaluations"] == cpu.report["force_evaluations"]
+    asked = {"rel": 0.01, "abs": 0}
+    for name in ("max", "rms"):
+        estimate = cpu.report["error_estimate"][name]
+        assert gpu.report["error_estimate"][name] == pytest.approx(estimate, **asked)
+
+
+def test_simulate_sees_contact():
+    scene = cs.scenes.paper_static("reflect")
+    runs = [
+        cs.simulate(scene, t, dt=5e-4, backend="gpu", precision="single", estimate_error=True)
+        for t in (0.01, 0.3)
+    ]
+    assert [run.report["chaotic"] for run in runs] == [False, True]
+    assert runs[0].report["error_estimate"] and runs[1].report["error_estimate"] is None
+    assert runs[1].report["outcomes"]["penetration"]["value"] >= 0
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64):
+    scene, x, v, dt = crumpled(spheres=(BALL, BALL.replace(center=(0.3, -0.2, 0.4))))
+    x, v = np.stack([x, x + 3.0]), np.stack([v, v])
+    counts = []
+    for backend in ("cpu", "gpu"):
+        stepper = cs.Stepper(scene, x, v, precision=precision, strict=True, backend=backend)
+        stepper.advance(130, dt)
+        counts.append(stepper._state.core.contacts)
+    assert counts[0] == counts[1] and counts[0][0] > 100 and counts[0][1] == 0
+
+
+@pytest.mark.parametrize(
+    "asked, accepted",
+    [
+        ({"rtol": 1e-3}, "rtol and atol must be None"),
+        ({"atol": 1e-3}, "rtol and atol must be None"),
+        ({"integrator": "auto"}, "integrator must be 'rk4'"),
+        ({"integrator": "dop853"}, "integrator must be 'rk4'"),
+        ({"dt": 1e-4, "integrator": "pefrl"}, "must be 'rk4' with backend 'gpu', got 'pefrl'"),
+    ],
+)
+@pytest.mark.needs_no_adapter
+def test_simulate_takes_fixed_steps_of_rk4_only(asked, accepted):
+    with pytest.raises(ValueError, match=accepted):
+        cs.simulate(cs.scenes.paper_swing(), 0.01, backend="gpu", **asked)
+
+
 def test_out_is_written_and_inputs_are_not(crumpled, same_bits):
     scene, x, v, dt = crumpled()
     given = x.copy(), v.copy()
@@ -131,7 +181,7 @@ def test_out_is_written_and_inputs_are_not(crumpled, same_bits):
 
 @pytest.mark.parametrize(
     "name, value",
-    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "euler"),
+    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "verlet"),
      ("precision", "half")],
 )  # fmt: skip
 def test_what_it_does_not_have_is_refused(name, value):

@@ -23,7 +23,8 @@ SPHERES = {
 def falling(spheres, mass="uniform", shape=(12, 14)):
     """A slightly crumpled sheet that falls on to the spheres at 3 m/s."""
     rng = np.random.default_rng(4)
-    masses = 2.0 if mass == "uniform" else rng.uniform(0.5, 1.5, shape) * 2.0 / (shape[0] * shape[1])
+    points = shape[0] * shape[1]
+    masses = 2.0 if mass == "uniform" else rng.uniform(0.5, 1.5, shape) * 2.0 / points
     cloth = cs.Cloth(shape, mass=masses, stiffness=400.0, damping=0.05, pins=((0, 0),))
     x = cloth.rest_positions + rng.normal(scale=2e-3, size=(*shape, 3))
     v = np.zeros_like(x)
@@ -74,8 +75,8 @@ def test_a_batch_has_the_bits_of_its_members(same_bits):
 def test_points_without_a_place_are_the_cores_error():
     """Two spheres close on a point from above and below, three stand around it."""
     closing = [
-        cs.Sphere((0.5, sign * 0.35, 0.5), 0.25, cs.Linear((0, -sign * 2.0, 0)), "continuous", "none")
-        for sign in (1, -1)
+        cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none")
+        for s in (1, -1)
     ]
     around = [
         cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none")
@@ -90,7 +91,8 @@ def test_points_without_a_place_are_the_cores_error():
         errors.append(raised.value)
     cpu, gpu = errors
     assert gpu.step > 10
-    assert (gpu.step, gpu.point, gpu.time) == (cpu.step, cpu.point, cpu.time) and gpu.point == (1, 1)
+    assert (gpu.step, gpu.point, gpu.time) == (cpu.step, cpu.point, cpu.time)
+    assert gpu.point == (1, 1)
     assert np.abs(gpu.x - cpu.x).max() < 1e-9
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from clothsim.gpu import report
-from clothsim.gpu.experiment import GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene
+from clothsim.gpu.experiment import (
+    GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene,
+)  # fmt: skip
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,8 +83,9 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
 
 def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
     command = [
-        sys.executable, str(ROOT / "benchmarks" / "gpu.py"), "--quick", "--sizes", "16", "--batches",
-        "--method", "2", "--runs", "1", "--seconds", "0.02", "--out", str(tmp_path), "--name", "here",
+        sys.executable, str(ROOT / "benchmarks" / "gpu.py"), "--quick", "--sizes", "16",
+        "--batches", "--method", "2", "--runs", "1", "--seconds", "0.02",
+        "--out", str(tmp_path), "--name", "here",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=os.environ)
     assert done.returncode == 0, done.stderr

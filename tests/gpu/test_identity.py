@@ -1,4 +1,4 @@
-"""The shader's results are the core's strict ones, bit for bit where the adapter rounds correctly."""
+"""The shader's results are the strict core's, bit for bit where the adapter rounds correctly."""
 
 import clothsim as cs
 import numpy as np
@@ -7,8 +7,8 @@ from clothsim.gpu import arithmetic
 from clothsim.gpu.device import Device
 from clothsim.gpu.simulation import Simulation
 
-# Furthest that a point of the paper's swing may be from the core's after 0.1 s [m]. WGSL lets a root be wrong
-# by 4.5 units in the last place; every spring longer by as much moves a point by 4.9e-7 m.
+# Furthest that a point of the paper's swing may be from the core's after 0.1 s [m]. WGSL lets a
+# root be wrong by 4.5 units in the last place; every spring longer by as much moves a point by 4.9e-7 m.
 WGSL_BOUND = 2e-6
 # The same where only fusing and reordering differ: the core's own kernels differ by 3.7e-8 m.
 REORDERED_BOUND = 1e-7
@@ -88,7 +88,8 @@ def test_the_same_bits_as_the_core_after_1000_steps(name, precision, exact, devi
     scene, dt = SCENES[name](), 4e-4
     if name == "ray literal":
         dt = 2.5e-4
-    cpu, gpu = core(scene, precision), cs.Stepper(scene, precision=precision, strict=True, backend="gpu")
+    cpu = core(scene, precision)
+    gpu = cs.Stepper(scene, precision=precision, strict=True, backend="gpu")
     cpu.advance(1000, dt)
     gpu.advance(1000, dt)
     assert_same_bits(gpu, cpu)
@@ -144,7 +145,7 @@ def test_double_is_double(needs_float64):
 
 
 def test_single_does_not_stall_at_the_papers_step():
-    """Plain float32 is 2e-4 m off at 0.25 s (DESIGN); here the compensation must hold over 4,000 steps."""
+    """Plain float32 is 2e-4 m off at 0.25 s; the compensation must hold over 4,000 steps."""
     scene = cs.scenes.paper_swing()
     state = scene.initial_position, scene.initial_velocity
     x, _ = cs.step(scene, *state, 5e-6, 4000, precision="single", backend="gpu")
@@ -175,8 +176,10 @@ def test_without_float64_a_response_errs_by_units_in_the_last_place(device, resp
     expected.advance(1, dt)
     assert np.abs(expected.velocities - v).max() > 1
     eps = np.finfo(np.float32).eps
-    # The ray may run along the surface for sqrt(eps) of the radius; it meets it to within eps nonetheless.
-    assert np.abs(x_gpu - expected.positions).max() < (40 if response == "ray" else 1) * eps * ball.radius
+    # The ray may run along the surface for sqrt(eps) of the radius; it meets it to within eps
+    # all the same.
+    units = 40 if response == "ray" else 1
+    assert np.abs(x_gpu - expected.positions).max() < units * eps * ball.radius
     assert np.abs(v_gpu - expected.velocities).max() < 60 * eps
     if response == "ray":
         moved = np.abs(x_gpu - x).max(axis=-1) > 1e-3

@@ -93,7 +93,7 @@ def test_run_prints_the_report_as_text(capsys):
         (("run", "paper_swing", "--precision", "half"), "--precision"),
         (("run", "paper_swing", "--threads", "0"), "--threads"),
         (("run", "paper_swing", "--out", "no/such/folder/x.npz"), "--out"),
-        (("reproduce", "--experiment", "5"), "--experiment"),
+        (("reproduce", "--experiment", "6"), "--experiment"),
         (("reproduce", "--threads", "two"), "--threads"),
         (("info", "--colour"), "--colour"),
     ],
@@ -108,7 +108,9 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
 def test_unstable_run_is_code_1_and_one_line(capsys):
     code, out, err = run(capsys, "run", "paper_swing", "--dt", "0.01", "--duration", "3")
     assert (code, out) == (1, "")
-    assert "stability limit" in err and err.count("\n") == 1
+    warning, error = err.splitlines()
+    assert warning.startswith("clothsim run: warning: dt = 0.01 s is above 0.00116 s")
+    assert error.startswith("clothsim run: error: unstable at step") and "stability limit" in error
 
 
 def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_path):
@@ -132,7 +134,9 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
     pytest.importorskip("matplotlib")
     import clothsim.reproduce as module
 
-    small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4)
+    small = module.Settings(
+        runs=2, speedup_steps=5, timing_dt=2e-4, gpu_sizes=(16,), gpu_batches=(), gpu_seconds=0.01
+    )
     monkeypatch.setattr(module, "QUICK", small)
     options = ["--json"] if as_json else []
     code, out, _ = run(

@@ -30,6 +30,7 @@ SMALL = Settings(
     gpu_sizes=(32,),
     gpu_batches=(2,),
     gpu_seconds=0.02,
+    comparison_part=0.02,
     picture_width=120,
 )
 
@@ -333,7 +334,7 @@ def test_interrupt_ends_all_cases():
 @pytest.mark.parametrize(
     "arguments, named",
     [
-        ({"experiments": (1, 5)}, "experiments"),
+        ({"experiments": (1, 6)}, "experiments"),
         ({"experiments": ()}, "experiments"),
         ({"threads": 0}, "threads"),
         ({"settings": Settings(static_dt=3e-4), "experiments": (1,)}, "frame_dt"),

@@ -104,7 +104,7 @@ BORDER = 2
 
 @lru_cache
 def strided(shape):
-    """(serial, parallel, batch) kernels for one shape."""
+    """(serial, parallel, batch) kernels for one shape, and (serial, parallel) right-hand sides."""
     fast = {"fastmath": True, "error_model": "numpy"}
     rows, columns = shape
     n, down, one, two = (np.uintp(i) for i in (columns, columns + 2 * BORDER, 1, 2))
@@ -271,4 +271,26 @@ def strided(shape):
             own = (spring[m], column, gravity, free)
             serial(count, bands, state[m], a[m], b[m], (f[m], first[m], total[m]), own, time_step)
 
-    return serial, njit(**fast, parallel=True)(steps), batch
+    # dy/dt for a general solver: y and dy are six planes without borders, x and then v.
+    size3 = np.uintp(3 * rows * columns)
+
+    def slopes(bands, y, dy, s, scene, unit):
+        spring, column, gravity, free = scene
+        f = dy[size3:]
+        for i in prange(bands):
+            for r in range(i * rows // bands, (i + 1) * rows // bands):
+                here, at = np.uintp(r + BORDER) * down + two, np.uintp(r) * n
+                for p in range(6):
+                    for c in range(columns):
+                        s[np.uintp(p) * p1 + here + np.uintp(c)] = y[np.uintp(p) * size + at + np.uintp(c)]
+        for i in prange(bands):
+            for r in range(i * rows // bands, (i + 1) * rows // bands):
+                at = np.uintp(r) * n
+                for p in range(3):
+                    for c in range(columns):
+                        q = np.uintp(p) * size + at + np.uintp(c)
+                        dy[q] = y[q + size3]
+                row_force(r, s, f, spring, column, gravity, free, unit)
+
+    parallel = njit(**fast, parallel=True)
+    return serial, parallel(steps), batch, (njit(**fast)(slopes), parallel(slopes))

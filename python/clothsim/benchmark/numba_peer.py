@@ -119,7 +119,7 @@ class NumbaStrided:
             ),
             (dtype(1), dtype(dt), dtype(dt / 2), dtype(dt / 6)),
         )
-        serial, parallel, batch = kernels.strided(cloth.shape)
+        serial, parallel, batch, _ = kernels.strided(cloth.shape)
         self.kernel = batch if self.batched else serial if threads == 1 else parallel
 
     def prepare(self) -> None:
@@ -131,6 +131,37 @@ class NumbaStrided:
     @property
     def positions(self) -> np.ndarray:
         return np.moveaxis(self.state[self.inside], -3, -1)[..., :3]
+
+
+    @property
+    def velocities(self) -> np.ndarray:
+        return np.moveaxis(self.state[self.inside], -3, -1)[..., 3:]
+
+
+class NumbaSlopes:
+    """The strong kernel's forces as a right-hand side dy/dt = f(t, y) for a general solver.
+
+    y has 6 rows columns entries: the planes of x, y, z and of the three velocities.
+    """
+
+    def __init__(self, scene: Scene, threads: int) -> None:
+        x, v = scene.initial_position, scene.initial_velocity
+        peer = NumbaStrided(scene, x, v, 1.0, np.float64, threads)
+        self.threads = threads
+        self.shape = (6, *scene.cloth.shape)
+        self.kernel = peer.kernels.strided(scene.cloth.shape)[3][threads > 1]
+        self.state, self.scene = peer.arguments[0], peer.arguments[4]
+        self.start = np.moveaxis(np.concatenate([x, v], axis=-1), -1, 0).ravel()
+
+    def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
+        slope = np.empty_like(y)
+        self.kernel(self.threads, y, slope, self.state, self.scene, 1.0)
+        return slope
+
+    def points(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities, shape (rows, columns, 3)."""
+        both = np.moveaxis(y.reshape(self.shape), 0, -1)
+        return both[..., :3], both[..., 3:]
 
 
 def _strided_springs(scene: Scene, dtype: type) -> np.ndarray:

@@ -31,7 +31,7 @@ def spring_kinds(scene: Scene):
     ]
 
 
-def _ends(r: int, c: int):
+def spring_ends(r: int, c: int):
     """Slices of a (3, rows, columns) array that give the near and the far ends of a kind."""
     rows = slice(None, -r or None), slice(r, None)
     columns = slice(None, -c or None), slice(c, None)
@@ -52,7 +52,7 @@ class NumpyPeer:
         self.inverse_mass = dtype(1 / scene.cloth.mass_per_point[0, 0])
         self.free = (~scene.cloth.pinned).astype(dtype)
         self.kinds = [
-            (*_ends(r, c), dtype(k), dtype(rest), dtype(damping))
+            (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping))
             for r, c, k, rest, damping in spring_kinds(scene)
         ]
 

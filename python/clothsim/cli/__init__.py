@@ -10,14 +10,17 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, info, reproduce, run
+from . import bench, contact, info, plot, reproduce, run, stability, sweep, work_precision
 
-SUBCOMMANDS = (info, run, reproduce, bench)
+SUBCOMMANDS = (
+    info, run, sweep, plot, stability, work_precision, contact, reproduce, bench,
+)  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):
@@ -60,12 +63,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     args = parser().parse_args(argv)
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         args.run(args)
         sys.stdout.flush()
     except (ValueError, TypeError) as error:
         return _failed(args, 2, error)
-    except (cs.UnstableError, ImportError, MemoryError, OSError, RuntimeError) as error:
+    except (ArithmeticError, ImportError, MemoryError, OSError, RuntimeError) as error:
         if isinstance(error, BrokenPipeError):  # the reader left, as in `clothsim info | head -1`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
@@ -76,6 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _failed(args: argparse.Namespace, code: int, error: object) -> int:
-    message = " ".join(str(error).split())
-    print(f"clothsim {args.command}: error: {message}", file=sys.stderr)
+    _say(args, f"error: {error}")
     return code
+
+
+def _say(args: argparse.Namespace, message: str) -> None:
+    print(f"clothsim {args.command}: {' '.join(message.split())}", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import inspect
 import sys
 from importlib.util import find_spec
@@ -23,9 +24,23 @@ def ready_scenes() -> dict[str, Any]:
     }
 
 
+def scene_of(text: str) -> cs.Scene:
+    """The scene of a file, or the ready one of that name."""
+    ready = ready_scenes()
+    if text in ready:
+        return ready[text]()
+    if not text.endswith(".toml"):
+        close = difflib.get_close_matches(text, ready, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise ValueError(
+            f"SCENE must be a file that ends in .toml or one of {', '.join(ready)}, got {text!r}{hint}"
+        )
+    return cs.load_scene(text)
+
+
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "run", run, "Simulate a ready scene and print its report.")
-    command.add_argument("scene", choices=ready_scenes(), metavar="SCENE", help=_scene_help())
+    command.add_argument("scene", metavar="SCENE", help=_scene_help())
     command.add_argument(
         "--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)"
     )
@@ -50,7 +65,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _scene_help() -> str:
-    return "one of " + ", ".join(ready_scenes())
+    return "a scene file (TOML), or one of " + ", ".join(ready_scenes())
 
 
 def _every(text: str) -> int | float:
@@ -67,7 +82,7 @@ def _every(text: str) -> int | float:
 def run(args: argparse.Namespace) -> None:
     if args.out and not Path(args.out).parent.is_dir():
         raise ValueError(f"--out must be in an existing folder, got {args.out!r}")
-    scene = ready_scenes()[args.scene]()
+    scene = scene_of(args.scene)
     result = cs.simulate(
         scene,
         args.duration,

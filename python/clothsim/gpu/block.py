@@ -1,4 +1,4 @@
-"""Members of a batch whose scenes have the same features: one set of buffers, one dispatch a stage."""
+"""Members of a batch whose scenes have the same features: one dispatch a stage for all of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .shader import Features, pipelines
 
 GROUP = 16
 NONE_BAD = 0xFFFFFFFF
-_BAD, _PINNED_INSIDE, _SHUT_IN = range(3)  # what `results` tells of a member
+_BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
 
 
 class Block:
@@ -29,6 +29,8 @@ class Block:
         Their places in the batch.
     scenes : sequence of Scene
         One a member, of one shape and equal `Features`.
+    origins : numpy.ndarray
+        What each member's positions are relative to [m], shape (members, 3).
     precision : {"single", "double"}
     strict : bool
     most_steps : int
@@ -40,6 +42,7 @@ class Block:
         device: Device,
         members: Sequence[int],
         scenes: Sequence[Scene],
+        origins: np.ndarray,
         precision: str,
         strict: bool,
         most_steps: int,
@@ -48,8 +51,10 @@ class Block:
         self.single = precision == "single"
         self.real = np.float32 if self.single else np.float64
         self.wide = np.float64 if device.float64 else np.float32
-        shared = all(scene is scenes[0] for scene in scenes)
+        shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
         self.scenes = [scenes[0]] if shared else list(scenes)
+        self.origins = origins[: len(self.scenes)]
+        self.contacts = np.zeros(len(members), np.int64)  # answered since `begin`, once told
         self.plans = [core_plan(scene) for scene in self.scenes]
         self.rows, self.columns = scenes[0].cloth.shape
         self.points = self.rows * self.columns
@@ -73,8 +78,8 @@ class Block:
         most = self.device.groups_limit
         if max(self.groups) > most:
             raise ValueError(
-                f"scene is too large for the graphics adapter: {what} takes {self.groups} workgroups, "
-                f"{adapter.name} has at most {most:,} in each direction"
+                f"scene is too large for the graphics adapter: {what} takes {self.groups} "
+                f"workgroups, {adapter.name} has at most {most:,} in each direction"
             )
 
     def _check_responses(self) -> None:
@@ -82,8 +87,9 @@ class Block:
             for k, sphere in enumerate(scene.spheres):
                 if sphere.response == "continuous" and self.wide != np.float64:
                     raise ValueError(
-                        f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics adapter "
-                        f"{self.device.adapter.name}, whose shaders have no float64, got 'continuous'"
+                        f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics "
+                        f"adapter {self.device.adapter.name}, whose shaders have no float64, got "
+                        "'continuous'"
                     )
                 if sphere.offset == "face":
                     raise ValueError(
@@ -113,12 +119,12 @@ class Block:
         if self.features.continuous:
             self._energies = np.stack([parameters.energies(scene) for scene in self.scenes])
         size = (self._energies.size + tables * per_step or 1) * np.dtype(self.wide).itemsize
-        self.contacts = create(size, "STORAGE", "COPY_DST")
-        self._told = 1 + 3 * len(self.members)
+        self.contact_table = create(size, "STORAGE", "COPY_DST")
+        self._told = 1 + 4 * len(self.members)
         words = math.ceil(self.points / 32) if self.features.continuous else 0
         self.results = create(4 * (self._told + words * len(self.members)), *both)
         self._results = np.zeros(self._told + words * len(self.members), np.uint32)
-        self._results[1 : self._told] = NONE_BAD
+        self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
         self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
@@ -129,8 +135,8 @@ class Block:
             np.uint32,
         )  # fmt: skip
         bound = [
-            self.constants, self.state, self.compensation, *working, self.parameters, self.contacts,
-            self.results,
+            self.constants, self.state, self.compensation, *working, self.parameters,
+            self.contact_table, self.results,
         ]  # fmt: skip
         with translated(self.device.adapter):
             self.bindings = self.device.handle.create_bind_group(
@@ -144,7 +150,7 @@ class Block:
     def _kept(self) -> list[Any]:
         return [self.state, self.compensation] if self.single else [self.state]
 
-    # Moving the state ---------------------------------------------------------------------------------
+    # Moving the state -----------------------------------------------------------------------------
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
         """Planes of the state, and of the compensation, each (members, 6, points)."""
@@ -163,20 +169,20 @@ class Block:
     def _write(self, buffer: Any, values: np.ndarray, offset: int = 0) -> None:
         self.device.handle.queue.write_buffer(buffer, offset, np.ascontiguousarray(values))
 
-    # Stepping -----------------------------------------------------------------------------------------
+    # Stepping -------------------------------------------------------------------------------------
 
-    def set_step(self, dt: float) -> None:
-        """Take `dt` [s] for the steps from here on."""
+    def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
+        """Take `dt` [s] for the steps from here on; `stable_dt` is each member's guaranteed one."""
         numbers = parameters.step_constants(dt, self.real)
         constants = np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
         self._write(self.constants, constants)
-        limits = [plan.runaway_speed(dt) for plan in self.plans]
+        limits = [plan.runaway_speed(dt, most) for plan, most in zip(self.plans, stable_dt)]
         pairs = zip(self.scenes, limits, strict=True)
         tables = [parameters.scene_parameters(scene, limit, self.real) for scene, limit in pairs]
         self._write(self.parameters, np.concatenate(tables))
         self._dt = dt
         if self.features.continuous:
-            self._write(self.contacts, self._energies)
+            self._write(self.contact_table, self._energies)
         if self.features.spheres and not self.features.moving:
             self._write_contacts([0.0, 0.0])
 
@@ -188,9 +194,9 @@ class Block:
 
     def _write_contacts(self, times: Sequence[float]) -> None:
         table = parameters.contacts(
-            self.scenes, self.plans, times, self._dt, self.single, self.wide
+            self.scenes, self.plans, self.origins, times, self._dt, self.single, self.wide
         )
-        self._write(self.contacts, table, self._energies.nbytes)
+        self._write(self.contact_table, table, self._energies.nbytes)
 
     def save(self, encoder: Any) -> None:
         """Copy the state, on the adapter, to where `restore` finds it."""
@@ -227,7 +233,8 @@ class Block:
         self.readback.map_sync("READ")
         results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
         self.readback.unmap()
-        tables = results.reshape(3, len(self.members))
+        tables = results.reshape(4, len(self.members))
+        self.contacts = tables[_CONTACTS].astype(np.int64)
         bad = None
         trouble = np.minimum(tables[_BAD], tables[_SHUT_IN])
         for k in np.flatnonzero(trouble != NONE_BAD)[:1]:

@@ -1,4 +1,4 @@
-"""Time of step k counted from an origin, so that rounding does not pile up; as the core's `Clock`."""
+"""Time of step k counted from an origin, so that rounding does not pile up: the core's `Clock`."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # float64, and the integers of its size that `keep` takes it through.
 FLOAT64 = ("shader-f64", "shader-int64")
 
-# Dispatched by a driver that the backend is written for; OpenGL would lack float64 and large buffers.
+# Drivers that the backend is written for; OpenGL would lack float64 and large buffers.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 _ORDER = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU", "Unknown")
 _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
@@ -50,7 +50,7 @@ def load_wgpu() -> Any:
         ) from error
     global _restricted
     if not _restricted:
-        # Without OpenGL's search for a display, which writes to stderr where there is none. Of no effect
+        # Without OpenGL's search for a display, which writes to stderr if there is none. Of no effect
         # where the caller has used wgpu before.
         with _quiet():
             extras.set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
@@ -139,7 +139,7 @@ def adapters() -> list[Adapter]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Mesa's layer that asks a display which adapter it is on, and complains where there is none."""
+    """Without Mesa's layer that asks a display for its adapter, and complains if there is none."""
     switch = "NODEVICE_SELECT"
     if "XDG_RUNTIME_DIR" in os.environ or switch in os.environ:
         yield
@@ -152,7 +152,7 @@ def _quiet() -> Iterator[None]:
 
 
 def chosen_adapter() -> Adapter:
-    """The adapter that is used: the best, or the one that CLOTHSIM_GPU_ADAPTER names or counts from 0."""
+    """The adapter used: the best, or the one that CLOTHSIM_GPU_ADAPTER names or counts from 0."""
     found = adapters()
     if not found:
         raise RuntimeError(

@@ -1,4 +1,4 @@
-"""Experiment 4 of Kim et al. over sizes: the core against the compute shader, one time step after another.
+"""Experiment 4 of Kim et al. over sizes: the core against the compute shader.
 
 A measurement makes a stepper, times its first frames one by one (buffers and pipelines are made
 there: the paper's first measurement is slower for it), then takes means over windows of frames.

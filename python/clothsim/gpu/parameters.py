@@ -1,4 +1,4 @@
-"""A scene as the numbers that the shader reads; each rounded once from the double that the core has."""
+"""A scene as the numbers that the shader reads; each rounded once from the core's double."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     limit = min(speed_limit, float(np.finfo(dtype).max))
     numbers = [*scene.gravity, cloth.point_damping * scale, limit]
     for (family, *_), rest_length in zip(_SPRINGS, rest_lengths(scene), strict=True):
-        numbers += [stiffness.get(family, 0.0) * scale, rest_length, damping.get(family, 0.0) * scale]
+        spring = stiffness.get(family, 0.0), damping.get(family, 0.0)
+        numbers += [spring[0] * scale, rest_length, spring[1] * scale]
     assert len(numbers) == FIRST_WEIGHT and set(stiffness) <= set(FAMILIES)
     weights = 1 / cloth.mass_per_point.ravel()
     weights[cloth.pinned.ravel()] = 0.0
@@ -64,6 +65,7 @@ def step_constants(dt: float, dtype: npt.DTypeLike) -> npt.NDArray:
 def contacts(
     scenes: Sequence[Scene],
     plans: Sequence[_core.Plan],
+    origins: np.ndarray,
     times: Sequence[float],
     dt: float,
     single: bool,
@@ -75,6 +77,8 @@ def contacts(
     ----------
     scenes, plans : sequence of Scene, of Plan
         With equally many spheres each; the plans are the core's, which moves the spheres.
+    origins : numpy.ndarray
+        What positions are relative to [m], shape (scenes, 3).
     times : sequence of float
         Time before the first step and after each [s].
     dt : float
@@ -91,7 +95,8 @@ def contacts(
     for k, (scene, plan) in enumerate(zip(scenes, plans, strict=True)):
         states = plan.sphere_states(list(times))
         for s, sphere in enumerate(scene.spheres):
-            start, end = states[:-1, s, :3], states[1:, s, :3]
+            centers = states[:, s, :3] - origins[k]
+            start, end = centers[:-1], centers[1:]
             radius = point_radius(sphere, scene.cloth)
             row = table[:, k, s]
             row[:, 9:12] = radius, sphere.restitution, sphere.friction

@@ -49,9 +49,14 @@ _KEEP = {
 
 
 def _run(
-    device: Device, code: str, entry_point: str, data: list[np.ndarray], size: int, groups: tuple[int, ...]
+    device: Device,
+    code: str,
+    entry_point: str,
+    data: list[np.ndarray],
+    size: int,
+    groups: tuple[int, ...],
 ) -> bytes:
-    """One dispatch with `data` in the bindings from 0 on, the first uniform; what is written last."""
+    """One dispatch with `data` bound from 0 on, the first uniform; what is written last."""
     handle = device.handle
     with translated(device.adapter):
         out = device.create_buffer(size, "STORAGE", "COPY_SRC")
@@ -65,7 +70,8 @@ def _run(
             layout="auto", compute={"module": module, "entry_point": entry_point}
         )
         entries = [{"binding": k, "resource": {"buffer": b}} for k, b in enumerate([*buffers, out])]
-        bindings = handle.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+        layout = pipeline.get_bind_group_layout(0)
+        bindings = handle.create_bind_group(layout=layout, entries=entries)
         encoder = handle.create_command_encoder()
         work = encoder.begin_compute_pass()
         work.set_pipeline(pipeline)
@@ -153,7 +159,8 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             if operation == "subnormal" and word == "f64":
                 continue
             # A function of every binding, so that none is left out of the automatic layout.
-            out = f"let value = {wgsl}; if (id.x + z < n) {{ out[id.x] = value; }} else {{ out[0] = b; }}"
+            write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
+            out = f"let value = {wgsl}; {write}"
             code = _PROBE.replace("OUT", out).replace("KEEP", _KEEP[word])
             code = f"alias T = {word};\n{code}"
             data = [np.zeros(4, np.uint32), a, b]

@@ -74,7 +74,8 @@ def crossovers(measurements: Sequence[Measurement]) -> list[str]:
             lines.append(start + "no crossover, the CPU is faster up to the largest measured.")
             continue
         gain = against_cpu(first, measurements)
-        lines.append(start + f"faster than the CPU from {_scene(first)} on ({gain:.2g} times there).")
+        where = f"faster than the CPU from {_scene(first)} on ({gain:.2g} times there)."
+        lines.append(start + where)
     return lines
 
 

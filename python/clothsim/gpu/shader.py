@@ -1,4 +1,4 @@
-"""What a scene needs of the shader: its features, and the pipelines that have nothing else in them."""
+"""What a scene needs of the shader: its features, and the pipelines with nothing else in them."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ class Features:
         for k, s in enumerate(self.spheres):
             if k not in self.continuous:
                 flags = ", ".join(map(word, (s.response == "ray", s.literal, s.rough)))
-                lines.append(f"        result = met(result, contact_of(id.z, {k}u), {flags});")
+                met = f"met(result, contact_of(id.z, {k}u), id.z, {flags})"
+                lines.append(f"        result = {met};")
         lines.append("    }")
         if self.continuous:
             lines.append("    result = after_continuous(result, before, id);")
@@ -118,7 +119,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
 
 
 class Pipelines:
-    """The four stages of a step, what follows on them, and the check, compiled for some features."""
+    """The four stages of a step, what follows them, and the check, compiled for some features."""
 
     def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
         handle = device.handle

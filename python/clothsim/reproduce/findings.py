@@ -13,8 +13,9 @@ MILLIMETRE = 1e3
 
 
 def of(experiment: str, entry: dict) -> list[str]:
-    """The findings of experiment "1" to "4"."""
-    return {"1": _static, "2": _moving, "3": _methods, "4": _speedup}[experiment](entry)
+    """The findings of experiment "1" to "5"."""
+    made = {"1": _static, "2": _moving, "3": _methods, "4": _speedup, "5": _comparison}
+    return made[experiment](entry)
 
 
 def _cells(entry: dict, method: int, variant: str) -> list[dict]:
@@ -287,6 +288,31 @@ def _over_sizes(entry: dict) -> list[str]:
     if "gpu" not in entry:
         return []
     return [*entry["gpu"]["warnings"], *entry["gpu"]["crossovers"]]
+
+
+def _comparison(entry: dict) -> list[str]:
+    lines = []
+    for scene in dict.fromkeys(row["scene"] for row in entry["rows"]):
+        rows = {row["response"]: row for row in entry["rows"] if row["scene"] == scene}
+        worst = max(rows.values(), key=lambda row: row["triangles"])
+        face = rows["continuous, face"]
+        safe = not (face["points"] or face["triangles"] or face["crossings"] or face["failure"])
+        through = {name: row["crossings"] for name, row in rows.items() if row["crossings"]}
+        told = ", ".join(f"{count} with {name}" for name, count in through.items()) or "none"
+        lines.append(
+            f"{scene.capitalize()} sphere: deepest triangle "
+            f"{number(MILLIMETRE * worst['triangles'])} mm ({worst['response']}), "
+            f"{number(MILLIMETRE * rows['continuous']['triangles'])} mm continuous. Points that "
+            f"passed between two steps: {told}. Continuous with face offset: "
+            + ("no point, no triangle inside, none passed." if safe else "NOT free of penetration.")
+        )
+    made = {row["response"]: row["contact_energy"] for row in entry["rows"] if row["scene"] == "static"}
+    lines.append(
+        "Energy added by contact with the static sphere, which should be 0 at restitution 1: "
+        + ", ".join(f"{name} {number(value)} J" for name, value in made.items())
+        + "."
+    )
+    return lines
 
 
 def _and(values) -> str:

@@ -80,8 +80,9 @@ def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
         )
         parts += _cells(experiment, folder)
     parts += [_table(table) for table in tables(key, experiment)]
-    plot = _image(folder, experiment["plot"], experiment["plot_caption"])
-    parts.append(f"<figure>{plot}</figure>")
+    if "plot" in experiment:
+        plot = _image(folder, experiment["plot"], experiment["plot_caption"])
+        parts.append(f"<figure>{plot}</figure>")
     if "gpu" in experiment:
         caption = "CPU against GPU over sizes, and the first frames of a run, apart."
         parts.append(f"<figure>{_image(folder, experiment['gpu']['plot'], caption)}</figure>")

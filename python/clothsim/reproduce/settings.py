@@ -9,7 +9,7 @@ PAPER_DT = 5e-6  # s, "time step" of Table 2
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the four experiments.
+    """Sizes of the experiments.
 
     Parameters
     ----------
@@ -39,6 +39,8 @@ class Settings:
         on which experiment 4 compares it with the CPU.
     gpu_seconds : float
         Wall time after which such a measurement ends early [s].
+    comparison_part : float
+        Part of its scenes' durations that experiment 5 runs.
     picture_width : int
         Pixels along a picture.
     """
@@ -58,6 +60,7 @@ class Settings:
     gpu_sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
     gpu_batches: tuple[int, ...] = (4, 16, 64, 256, 1024)
     gpu_seconds: float = 0.5
+    comparison_part: float = 1.0
     picture_width: int = 520
 
     def steps_per_frame(self, dt: float) -> int:
@@ -82,6 +85,7 @@ QUICK = Settings(
     gpu_sizes=(32, 128),
     gpu_batches=(16,),
     gpu_seconds=0.05,
+    comparison_part=0.4,
     picture_width=400,
 )
 
@@ -105,6 +109,7 @@ def reductions(settings: Settings) -> list[str]:
         ("window_frames", "frames a window in experiment 3"),
         ("speedup_steps", "steps a run in experiment 4"),
         ("speedup_seconds", "seconds after which a run of experiment 4 ends early"),
+        ("comparison_part", "part of its scenes' durations that experiment 5 runs"),
     ):
         if getattr(settings, name) < getattr(FULL, name):
             lines.append(f"{what}: {getattr(settings, name)} instead of {getattr(FULL, name)}")

@@ -71,6 +71,20 @@ SPEEDUP = (
     Column("set-up [ms]", lambda r: number(1e3 * r["setup_seconds"])),
 )
 
+COMPARISON = (
+    Column("sphere", lambda r: r["scene"]),
+    Column("response", lambda r: r["response"]),
+    Column("deepest point [mm]", lambda r: number(1e3 * r["points"])),
+    Column("deepest triangle [mm]", lambda r: number(1e3 * r["triangles"])),
+    Column("points passed through", lambda r: str(r["crossings"])),
+    Column("contact energy [J]", lambda r: number(r["contact_energy"])),
+    Column(
+        "us/step",
+        lambda r: number(r["microseconds_per_step"]) if r["microseconds_per_step"] else "-",
+    ),
+    Column("ended", lambda r: r["failure"] or ""),
+)
+
 
 SIZES = (
     Column("cloth", lambda r: f"{r['rows']} x {r['columns']}"),
@@ -103,6 +117,8 @@ def tables(number: str, experiment: dict) -> list[Table]:
             caption = "The same frames with coarser steps, literal"
             made.append(_table(caption, STUDY, experiment["step_study"]))
         return made
+    if number == "5":
+        return [_table("", COMPARISON, experiment["rows"])]
     if number == "4":
         made = [_table("", SPEEDUP, experiment["rows"])]
         if "gpu" in experiment:

@@ -133,7 +133,7 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, literal: bo
 }
 
 // The body after it has met one sphere. `ray`: method 2, else method 1, which leaves the position alone.
-fn met(body: Body, contact: Contact, ray: bool, literal: bool, rough: bool) -> Body {
+fn met(body: Body, contact: Contact, member: u32, ray: bool, literal: bool, rough: bool) -> Body {
     let from_center = body.position - vec3<real>(contact.center);
     if (!(inner(from_center, from_center) < real(contact.outer_radius_squared))) {
         return body;  // so say single numbers, with a margin; nearly all points end here
@@ -142,6 +142,7 @@ fn met(body: Body, contact: Contact, ray: bool, literal: bool, rough: bool) -> B
     if (!(wide_inner(m, m) < wide_product(contact.radius, contact.radius))) {
         return body;
     }
+    atomicAdd(&results[1u + 3u * constants.members + member], 1u);
     let velocity = velocity_of(body);
     if (ray) {
         return answered(body, contact, ray_answer(contact, m, velocity, literal, rough));

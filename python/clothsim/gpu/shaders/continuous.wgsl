@@ -153,7 +153,7 @@ fn meeting_of(s: Swept, before: Motion, after: Motion) -> Meeting {
         free = leave(s, t, zero, max(t.speed, t.bounce), v);
         limit = s.surface;
     } else if (t.inside) {
-        changed = wide_inner(p1, p1) < wide_product(s.surface, s.surface);
+        changed = sqrt(wide_inner(p1, p1)) < s.surface;
         free = pushed_out(s, sqrt(wide_inner(p0, p0)), free);
         limit = zero;
     }
@@ -225,7 +225,7 @@ fn after_continuous(body: Body, before: Body, id: vec3<u32>) -> Body {
 }
 
 fn flags_of(member: u32) -> u32 {
-    return 1u + 3u * constants.members + member * ((points() + 31u) / 32u);
+    return 1u + 4u * constants.members + member * ((points() + 31u) / 32u);
 }
 
 // The points left over -------------------------------------------------------------------------------------------

@@ -58,7 +58,8 @@ const first_weight = 20u;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
 // Steps since the host set it to 0; for every member the first bad point, the first pinned point in a sphere and the
-// first point that spheres have shut in; with continuous contact a bit a point for those left over.
+// first point that spheres have shut in, and how many answers spheres have given; with continuous contact a bit a point
+// for those left over.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
 fn points() -> u32 {

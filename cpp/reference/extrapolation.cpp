@@ -1,0 +1,173 @@
+#include "reference/extrapolation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace clothsim::reference {
+namespace {
+
+using Real = long double;
+static_assert(std::numeric_limits<Real>::digits >= 64, "the reference needs a long double wider than double");
+
+using Values = std::vector<Real>;  // 3 a point
+
+struct State {
+    Values x, v;
+    explicit State(std::size_t size) : x(size), v(size) {}
+};
+
+void accelerations(const System& system, const State& state, Values& a) {
+    const Values &x = state.x, &v = state.v;
+    for (std::size_t k = 0; k < a.size(); ++k) a[k] = -Real(system.point_damping) * v[k];
+    for (const Spring& s : system.springs) {
+        const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
+        const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};
+        const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        if (length == 0) continue;  // no direction, no force
+        const Real inverse = 1 / length;
+        const Real rate = ((vj[0] - vi[0]) * d[0] + (vj[1] - vi[1]) * d[1] + (vj[2] - vi[2]) * d[2]) * inverse;
+        const Real pull = (s.stiffness * (length - s.rest_length) + s.damping * rate) * inverse;
+        for (int c = 0; c < 3; ++c) {
+            a[3 * s.i + c] += pull * d[c];
+            a[3 * s.j + c] -= pull * d[c];
+        }
+    }
+    for (std::size_t k = 0; k < a.size(); ++k)
+        a[k] = system.pinned[k / 3] ? 0 : a[k] / system.mass[k / 3] + system.gravity[k % 3];
+}
+
+// z = y + h (dx/dt, dv/dt)
+void move(State& z, const State& y, const Values& velocity, const Values& a, Real h) {
+    for (std::size_t k = 0; k < a.size(); ++k) {
+        z.x[k] = y.x[k] + h * velocity[k];
+        z.v[k] = y.v[k] + h * a[k];
+    }
+}
+
+// Room for one column: three consecutive states of the midpoint rule.
+struct Workspace {
+    State before, here, after;
+    Values a;
+    explicit Workspace(std::size_t size) : before(size), here(size), after(size), a(size) {}
+};
+
+// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's smoothing
+// at the end damps the rule's weak instability.
+void midpoint(const System& system, const State& y, const Values& a0, Real H, int n, Workspace& w, State& result) {
+    const Real h = H / n;
+    w.before = y;
+    move(w.here, y, y.v, a0, h);
+    for (int i = 1; i < n; ++i) {
+        accelerations(system, w.here, w.a);
+        move(w.after, w.before, w.here.v, w.a, 2 * h);
+        std::swap(w.before, w.here);
+        std::swap(w.here, w.after);
+    }
+    accelerations(system, w.here, w.a);
+    move(result, w.before, w.here.v, w.a, h);
+    for (std::size_t k = 0; k < result.x.size(); ++k) {
+        result.x[k] = (result.x[k] + w.here.x[k]) / 2;
+        result.v[k] = (result.v[k] + w.here.v[k]) / 2;
+    }
+}
+
+// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ...; the last entry becomes
+// the result, and the one before it in its row is what it is compared with.
+void neville(std::vector<State>& table, State& previous) {
+    const int columns = int(table.size());
+    for (int j = 1; j < columns; ++j) {
+        if (j == columns - 1) previous = table[columns - 1];
+        for (int k = columns - 1; k >= j; --k) {
+            const Real ratio = Real(k + 1) / (k + 1 - j), weight = 1 / (ratio * ratio - 1);
+            for (std::size_t i = 0; i < previous.x.size(); ++i) {
+                table[k].x[i] += weight * (table[k].x[i] - table[k - 1].x[i]);
+                table[k].v[i] += weight * (table[k].v[i] - table[k - 1].v[i]);
+            }
+        }
+    }
+}
+
+Real extent(const Values& x) {
+    Real largest = 0;
+    for (int c = 0; c < 3; ++c) {
+        Real low = x[c], high = x[c];
+        for (std::size_t k = c; k < x.size(); k += 3) {
+            low = std::min(low, x[k]);
+            high = std::max(high, x[k]);
+        }
+        largest = std::max(largest, high - low);
+    }
+    return largest > 0 ? largest : 1;
+}
+
+Real difference(const State& a, const State& b, Real H) {
+    Real largest = 0;
+    for (std::size_t k = 0; k < a.x.size(); ++k) {
+        const Real one = std::max(std::abs(a.x[k] - b.x[k]), H * std::abs(a.v[k] - b.v[k]));
+        if (!std::isfinite(one)) return std::numeric_limits<Real>::infinity();
+        largest = std::max(largest, one);
+    }
+    return largest;
+}
+
+}  // namespace
+
+Extrapolation extrapolate(const System& system, const std::vector<double>& times, const ExtrapolationSettings& settings,
+                          std::vector<double>& x, std::vector<double>& v, const std::function<bool()>& interrupted) {
+    const int columns = settings.columns;
+    const std::size_t size = x.size();
+    State y(size), previous(size);
+    for (std::size_t k = 0; k < size; ++k) {
+        y.x[k] = x[k];
+        y.v[k] = system.pinned[k / 3] ? 0 : v[k];
+    }
+    std::vector<State> table(columns, State(size));
+    std::vector<Workspace> room(columns, Workspace(size));
+    Values a0(size);
+
+    Extrapolation result;
+    const Real smallest = 1e-9L * times.back();
+    Real t = 0, H = times.back() / 64;
+    for (const double target : times) {
+        while (t < target) {
+            if (interrupted()) {
+                result.end = ExtrapolationEnd::interrupted;
+                return result;
+            }
+            // The remaining way in equal parts, so that no sliver is left for the end.
+            const Real step = (target - t) / std::ceil((target - t) / H);
+            accelerations(system, y, a0);
+            // The longest first: what is left at the end is short.
+            #pragma omp parallel for schedule(dynamic, 1) num_threads(settings.threads)
+            for (int i = 0; i < columns; ++i) {
+                const int k = columns - 1 - i;
+                midpoint(system, y, a0, step, 2 * (k + 1), room[k], table[k]);
+            }
+            result.force_evaluations += 1 + columns * (columns + 1);
+            neville(table, previous);
+            const Real error = difference(table.back(), previous, step) / extent(y.x) / settings.tolerance;
+            const Real growth = Real(0.9) * std::pow(error, Real(-1) / (2 * columns - 1));
+            if (error <= 1) {
+                std::swap(y, table.back());
+                t = step * 1.5L > target - t ? Real(target) : t + step;
+                ++result.steps;
+                result.time = double(t);
+            } else {
+                ++result.rejected;
+            }
+            H = step * std::clamp(error > 0 ? growth : Real(4), Real(0.2), Real(4));
+            if (H < smallest) {
+                result.end = ExtrapolationEnd::step_too_small;
+                return result;
+            }
+        }
+        for (std::size_t k = 0; k < size; ++k) {
+            x.push_back(double(y.x[k]));
+            v.push_back(double(y.v[k]));
+        }
+    }
+    return result;
+}
+
+}  // namespace clothsim::reference

@@ -1,0 +1,86 @@
+// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, for a
+// band of rows, by the kernel's `evaluate` stage.
+//
+// That stage writes an acceleration where a work record holds the first one. So the records of four stages
+// share the place of one work record, a quarter each, and nothing lies unused between them.
+#include "simulation/edge_engine.hpp"
+
+namespace clothsim {
+namespace {
+
+constexpr int accelerations_per_record = WorkRecord::count / 3;
+
+}  // namespace
+
+template <class Real>
+FieldLayout EdgeEngine<Real>::field() const {
+    const std::ptrdiff_t lanes = layout_.lanes, record = WorkRecord::count * lanes;
+    FieldLayout f{};
+    f.runs = layout_.vectors;
+    f.length = 3 * layout_.lanes;
+    f.row = layout_.row_size();
+    f.run = layout_.stride;
+    f.velocity = 3 * lanes;
+    f.compensation = Base::compensated ? layout_.compensation() : 0;
+    f.acceleration_origin = WorkRecord::first * lanes;  // the record's start lies that much before
+    f.acceleration_row = layout_.vectors * record;
+    f.acceleration_run = record;
+    f.slots = accelerations_per_record;
+    f.slot = 3 * lanes;
+    f.block = (rows() * layout_.vectors + 1) * record;
+    return f;
+}
+
+template <class Real>
+void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch) {
+    scratch.values.resize(std::size_t(scratch_size()));
+    scratch.rows.resize(std::size_t(end - begin));
+    const FieldLayout f = field();
+    for (int r = begin; r < end; ++r)
+        scratch.rows[std::size_t(r - begin)] = {
+            nullptr, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
+            inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
+            is_special(r)};
+
+    EdgeArguments<Real> e = arguments(Stage::evaluate, 0, scratch.values.data());
+    e.rows = scratch.rows.data();
+
+    const auto row = [&](int r) { return r < rows() ? state + r * f.row : nullptr; };
+    if (begin == 0) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    else halo_kernel_(e, {row(begin - 2), nullptr, row(begin)}, {row(begin - 1), row(begin), row(begin + 1)});
+    for (int r = begin; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
+}
+
+template <class Real>
+bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
+    bool any = false;
+    for (const Contact& contact : contacts) {
+        const Real radius_squared = Base::outer_radius_squared(contact.sphere);
+        const Real center[3] = {Real(contact.center[0]), Real(contact.center[1]), Real(contact.center[2])};
+        for (int r = begin; r < end; ++r)
+            for (int k = 0; k < layout_.vectors; ++k) {
+                const Real* const x = memory_.data() + r * layout_.row_size() + k * layout_.stride;
+                const int lanes = layout_.lanes;
+                const auto inside = [&](int l) {
+                    const Real dx = x[l] - center[0], dy = x[lanes + l] - center[1], dz = x[2 * lanes + l] - center[2];
+                    return dx * dx + dy * dy + dz * dz < radius_squared;
+                };
+                int hits = 0;
+                for (int l = 0; l < lanes; ++l) hits |= inside(l);
+                if (!hits) continue;
+                any = true;
+                for (int l = 0; l < lanes; ++l)
+                    if (inside(l)) this->answer(contact, r, l * layout_.vectors + k);
+            }
+    }
+    return any;
+}
+
+template FieldLayout EdgeEngine<float>::field() const;
+template FieldLayout EdgeEngine<double>::field() const;
+template void EdgeEngine<float>::evaluate(const float*, float*, int, int, FieldScratch<float>&);
+template void EdgeEngine<double>::evaluate(const double*, double*, int, int, FieldScratch<double>&);
+template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
+template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
+
+}  // namespace clothsim

@@ -1,0 +1,10 @@
+"""Trusted solutions, and the errors of everything else against them. See docs/accuracy.md."""
+
+from ._cache import cache_directory
+from .order import Convergence, convergence
+from .solution import Reference, reference
+from .work import work_precision
+
+__all__ = [
+    "Convergence", "Reference", "cache_directory", "convergence", "reference", "work_precision",
+]  # fmt: skip

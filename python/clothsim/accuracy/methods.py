@@ -1,0 +1,148 @@
+"""What work-precision compares: a method is something that solves a scene at a given setting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _validate as check
+from ..integration import integrators
+from ..measures import max_stable_dt
+from ..plan import PRECISIONS
+from ..scene import Scene
+from ..simulation import simulate
+
+Floats = npt.NDArray[np.float64]
+
+OWN = "clothsim"
+
+# An explicit method's coarsest step is this part of the guaranteed stable one.
+_SAFETY = 0.95
+_HALVINGS = 7
+
+RTOLS = tuple(10.0**-k for k in range(3, 14))
+"""Default tolerances of adaptive methods."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of a solution and its cost.
+
+    Attributes
+    ----------
+    x, v : numpy.ndarray
+        Positions [m] and velocities [m/s] at the end.
+    force_evaluations : int
+    seconds : float
+        Wall time of the stepping alone: no setting up, no compiling.
+    """
+
+    x: Floats
+    v: Floats
+    force_evaluations: int
+    seconds: float
+
+
+class Method(Protocol):
+    """A way to solve a scene.
+
+    Attributes
+    ----------
+    name : str
+    library : str
+        Whose code it is.
+    precision : str
+    threads : int or None
+    control : {"dt", "rtol"}
+        What a setting is: a time step [s], or a relative tolerance. That of `simulate` is for the
+        error at the end, over the cloth's size; the peers' is for a step, with an absolute one of
+        that part of the cloth's size.
+    """
+
+    name: str
+    library: str
+    precision: str
+    threads: int | None
+    control: str
+
+    def settings(self, scene: Scene, duration: float) -> list[float]:
+        """Settings to try by default, the coarsest first."""
+
+    def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
+        """The scene after `duration`."""
+
+
+def extent(scene: Scene) -> float:
+    """The larger side of the cloth [m]."""
+    cloth = scene.cloth
+    return max(size for size, n in zip(cloth.size, cloth.shape, strict=True) if n > 1)
+
+
+@dataclass(frozen=True)
+class Own:
+    """An integrator of this package."""
+
+    integrator: str
+    precision: str = "double"
+    threads: int | None = None
+    control: str = "dt"
+    library: str = OWN
+
+    @property
+    def name(self) -> str:
+        return self.integrator if self.control == "dt" else f"{self.integrator} adaptive"
+
+    def settings(self, scene: Scene, duration: float) -> list[float]:
+        if self.control == "rtol":
+            return list(RTOLS)
+        explicit = integrators()[self.integrator].explicit
+        # A step that nothing limits: from well above what an explicit method could take.
+        largest = max_stable_dt(scene, self.integrator if explicit else "rk4")
+        largest = min(_SAFETY * largest if explicit else 8 * largest, duration / 4)
+        return [largest / 2**k for k in range(_HALVINGS)]
+
+    def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
+        chosen = {"dt": setting}
+        if self.control == "rtol":
+            chosen = {"rtol": setting}
+        run = simulate(
+            scene, duration, integrator=self.integrator, precision=self.precision,
+            threads=self.threads, **chosen,
+        )  # fmt: skip
+        report = run.report
+        return Outcome(run.x[-1], run.v[-1], report["force_evaluations"], report["wall_time"])
+
+
+def own_methods(
+    names: Sequence[str] | None = None,
+    precisions: Sequence[str] = PRECISIONS,
+    threads: int | None = None,
+) -> list[Own]:
+    """The integrators of this package as methods.
+
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Names of `clothsim.integrators`; "NAME adaptive" is the one that chooses its steps by a
+        tolerance. Default: all.
+    precisions : sequence of {"double", "single"}
+    threads : int, optional
+
+    Returns
+    -------
+    list of Own
+    """
+    known = {name: (name, "dt") for name in integrators()}
+    known |= {f"{n} adaptive": (n, "rtol") for n, one in integrators().items() if one.adaptive}
+    for k, precision in enumerate(precisions):
+        check.choice(f"precisions[{k}]", precision, PRECISIONS)
+    chosen = known if names is None else [check.choice("methods", n, tuple(known)) for n in names]
+    return [
+        Own(known[name][0], precision, threads, known[name][1])
+        for name in chosen
+        for precision in precisions
+    ]

@@ -1,0 +1,219 @@
+"""Errors against the trusted solution over a list of time steps, and the order they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _validate as check
+from ..errors import UnstableError
+from ..scene import Scene
+from ..simulation import simulate
+from .methods import extent
+from .solution import Reference, reference
+
+Floats = npt.NDArray[np.float64]
+
+# An error is fitted where rounding and the reference make less than this part of it.
+_FLOOR_PART = 0.1
+
+# ... and where it is below this part of how far the cloth has moved.
+_ASYMPTOTIC = 0.1
+
+# Where the slope between two steps falls below this, smaller steps no longer help: rounding.
+_STALLED = 0.5
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Errors of a method over time steps; what `convergence` returns.
+
+    Attributes
+    ----------
+    integrator, precision : str
+    dt : numpy.ndarray
+        Time steps as taken [s], decreasing, shape (steps,).
+    steps, force_evaluations : numpy.ndarray
+        How many there were, shape (steps,).
+    rms, max : numpy.ndarray
+        Distances of the mass points from the reference at the end [m], shape (steps,); infinite
+        where the run was unstable.
+    order : float
+        Slope of log rms over log dt, least squares over `fitted`; NaN if fewer than two are.
+    fitted : numpy.ndarray
+        True where the error is one of the method: at least ten times the `floor`, and below a
+        tenth of the rms distance that the cloth has moved. Shape (steps,).
+    floor : numpy.ndarray
+        Below it an error is one of rounding or of the reference [m], shape (steps,): the largest of
+        the rms of the reference's error estimate, of the least error from where smaller steps no
+        longer help (slope < 1/2), and of eps/2 times the cloth's size, in double times the root of
+        the number of steps, as rounding of the positions adds up like a random walk ("single"
+        compensates it).
+    reference : Reference
+    """
+
+    integrator: str
+    precision: str
+    dt: Floats
+    steps: npt.NDArray[np.int64]
+    force_evaluations: npt.NDArray[np.int64]
+    rms: Floats
+    max: Floats
+    order: float
+    fitted: npt.NDArray[np.bool_]
+    floor: Floats
+    reference: Reference
+
+    @property
+    def local_orders(self) -> Floats:
+        """Slope between each step and the next smaller one, shape (steps - 1,)."""
+        return _slopes(self.dt, self.rms)
+
+    def __str__(self) -> str:
+        fitted = f"order {self.order:.2f} (* fitted)"
+        if math.isnan(self.order):
+            fitted = f"no order: fewer than two errors are well above the floor, {self.floor.min():.1e} m"
+        lines = [f"{self.integrator}, {self.precision}: {fitted}"]
+        lines.append(f"{'dt [s]':>11}  {'rms [m]':>9}  {'max [m]':>9}  order")
+        for k, dt in enumerate(self.dt):
+            local = f"{self.local_orders[k - 1]:5.2f}" if k else "     "
+            mark = " *" if self.fitted[k] else ""
+            lines.append(f"{dt:11.4g}  {self.rms[k]:9.2e}  {self.max[k]:9.2e}  {local}{mark}")
+        return "\n".join(lines)
+
+
+def convergence(
+    scene: Scene,
+    duration: float,
+    dts: Sequence[float],
+    integrator: str = "rk4",
+    precision: str = "double",
+    *,
+    reference: Reference | None = None,
+    **options: Any,
+) -> Convergence:
+    """Errors against the trusted solution, and the order that they show.
+
+    Parameters
+    ----------
+    scene : Scene
+        Without contact up to `duration`.
+    duration : float
+        Simulated time [s], > 0.
+    dts : sequence of float
+        Time steps [s], > 0, at least one. Each is shortened to the next that divides the duration,
+        so that no run has a step of another size at its end.
+    integrator : str, default "rk4"
+        A name of `clothsim.integrators`; an adaptive one runs at the fixed steps given.
+    precision : {"double", "single"}, default "double"
+    reference : Reference, optional
+        Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
+        duration)`.
+    **options
+        Further arguments of `simulate`: threads, kernel, strict.
+
+    Returns
+    -------
+    Convergence
+        It prints as a table.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(damping=2.0)
+    >>> found = cs.convergence(scene, 0.5, [0.01, 0.005, 0.0025])
+    >>> round(found.order, 1), found.steps.tolist()
+    (4.0, [50, 100, 200])
+    """
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    check.choice("precision", precision, ("double", "single"))
+    count = check.size("dts", dts, "a sequence of time steps > 0")
+    if count == 0:
+        raise ValueError("dts must have at least one time step, got none")
+    steps = sorted(
+        {
+            math.ceil(duration / check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) - 1e-9)
+            for k, dt in enumerate(dts)
+        }
+    )
+    solution = solution_for(scene, duration, reference)
+    errors, evaluations = [], []
+    for n in steps:
+        error, spent = _error_at(
+            scene, solution, duration / n, integrator=integrator, precision=precision, **options
+        )
+        errors.append(error)
+        evaluations.append(spent)
+    dt = duration / np.array(steps)
+    rms = np.array([error["rms"] for error in errors])
+    moved = solution.error_of(scene.initial_position)["rms"]
+    floor = _floor(dt, rms, float(solution.error_estimate["rms"][-1]))
+    floor = np.maximum(floor, _rounding(precision, extent(scene), np.array(steps)))
+    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
+    order = math.nan
+    if fitted.sum() > 1:
+        order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
+    return Convergence(
+        integrator,
+        precision,
+        dt,
+        np.array(steps),
+        np.array(evaluations),
+        rms,
+        np.array([error["max"] for error in errors]),
+        order,
+        fitted,
+        floor,
+        solution,
+    )
+
+
+def solution_for(scene: Scene, duration: float, given: Reference | None) -> Reference:
+    """`given`, checked to be one of this scene and duration, or the one computed for it."""
+    if given is None:
+        return reference(scene, duration)
+    if not isinstance(given, Reference):
+        raise TypeError(f"reference must be a Reference or None, got {type(given).__name__}")
+    if given.scene != scene or given.t[-1] != duration:
+        raise ValueError(
+            f"reference must be one of this scene over {duration:g} s, got one of "
+            f"{'this' if given.scene == scene else 'another'} scene over {given.t[-1]:g} s"
+        )
+    return given
+
+
+def _error_at(
+    scene: Scene, solution: Reference, dt: float, **options: Any
+) -> tuple[dict[str, float], int]:
+    try:
+        run = simulate(scene, float(solution.t[-1]), dt, **options)
+    except UnstableError as error:
+        return {"rms": math.inf, "max": math.inf}, error.step
+    return solution.error_of(run.x[-1]), run.report["force_evaluations"]
+
+
+def _floor(dt: Floats, rms: Floats, own: float) -> float:
+    """The reference's own error, or the least error seen from where smaller steps stop helping."""
+    stalled = np.flatnonzero(_slopes(dt, rms) < _STALLED)
+    return max(own, float(rms[stalled[0] :].min())) if stalled.size else own
+
+
+def _rounding(precision: str, size: float, steps: npt.NDArray[np.int64]) -> Floats:
+    if precision == "single":
+        return np.full(steps.shape, size * float(np.finfo(np.float32).eps) / 2)
+    return size * np.sqrt(steps) * np.finfo(np.float64).eps / 2
+
+
+def _slopes(dt: Floats, rms: Floats) -> Floats:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.diff(np.log(rms)) / np.diff(np.log(dt))

@@ -1,0 +1,315 @@
+"""The trusted solution: two independent computations, and their difference as its error bound."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from .. import _validate as check
+from ..build import build_config
+from ..measures import max_stable_dt
+from ..plan import choose_threads
+from ..scene import Scene
+from ..stepping import Stepper
+from . import _cache
+from ._contact import first_contact
+
+Floats = npt.NDArray[np.float64]
+
+# Raise it when what is kept on disk, or how it is computed, changes.
+_FORMAT = 1
+
+# The extrapolation that is returned, and the looser one of other order that it is compared with.
+# The tolerances are per step and of the cloth's extent; long double has 5e-20.
+_TRUSTED = {"columns": 8, "tolerance": 1e-15}
+_CONTROL = {"columns": 7, "tolerance": 1e-14}
+
+# The method in double starts with this part of RK4's stable step, well below its own, and halves
+# it.
+_COARSEST = 0.5
+_MOST_HALVINGS = 8
+
+METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, double")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A solution to measure others by; what `reference` returns.
+
+    Attributes
+    ----------
+    scene : Scene
+    t : numpy.ndarray
+        Times of the frames [s], shape (frames,); the first is 0, the last the duration.
+    x, v : numpy.ndarray
+        Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64,
+        shape (frames, rows, columns, 3), read-only.
+    error_bound : dict
+        "max" and "rms" [m], each of shape (frames,): the distance of the mass points from where
+        the second, independent method has them. Rounding in double makes most of it, magnified
+        by the cloth's own sensitivity.
+    error_estimate : dict
+        The same, between the extrapolation that is returned and a looser one of other order, both
+        in long double: what `x` is likely wrong by.
+    report : dict
+        "methods", "force_evaluations" (of each method), "wall_time" [s] of the computation and
+        "kept": where this one came from: "computed", "memory" or "disk".
+    """
+
+    scene: Scene
+    t: Floats
+    x: Floats
+    v: Floats
+    error_bound: dict[str, Floats]
+    error_estimate: dict[str, Floats]
+    report: dict[str, Any]
+
+    def error_of(self, x: npt.ArrayLike, frame: int = -1) -> dict[str, float]:
+        """How far positions are from this solution.
+
+        Parameters
+        ----------
+        x : array_like
+            Positions [m], shape (rows, columns, 3).
+        frame : int, default -1
+            Which frame they are of.
+
+        Returns
+        -------
+        dict
+            "max" and "rms" [m] over the mass points of the distance to the reference; NaN if `x`
+            is not finite.
+
+        Raises
+        ------
+        ValueError
+            For another shape.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, cache=False)
+        >>> solution.error_of(solution.x[-1])
+        {'max': 0.0, 'rms': 0.0}
+        """
+        x = np.asarray(x, dtype=np.float64)
+        if x.shape != self.x.shape[1:]:
+            raise ValueError(f"x must be an array of shape {self.x.shape[1:]}, got {x.shape}")
+        largest, rms = _distances(x, self.x[frame])
+        return {"max": float(largest), "rms": float(rms)}
+
+
+def reference(
+    scene: Scene,
+    duration: float,
+    every: float | None = None,
+    *,
+    threads: int | None = None,
+    cache: bool = True,
+) -> Reference:
+    """A trusted solution of a scene without contact, with its own error bound.
+
+    It is computed by Gragg-Bulirsch-Stoer extrapolation of order 16 in long double (Hairer,
+    Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9), from the rows of
+    `Cloth.spring_table` and sharing no code with the kernels, and once more by the Dormand-Prince
+    method of order 8 in double, with the kernels, at steps halved until that no longer changes
+    more than rounding does. What the two differ by is the error bound.
+
+    Solutions are kept in memory (the last 32) and on disk, in the folder that
+    `clothsim.accuracy.cache_directory` names, by scene, times and version of clothsim. Any number
+    of processes may share the folder.
+
+    Parameters
+    ----------
+    scene : Scene
+        Spheres may be in it as long as the cloth does not reach them.
+    duration : float
+        Simulated time [s], > 0.
+    every : float, optional
+        Seconds between frames. Default: only the first and the last state.
+    threads : int, optional
+        Threads used, 1 to 256; the solution does not depend on it. Default: those available.
+    cache : bool, default True
+        False computes it anew and keeps nothing.
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or if a mass point comes within a sphere's contact radius
+        before `duration`. A trajectory after contact is chaotic: perturbations grow a hundred
+        thousand times within a sixth of a second, so that no computation in any arithmetic tells
+        where a point is. Compare outcomes there (`penetration`, `energy`, the centre of mass).
+    ArithmeticError
+        If the extrapolation cannot go on: points coincide, or something grows beyond bounds.
+    KeyboardInterrupt
+        On Ctrl-C.
+
+    Examples
+    --------
+    >>> import math
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
+    >>> solution = cs.reference(scene, 2.0, every=1.0, cache=False)
+    >>> exact = 1.0 + 0.1 * math.cos(10.0 * 2.0)
+    >>> abs(float(solution.x[-1, 0, 1, 0]) - exact) < 3e-16
+    True
+    >>> bool(solution.error_bound["max"][-1] < 1e-12)
+    True
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    if every is not None:
+        every = check.number("every", every, minimum=0, exclusive=True)
+    threads = choose_threads(threads, scene.cloth.shape)
+    check.boolean("cache", cache)
+    times = _times(duration, every)
+    key = _cache.key_of(
+        {
+            "format": _FORMAT,
+            "version": build_config()["version"],
+            "scene": scene.to_dict(),
+            "times": times,
+        }
+    )
+    found = _cache.load(key) if cache else None
+    if found is None:
+        arrays = _compute(scene, times, threads)
+        found = (_cache.save(key, arrays) if cache else arrays), "computed"
+    return _assemble(scene, *found)
+
+
+def _times(duration: float, every: float | None) -> list[float]:
+    """After 0: each multiple of `every` before the end, and the end."""
+    count = 1 if every is None else math.ceil(duration / every - 1e-9)
+    return [*(k * (every or 0.0) for k in range(1, count)), duration]
+
+
+def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.ndarray]:
+    contact = first_contact(scene, times[-1])
+    if contact is not None:
+        t, k = contact
+        raise ValueError(
+            f"duration must end before the cloth meets a sphere: it comes within the contact "
+            f"radius of spheres[{k}] at about {t:.4g} s, got {times[-1]:g} s. After contact "
+            "trajectories are chaotic and there is no reference; compare outcomes (penetration, "
+            "energy, centre of mass) instead"
+        )
+    scene = scene.replace(spheres=())
+    start = time.perf_counter()
+    x, v, evaluations = extrapolation(scene, times, **_TRUSTED, threads=threads)
+    control, _, more = extrapolation(scene, times, **_CONTROL, threads=threads)
+    double, double_evaluations = _double(scene, times, threads)
+    wall_time = time.perf_counter() - start
+    initial = scene.initial_position, scene.initial_velocity
+    return {
+        "t": np.array([0.0, *times]),
+        "x": np.concatenate([initial[0][None], x]),
+        "v": np.concatenate([initial[1][None], v]),
+        "bound": _per_frame(x, double),
+        "estimate": _per_frame(x, control),
+        "force_evaluations": np.array([evaluations + more, double_evaluations]),
+        "wall_time": np.array(wall_time),
+    }
+
+
+def _assemble(scene: Scene, arrays: dict[str, np.ndarray], kept: str) -> Reference:
+    evaluations = arrays["force_evaluations"]
+    return Reference(
+        scene,
+        arrays["t"],
+        arrays["x"],
+        arrays["v"],
+        {"max": arrays["bound"][0], "rms": arrays["bound"][1]},
+        {"max": arrays["estimate"][0], "rms": arrays["estimate"][1]},
+        {
+            "methods": METHODS,
+            "force_evaluations": dict(zip(METHODS, map(int, evaluations), strict=True)),
+            "wall_time": float(arrays["wall_time"]),
+            "kept": kept,
+        },
+    )
+
+
+def extrapolation(
+    scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
+) -> tuple[Floats, Floats, int]:
+    """States at `times` by extrapolation in long double, and the force evaluations they took."""
+    cloth = scene.cloth
+    table = cloth.spring_table()
+    fields = ("i", "j", "rest_length", "stiffness", "damping")
+    result = _core.extrapolate(
+        **{name: np.ascontiguousarray(table[name]) for name in fields},
+        mass=np.ascontiguousarray(cloth.mass_per_point),
+        pinned=np.ascontiguousarray(cloth.pinned),
+        gravity=scene.gravity,
+        point_damping=cloth.point_damping,
+        x=np.ascontiguousarray(scene.initial_position),
+        v=np.ascontiguousarray(scene.initial_velocity),
+        times=times,
+        columns=columns,
+        tolerance=tolerance,
+        threads=threads,
+    )
+    if not result["reached"]:
+        raise ArithmeticError(
+            f"no reference: the extrapolation came to t = {result['time']:g} s, where its step fell "
+            "below 1e-9 of the duration; the forces are not smooth there (points that coincide?) "
+            "or something grows beyond bounds"
+        )
+    shape = (len(times), *cloth.shape, 3)
+    return result["x"].reshape(shape), result["v"].reshape(shape), result["force_evaluations"]
+
+
+def _double(scene: Scene, times: list[float], threads: int) -> tuple[Floats, int]:
+    """Positions at `times` in double by the kernels, and the force evaluations they took.
+
+    The step is halved until that changes no more than rounding does: the tightest a fixed step
+    can be asked for, without a tolerance that would have to be chosen for every scene.
+    """
+    largest = min(_COARSEST * max_stable_dt(scene), times[-1] / 8)
+    positions, evaluations = _dop853(scene, times, largest, threads)
+    change = math.inf
+    for _ in range(_MOST_HALVINGS):
+        largest /= 2
+        finer, more = _dop853(scene, times, largest, threads)
+        before, change = change, float(abs(finer - positions).max())
+        positions, evaluations = finer, evaluations + more
+        if change >= before / 16:  # order 8 would have made it 256 times smaller
+            break
+    return positions, evaluations
+
+
+def _dop853(
+    scene: Scene, times: list[float], largest: float, threads: int
+) -> tuple[Floats, int]:
+    """Positions at `times` by equal steps between them, none above `largest`."""
+    stepper = Stepper(scene, integrator="dop853", threads=threads)
+    positions, steps = [], 0
+    for begin, end in zip([0.0, *times[:-1]], times, strict=True):
+        count = math.ceil((end - begin) / largest)
+        stepper.advance(count, (end - begin) / count)
+        positions.append(stepper.positions)
+        steps += count
+    return np.array(positions), 12 * steps
+
+
+def _distances(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Largest and root mean square distance of the mass points, of one frame or of each."""
+    distance = np.linalg.norm(a - b, axis=-1)
+    return distance.max(axis=(-2, -1)), np.sqrt((distance**2).mean(axis=(-2, -1)))
+
+
+def _per_frame(a: Floats, b: Floats) -> Floats:
+    """(max, rms) of each frame, with that of the initial state, 0, first."""
+    return np.array([np.concatenate([[0.0], one]) for one in _distances(a, b)])

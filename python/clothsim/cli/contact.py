@@ -1,0 +1,86 @@
+"""`clothsim contact`: the figures of continuous contact, measured here."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from ._common import add_command, as_json, as_text
+
+SLOPE = math.tan(0.35)
+
+# Figure: what it shows, and its arguments in short and in full.
+FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "crossings": ("free points fired at jumping spheres", {"point_steps": 10**6}, {"point_steps": 10**8}),
+    "triangles": ("moving triangles, against an exact check", {"cases": 2 * 10**4}, {"cases": 10**6}),
+    "faces": ("deepest triangle, every step", {"look": 4}, {"look": 1}),
+    "drop": ("energy made by an elastic drop", {"dt": 2e-5}, {"dt": 5e-6}),
+    "under": ("energy made under the whole cloth", {}, {}),
+    "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
+    "cone": ("friction below and above tan(slope)", {}, {}),
+    "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
+    "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
+}  # fmt: skip
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(
+        subparsers, "contact", run, "Measure what is claimed of continuous contact."
+    )
+    command.add_argument(
+        "figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)"
+    )
+    command.add_argument(
+        "--full", action="store_true", help="the sizes that are claimed; many minutes"
+    )
+
+
+def _functions() -> dict[str, Callable[..., Any]]:
+    from clothsim import contact
+
+    return {
+        "crossings": contact.crossings,
+        "triangles": contact.triangle_cases,
+        "faces": contact.faces,
+        "drop": contact.drop,
+        "under": contact.under_whole_cloth,
+        "resting": contact.resting,
+        "cone": lambda: [contact.cone(part * SLOPE) for part in (0.0, 0.97, 1.03)],
+        "cost": contact.cost,
+        "table": contact.comparison,
+    }
+
+
+def run(args: argparse.Namespace) -> None:
+    unknown = [name for name in args.figures if name not in FIGURES]
+    if unknown:
+        raise ValueError(f"FIGURE must be some of {', '.join(FIGURES)}, got {unknown[0]!r}")
+    functions, results = _functions(), {}
+    for name in args.figures or FIGURES:
+        title, short, full = FIGURES[name]
+        if not args.json:
+            print(f"{name}: {title}", flush=True)
+        results[name] = functions[name](**(full if args.full else short))
+        if not args.json:
+            _print(results[name])
+    if args.json:
+        print(as_json(results))
+    sys.stdout.flush()
+
+
+def _print(result: Any) -> None:
+    if isinstance(result, dict):
+        print(as_text(result, "  "))
+        return
+    headings = list(result[0])
+    cells = [[_short(row.get(heading)) for heading in headings] for row in result]
+    widths = [max(map(len, column)) for column in zip(headings, *cells)]
+    for line in (headings, *cells):
+        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip())
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)

@@ -1,0 +1,122 @@
+"""`clothsim stability`: the map of stable time steps, or the hard cases."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import clothsim as cs
+from clothsim.plan import INTEGRATORS, PRECISIONS
+
+from ._common import add_command, as_json, count
+from .run import ready_scenes
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(
+        subparsers, "stability", run,
+        "Map which time steps are stable at which stiffness, predicted and measured, or run the "
+        "hard cases.",
+    )  # fmt: skip
+    command.add_argument("--hard-cases", action="store_true", help="run these instead of a map")
+    command.add_argument(
+        "--scene", choices=ready_scenes(), default="paper_swing", metavar="SCENE",
+        help="one of " + ", ".join(ready_scenes()) + " (default: paper_swing)",
+    )  # fmt: skip
+    command.add_argument(
+        "--stiffness", type=_positive, nargs=2, default=(1e2, 1e7), metavar=("LOW", "HIGH"),
+        help="range in N/m (default: 1e2 1e7)",
+    )  # fmt: skip
+    command.add_argument(
+        "--dt", type=_positive, nargs=2, metavar=("LOW", "HIGH"),
+        help="range in seconds (default: 0.7 of the lowest to 1.5 of the highest predicted limit)",
+    )  # fmt: skip
+    command.add_argument(
+        "--cells", type=count, nargs=2, default=(6, 24), metavar=("K", "DT"),
+        help="number of stiffnesses and of time steps, evenly spaced in the logarithm "
+        "(default: 6 24)",
+    )  # fmt: skip
+    command.add_argument("--integrator", choices=INTEGRATORS, default="rk4", help="default: rk4")
+    command.add_argument(
+        "--precision", choices=PRECISIONS, default="double", help="of the map (default: double)"
+    )
+    command.add_argument(
+        "--steps", type=count, default=1000, metavar="N", help="of each run (default: 1000)"
+    )
+    command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
+    command.add_argument(
+        "--out", metavar="DIR", help="existing folder to write stability.png and stability.csv to"
+    )
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a finite number > 0, got {text!r}")
+    return value
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.hard_cases:
+        _hard_cases(args)
+    else:
+        _map(args)
+
+
+def _hard_cases(args: argparse.Namespace) -> None:
+    from clothsim.stability.report import hard_case_table, run_hard_cases
+
+    results = run_hard_cases(cs.scenes.hard_cases())
+    print(as_json(results) if args.json else hard_case_table(results))
+    failed = [r["case"] for r in results if not r["passed"]]
+    if failed:
+        raise ArithmeticError(f"not as expected: {', '.join(dict.fromkeys(failed))}")
+
+
+def _map(args: argparse.Namespace) -> None:
+    from clothsim.stability.map import measure_map
+    from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
+
+    folder = Path(args.out) if args.out else None
+    if folder and not folder.is_dir():
+        raise ValueError(f"--out must be an existing folder, got {args.out!r}")
+    if folder:
+        need_matplotlib()
+    scene = ready_scenes()[args.scene]()
+    stiffness = np.geomspace(*args.stiffness, args.cells[0])
+    found = measure_map(
+        scene, stiffness, np.geomspace(*(args.dt or _range(args, scene)), args.cells[1]),
+        args.integrator, args.precision, args.steps, args.threads,
+        progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
+    )  # fmt: skip
+    if folder:
+        draw_map(found, folder / "stability.png")
+        write_csv(found, folder / "stability.csv")
+    if args.json:
+        data = {name: getattr(found, name) for name in (*found.__dataclass_fields__, "predicted")}
+        print(as_json(data))
+        return
+    print(map_table(found))
+    if folder:
+        print(f"Written: {folder / 'stability.png'}, {folder / 'stability.csv'}")
+
+
+def _range(args: argparse.Namespace, scene: cs.Scene) -> tuple[float, float]:
+    limits = [
+        cs.max_stable_dt(
+            scene.replace(cloth=scene.cloth.replace(stiffness=k)), args.integrator,
+            scene.initial_position,
+        )
+        for k in args.stiffness
+    ]  # fmt: skip
+    if not np.isfinite(limits).all():
+        raise ValueError(f"--dt must be given: no time step limits {args.integrator}")
+    return 0.7 * min(limits), 1.5 * max(limits)

@@ -1,0 +1,254 @@
+"""`clothsim sweep`: run a scene for every combination of values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import clothsim as cs
+from clothsim.sweep import METRICS, fields
+
+from ._common import add_command, as_json, count
+from ._sweep_summary import as_data, summary
+from .run import ready_scenes, scene_of
+
+_SPEC = (
+    "VALUES: numbers or names with commas between, and ranges first:last:log9 (nine values, equal "
+    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z. One "
+    "value is a setting, several make a dimension of the result."
+)
+
+# What an option cannot say.
+_NOT_OPTIONS = (
+    "scene",
+    "position",
+    "velocity",
+    "pins",
+    "sphere_motion",
+    "sphere_times",
+    "sphere_centers",
+)
+_VECTORS = ("shape", "size", "gravity", "sphere_center", "sphere_velocity", "sphere_direction")
+_BOOLEANS = ("strict", "sphere_literal")
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(
+        subparsers,
+        "sweep",
+        run,
+        "Run a scene for every combination of values, and label the results.",
+    )
+    command.allow_abbrev = False
+    command.add_argument(
+        "scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes())
+    )
+    command.add_argument(
+        "--metric",
+        default=",".join(("stable", "energy_drift", "largest_stretch")),
+        metavar="NAMES",
+        help=f"with commas between, of: {', '.join(METRICS)} (default: %(default)s)",
+    )
+    command.add_argument(
+        "--zip", action="append", default=[], metavar="NAMES",
+        help="take the values of these names side by side, not in all combinations",
+    )  # fmt: skip
+    command.add_argument("--store", metavar="DIR", help="keep the results in a zarr store")
+    command.add_argument(
+        "--resume", action="store_true", help="go on with a store that exists: do what is missing"
+    )
+    command.add_argument(
+        "--every", metavar="N|S", help="frames: every N steps, or S seconds (with a point)"
+    )
+    command.add_argument("--frames", action="store_true", help="store the frames too")
+    command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
+    command.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work"
+    )
+    command.add_argument(
+        "--plot", nargs="?", const="", metavar="FILE",
+        help="draw the result (default: sweep.png, or beside the store)",
+    )  # fmt: skip
+    group = command.add_argument_group("what can be swept", _SPEC)
+    for name in fields.NAMES:
+        if name not in _NOT_OPTIONS:
+            unit = fields.units(name)
+            group.add_argument(
+                _option(name), metavar="VALUES", dest=f"over_{name}", help=unit and f"[{unit}]"
+            )
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUES",
+        help="the same for a name that has no option, as sphere1_radius",
+    )  # fmt: skip
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def run(args: argparse.Namespace) -> None:
+    scene = scene_of(args.scene)
+    named = {
+        name.removeprefix("over_"): text
+        for name, text in vars(args).items()
+        if name.startswith("over_") and text is not None
+    }
+    for entry in args.set:
+        name, sign, text = entry.partition("=")
+        if not sign:
+            raise ValueError(f"--set must be NAME=VALUES, got {entry!r}")
+        named[fields.check_name(name)] = text
+    values = {name: parse_values(name, text) for name, text in named.items()}
+    single = {name: several[0] for name, several in values.items() if len(several) == 1}
+    of_scene, settings = fields.split(single)
+    scene = fields.change_scene(scene, of_scene)
+    over = {name: several for name, several in values.items() if len(several) > 1}
+    for group in args.zip:
+        over = _zipped(over, tuple(group.replace("-", "_").split(",")))
+    if args.store and Path(args.store).exists() and not args.resume:
+        raise ValueError(f"--store {args.store} exists; --resume does what is missing in it")
+    picture = _picture(args)
+    try:
+        dataset = cs.sweep(
+            scene,
+            over,
+            metrics=args.metric.split(","),
+            every=_every(args.every),
+            frames=args.frames,
+            store=args.store,
+            executor=_client(args.scheduler),
+            threads=args.threads,
+            progress=sys.stderr.isatty(),
+            **settings,
+        )
+    except KeyboardInterrupt:
+        if args.store:
+            print(f"\n{_so_far(args.store)}", file=sys.stderr)
+        raise
+    print(as_json(as_data(dataset)) if args.json else summary(dataset))
+    if picture is not None:
+        save_plot(dataset, picture)
+        if not args.json:
+            print(f"Picture: {picture}")
+    if args.store and not args.json:
+        print(f"Store: {args.store} (clothsim plot {args.store}; cs.open_sweep)")
+
+
+def parse_values(name: str, text: str) -> list[Any]:
+    """The values that an option's text stands for.
+
+    Examples
+    --------
+    >>> parse_values("stiffness", "1e3:1e5:log3")
+    [1000.0, 10000.0, 100000.0]
+    >>> parse_values("shape", "16x16,32x32")
+    [(16, 16), (32, 32)]
+    >>> parse_values("integrator", "rk4")
+    ['rk4']
+    """
+    values: list[Any] = []
+    for item in text.split(","):
+        values += _range(name, item) if item.count(":") == 2 else [_value(name, item.strip())]
+    return values
+
+
+def _range(name: str, item: str) -> list[float]:
+    first, last, kind = item.split(":")
+    rule, number = kind[:3], kind[3:]
+    try:
+        low, high, steps = float(first), float(last), int(number)
+    except ValueError:
+        rule = ""
+    if rule not in ("log", "lin") or steps < 2 or (rule == "log" and min(low, high) <= 0):
+        raise ValueError(
+            f"{_option(name)}: a range must be first:last:log9 (both > 0) or first:last:lin9, "
+            f"got {item!r}"
+        )
+    middle = range(1, steps - 1)
+    if rule == "lin":
+        return [low, *(low + (high - low) * k / (steps - 1) for k in middle), high]
+    a, b = math.log10(low), math.log10(high)
+    # Rounded, so that a range over decades has 1e4 in it and not 9999.999999999998.
+    return [low, *(float(f"{10 ** (a + (b - a) * k / (steps - 1)):.12g}") for k in middle), high]
+
+
+def _value(name: str, item: str) -> Any:
+    if name in _BOOLEANS:
+        if item not in ("true", "false"):
+            raise ValueError(f"{_option(name)} must be true or false, got {item!r}")
+        return item == "true"
+    if name == "springs":
+        return tuple(item.split("+"))
+    if name in _VECTORS:
+        separator, kind = ("x", int) if name == "shape" else (";", float)
+        try:
+            if name == "shape" and item.isdigit():
+                return (int(item), int(item))
+            return tuple(kind(part) for part in item.split(separator))
+        except ValueError:
+            example = "32x32" if name == "shape" else "0;-9.8;0"
+            raise ValueError(f"{_option(name)} must be like {example}, got {item!r}") from None
+    try:
+        return float(item)
+    except ValueError:
+        return item
+
+
+def _zipped(over: dict[Any, Any], names: tuple[str, ...]) -> dict[Any, Any]:
+    missing = [name for name in names if name not in over]
+    if missing or len(names) < 2:
+        raise ValueError(f"--zip must be names that have several values, got {','.join(names)}")
+    lengths = {name: len(over[name]) for name in names}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"--zip needs as many values of each name, got {lengths}")
+    rows = list(zip(*(over[name] for name in names), strict=True))
+    return {names: rows, **{key: values for key, values in over.items() if key not in names}}
+
+
+def _every(text: str | None) -> int | float | None:
+    if text is None:
+        return None
+    try:
+        return int(text) if text.isdigit() else float(text)
+    except ValueError:
+        raise ValueError(f"--every must be steps or seconds, got {text!r}") from None
+
+
+def _client(address: str | None) -> Any:
+    if address is None:
+        return None
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ImportError("--scheduler needs dask: pip install 'clothsim[dask]'") from error
+    return Client(address)
+
+
+def _picture(args: argparse.Namespace) -> str | None:
+    if args.plot is None:
+        return None
+    default = os.path.splitext(args.store.rstrip("/"))[0] + ".png" if args.store else "sweep.png"
+    picture = args.plot or default
+    if not (Path(picture).parent).is_dir():
+        raise ValueError(f"--plot must be in an existing folder, got {picture!r}")
+    return picture
+
+
+def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: Any) -> None:
+    """Draw without a display and write the picture."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    axes = dataset.clothsim.plot(kind, **options)
+    axes.figure.savefig(picture, dpi=120)
+
+
+def _so_far(store: str) -> str:
+    status = cs.open_sweep(store)["status"].values
+    return (
+        f"{int((status > 0).sum())} of {status.size} members are in {store}; --resume does the rest"
+    )

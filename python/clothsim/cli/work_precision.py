@@ -1,0 +1,144 @@
+"""`clothsim work-precision`: error against cost of every integrator, and what is fastest when."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import clothsim as cs
+
+from ._common import add_command, as_json, count
+from .run import ready_scenes
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(
+        subparsers,
+        "work-precision",
+        run,
+        "Error against wall time, force evaluations and energy drift of every integrator x "
+        "precision x step or tolerance: a table, a CSV and a picture with the Pareto front.",
+    )
+    command.add_argument(
+        "scene",
+        nargs="?",
+        default="paper_swing",
+        choices=ready_scenes(),
+        metavar="SCENE",
+        help="one without contact (default: paper_swing)",
+    )
+    command.add_argument("--bend", action="store_true", help="with bend springs (paper_* scenes)")
+    command.add_argument(
+        "--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)"
+    )
+    command.add_argument(
+        "--method",
+        action="append",
+        metavar="NAME",
+        help="only this integrator at fixed steps, or 'NAME adaptive' at tolerances; may be given "
+        "several times (default: all)",
+    )
+    command.add_argument(
+        "--precision",
+        action="append",
+        choices=("double", "single"),
+        help="only this one (default: both)",
+    )
+    command.add_argument(
+        "--peers", action="store_true", help="also what is installed of numba, SciPy and diffrax"
+    )
+    command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
+    command.add_argument(
+        "--windows", type=count, default=5, metavar="N", help="timed runs of each (default 5)"
+    )
+    what = command.add_mutually_exclusive_group()
+    what.add_argument(
+        "--fastest",
+        action="store_true",
+        help="instead: at each error the fastest method, at the cheapest setting that reaches it",
+    )
+    what.add_argument(
+        "--targets",
+        action="store_true",
+        help="instead: the front to reach, beside what is measured and the best peer (paper_swing "
+        "with bend springs, 0.5 s, 2 threads unless given)",
+    )
+    command.add_argument(
+        "--out",
+        default="work-precision",
+        metavar="DIR",
+        help="folder of the CSV and the picture, made if missing (default: work-precision)",
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    precisions = args.precision or ("double", "single")
+    progress = sys.stderr.isatty() and find_spec("tqdm") is not None
+    if args.targets or args.fastest:
+        _fastest(args, precisions, progress)
+        return
+    from clothsim.accuracy.plots import plot_work_precision
+    from clothsim.accuracy.tables import rows_of, text_of_runs, write_csv
+
+    folder = Path(args.out)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out must be a folder, got {args.out!r}")
+    data = cs.work_precision(
+        _scene(args),
+        args.duration,
+        args.method,
+        precisions=precisions,
+        peers=args.peers,
+        threads=args.threads,
+        windows=args.windows,
+        progress=progress,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"{args.scene}{'_bend' if args.bend else ''}"
+    files = [folder / f"{name}.csv"]
+    write_csv(data, files[0])
+    if find_spec("matplotlib"):
+        files.append(plot_work_precision(data, folder / f"{name}.png"))
+    if args.json:
+        names = [str(file) for file in files]
+        print(as_json({"attributes": data.attrs, "runs": rows_of(data), "files": names}))
+        return
+    print(text_of_runs(data))
+    print(
+        "* on the front of clothsim's methods (none is both faster and more accurate), + on that "
+        "of all\ns/s: wall time per simulated second; drift: total energy less the reference's"
+    )
+    print("Written: " + ", ".join(map(str, files)))
+
+
+def _scene(args: argparse.Namespace) -> cs.Scene:
+    function = ready_scenes()[args.scene]
+    if not args.bend:
+        return function()
+    if "bend" not in inspect.signature(function).parameters:
+        raise ValueError(f"--bend does not go with {args.scene}, which has no bend springs to add")
+    return function(bend=True)
+
+
+def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
+    from clothsim.accuracy.front import ERRORS, TARGETS, front, statement
+    from clothsim.accuracy.tables import targets_of, text_of_front, text_of_targets
+
+    options = {
+        "methods": args.method, "precisions": precisions, "windows": args.windows,
+        "progress": progress,
+    }  # fmt: skip
+    if args.targets:
+        scene, threads = cs.scenes.paper_swing(bend=True), args.threads or 2
+        errors = [target.error for target in TARGETS]
+        found = front(scene, 0.5, errors, peers=True, threads=threads, **options)
+        print(as_json(targets_of(found)) if args.json else text_of_targets(found))
+        return
+    found = front(
+        _scene(args), args.duration, ERRORS, peers=args.peers, threads=args.threads, **options
+    )
+    print(as_json(statement(found)) if args.json else text_of_front(found))

@@ -1,0 +1,68 @@
+"""What a step costs with a sphere, against the step without."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import clothsim as cs
+
+
+def _steppers(precision: str) -> dict[str, cs.Stepper]:
+    cloth = cs.Cloth(pins=())
+    # Under the whole cloth, all 1,024 points on it.
+    under = cs.Sphere(
+        (0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2
+    )
+    far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous")
+    settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
+    settled.advance(6000, 5e-5)
+    on_faces = cs.Stepper(cs.Scene(cloth, under.replace(offset="face")), threads=1)
+    on_faces.advance(6000, 5e-5)
+    paper = cs.scenes.paper_static("continuous")
+    falling = cs.Stepper(paper, threads=1)
+    falling.advance(4000, 1e-4)
+    lying, folded = falling.positions, falling.velocities
+
+    def stepper(spheres: Any, like: cs.Stepper) -> cs.Stepper:
+        scene = cs.Scene(cloth, spheres)
+        return cs.Stepper(scene, like.positions, like.velocities, threads=1, precision=precision)
+
+    return {
+        "no sphere": stepper((), settled),
+        "ray, touching nothing": stepper(far.replace(response="ray"), settled),
+        "continuous, touching nothing": stepper(far, settled),
+        "continuous, all points in contact": stepper(under, settled),
+        "continuous, the paper's sphere in contact": cs.Stepper(
+            paper, lying, folded, threads=1, precision=precision
+        ),
+        "face, touching nothing": stepper(far.replace(offset="face"), settled),
+        "face, all triangles in contact": stepper(under.replace(offset="face"), on_faces),
+    }
+
+
+def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str, Any]]:
+    """Least time of a step over many short windows, the variants in turn, one thread.
+
+    Returns
+    -------
+    list of dict
+        "precision", "variant", "microseconds" and "ratio" to the step without a sphere.
+    """
+    rows = []
+    for precision in ("double", "single"):
+        steppers = _steppers(precision)
+        least = dict.fromkeys(steppers, np.inf)
+        for _ in range(windows):
+            for name, stepper in steppers.items():
+                start = perf_counter()
+                stepper.advance(steps, dt)
+                least[name] = min(least[name], (perf_counter() - start) / steps)
+        rows += [
+            {"precision": precision, "variant": name, "microseconds": 1e6 * taken,
+             "ratio": taken / least["no sphere"]}
+            for name, taken in least.items()
+        ]  # fmt: skip
+    return rows

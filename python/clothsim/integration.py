@@ -1,0 +1,354 @@
+"""The time integration methods: what each is, what it costs and where it is stable.
+
+Stability is told by the damped oscillator, one mode of a cloth near rest: with the angular
+frequency omega and the damping rate delta (both 1/s, the square root of an eigenvalue of the
+stiffness per unit mass, and an eigenvalue of the damping per unit mass),
+
+    x'' = - omega^2 x - delta x'
+
+A step of dt maps (x, dt v) linearly: by the matrix that `amplification_matrix` gives as a function
+of omega dt and delta dt. The step is stable where no eigenvalue of it is larger than 1 in size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _validate as check
+
+Floats = npt.NDArray[np.float64]
+
+# Rounding in an eigenvalue of the amplification matrix.
+_ROUNDING = 1e-7
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """One time integration method.
+
+    Attributes
+    ----------
+    name : str
+        What `step`, `simulate` and `Stepper` take as ``integrator``.
+    order : int
+        The error of a smooth motion falls with this power of the time step.
+    stages : int
+        Force evaluations per step of an undamped scene; see `evaluations_per_step`.
+    stages_damped : int
+        Force evaluations per step of a scene with damping.
+    explicit : bool
+        False: a step solves a system of equations.
+    adaptive : bool
+        Carries an error estimate, so that `simulate` can choose the step by it. Where a time step
+        is given, it runs at that step.
+    symplectic : bool
+        Keeps the energy of an undamped scene bounded over any number of steps.
+    damped : bool
+        Handles forces that depend on the velocity at its full order; else with order 1.
+    imaginary_limit : float
+        Largest stable omega * dt of the undamped oscillator.
+    real_limit : float
+        Largest stable delta * dt of pure damping.
+    description, source : str
+        What it is for, and where its coefficients are published.
+    """
+
+    name: str
+    order: int
+    stages: int
+    stages_damped: int
+    explicit: bool
+    adaptive: bool
+    symplectic: bool
+    damped: bool
+    imaginary_limit: float
+    real_limit: float
+    description: str
+    source: str
+
+    def evaluations_per_step(self, damped: bool) -> int:
+        """Force evaluations per step of a scene with or without damping."""
+        return self.stages_damped if damped else self.stages
+
+
+def _record(
+    name: str,
+    order: int,
+    stages: int,
+    imaginary_limit: float,
+    real_limit: float,
+    description: str,
+    source: str,
+    *,
+    stages_damped: int | None = None,
+    explicit: bool = True,
+    adaptive: bool = False,
+    symplectic: bool = False,
+    damped: bool = True,
+) -> Integrator:
+    return Integrator(
+        name, order, stages, stages_damped or stages, explicit, adaptive, symplectic, damped,
+        imaginary_limit, real_limit, description, source,
+    )  # fmt: skip
+
+
+_TABLE = (
+    _record(
+        "rk4", 4, 4, 2.8284271247461903, 2.7852935634052816,
+        "classic Runge-Kutta, the paper's: the default",
+        "Kutta, Z. Math. Phys. 46 (1901)",
+    ),
+    _record(
+        "semi_implicit_euler", 1, 1, 2.0, 2.0,
+        "kick, then drift: what games use",
+        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.9",
+        symplectic=True,
+    ),
+    _record(
+        "velocity_verlet", 2, 1, 2.0, 2.0,
+        "kick, drift, kick; the second kick takes the velocity predicted by Euler's method, which "
+        "keeps order 2 with damping, at two evaluations a step then",
+        "Swope et al., J. Chem. Phys. 76 (1982) 637",
+        stages_damped=2, symplectic=True,
+    ),
+    _record(
+        "pefrl", 4, 4, 2.9894, 2.3414,
+        "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes",
+        "Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20",
+        symplectic=True, damped=False,
+    ),
+    _record(
+        "dopri5", 5, 6, 0.9971, 3.3065,
+        "Dormand-Prince 5(4): errors of 1e-3 to 1e-7 of the size",
+        "Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19",
+        adaptive=True,
+    ),
+    _record(
+        "dop853", 8, 12, 5.9603, 6.3936,
+        "Dormand-Prince 8(5,3): small errors at the least cost",
+        "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., II.5, dop853.f",
+        adaptive=True,
+    ),
+    _record(
+        "implicit_midpoint", 2, 1, math.inf, math.inf,
+        "Newton's method with a sparse factorisation: stays bounded at huge steps, at the price of "
+        "the error that order 2 has there",
+        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.7",
+        explicit=False, symplectic=True,
+    ),
+)  # fmt: skip
+
+_INTEGRATORS: Mapping[str, Integrator] = MappingProxyType({one.name: one for one in _TABLE})
+
+
+def integrators() -> Mapping[str, Integrator]:
+    """The time integration methods by name, each an `Integrator`.
+
+    Returns
+    -------
+    mapping of str to Integrator
+        Read-only, in the order in which they are documented.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> for one in cs.integrators().values():
+    ...     print(one.name, one.order, one.stages, one.explicit, one.imaginary_limit)
+    rk4 4 4 True 2.8284271247461903
+    semi_implicit_euler 1 1 True 2.0
+    velocity_verlet 2 1 True 2.0
+    pefrl 4 4 True 2.9894
+    dopri5 5 6 True 0.9971
+    dop853 8 12 True 5.9603
+    implicit_midpoint 2 1 False inf
+    """
+    return _INTEGRATORS
+
+
+# Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
+# further ones: b A^(k-1) 1 with their tableau (A, b).
+_FURTHER_TERMS = {
+    "rk4": (),
+    "dopri5": (1 / 600,),
+    "dop853": (
+        2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08,
+        3.6133245781282443e-10,
+    ),
+}  # fmt: skip
+
+# PEFRL: drift, kick, drift, kick, ... as parts of the step.
+_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
+_PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
+_PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
+
+
+def amplification_matrix(
+    integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
+) -> Floats:
+    """The matrix by which a step maps (x, dt v) of the damped oscillator.
+
+    Parameters
+    ----------
+    integrator : str
+        A name of `integrators`.
+    omega_dt, delta_dt : array_like
+        omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0, of any shapes that broadcast.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (..., 2, 2).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> from clothsim.integration import amplification_matrix
+    >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
+    [[0.0, 1.0], [-1.0, 1.0]]
+    """
+    check.choice("integrator", integrator, tuple(_INTEGRATORS))
+    omega, delta = np.broadcast_arrays(
+        _rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt)
+    )
+    square = omega * omega
+    if integrator == "semi_implicit_euler":
+        return _splitting((0.0, 1.0), (1.0, 0.0), square, delta)
+    if integrator == "pefrl":
+        return _splitting(_PEFRL_DRIFTS, _PEFRL_KICKS, square, delta)
+    if integrator == "velocity_verlet":
+        return _velocity_verlet(square, delta)
+    slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
+    identity = np.broadcast_to(np.eye(2), slope.shape)
+    if integrator == "implicit_midpoint":
+        return np.linalg.solve(identity - slope / 2, identity + slope / 2)
+    terms = [1 / math.factorial(k) for k in range(_INTEGRATORS[integrator].order + 1)]
+    result = np.zeros_like(slope)
+    for term in reversed((*terms, *_FURTHER_TERMS[integrator])):
+        result = slope @ result + term * identity
+    return result
+
+
+def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+    """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
+
+    Parameters
+    ----------
+    integrator, omega_dt, delta_dt
+        As for `amplification_matrix`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Of the shape to which the two broadcast.
+
+    Examples
+    --------
+    >>> from clothsim.integration import amplification
+    >>> amplification("rk4", [2.8, 2.9], 0.0).round(3).tolist()
+    [0.931, 1.193]
+    """
+    matrix = amplification_matrix(integrator, omega_dt, delta_dt)
+    half_trace = (matrix[..., 0, 0] + matrix[..., 1, 1]) / 2
+    determinant = np.linalg.det(matrix)
+    root = np.sqrt((half_trace**2 - determinant).astype(complex))
+    return np.maximum(abs(half_trace + root), abs(half_trace - root))
+
+
+@cache
+def _stable_omega(integrator: str) -> tuple[Floats, Floats]:
+    """delta dt on a grid, and the omega dt up to which everything below both is stable."""
+    method = _INTEGRATORS[integrator]
+    delta = np.linspace(0.0, method.real_limit * (1 - 1e-6), 129)
+    omega = np.linspace(0.0, 1.2 * max(method.imaginary_limit, 4.0), 801)
+    stable = amplification(integrator, omega[:, None], delta) <= 1 + _ROUNDING
+    # The amplification of a mode that does not move is exactly 1.
+    stable[0] = True
+    stable[:, 0] &= omega <= method.imaginary_limit
+    first_unstable = np.argmin(np.vstack([stable, np.zeros_like(stable[:1])]), axis=0)
+    largest = omega[np.maximum(first_unstable - 1, 0)]
+    return delta, np.minimum.accumulate(largest)
+
+
+def guaranteed_dt(integrator: str, omega: float, delta: float) -> float:
+    """A time step that is stable for every oscillator up to a frequency and a damping rate.
+
+    Parameters
+    ----------
+    integrator : str
+        A name of `integrators`.
+    omega, delta : float
+        Largest angular frequency and largest damping rate [1/s], >= 0.
+
+    Returns
+    -------
+    float
+        Time step [s]; infinite where nothing limits it.
+
+    Examples
+    --------
+    >>> from clothsim.integration import guaranteed_dt
+    >>> guaranteed_dt("velocity_verlet", omega=100.0, delta=0.0)
+    0.02
+    >>> 0.0099 < guaranteed_dt("velocity_verlet", omega=100.0, delta=200.0) <= 0.01
+    True
+    """
+    method = integrators()[check.choice("integrator", integrator, tuple(_INTEGRATORS))]
+    omega = check.number("omega", omega, minimum=0)
+    delta = check.number("delta", delta, minimum=0)
+    if not method.explicit or omega == delta == 0:
+        return math.inf
+    if delta == 0:
+        return method.imaginary_limit / omega
+    if omega == 0:
+        return method.real_limit / delta
+    # The corner of the box grows along a ray; the region's border falls with delta dt.
+    deltas, omegas = _stable_omega(integrator)
+    fits = deltas * (omega / delta) <= omegas
+    return float(deltas[np.argmin(np.append(fits, False)) - 1] / delta)
+
+
+def _rates(name: str, value: npt.ArrayLike) -> Floats:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
+    array = array.astype(np.float64)
+    check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
+    return array
+
+
+def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
+    return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
+
+
+def _splitting(
+    drifts: tuple[float, ...], kicks: tuple[float, ...], square: Floats, delta: Floats
+) -> Floats:
+    one, zero = np.ones_like(square), np.zeros_like(square)
+    result = _matrix(one, zero, zero, one)
+    for drift, kick in zip(drifts, kicks):
+        result = _matrix(one, drift * one, zero, one) @ result
+        result = _matrix(one, zero, -kick * square, 1 - kick * delta) @ result
+    return result
+
+
+def _velocity_verlet(square: Floats, delta: Floats) -> Floats:
+    # Rows of (x, dt v): a = dt^2 acceleration, x' = x + w + a / 2, w' = w + (a + a') / 2 with
+    # a' at x' and the predicted w + a.
+    zero, one = np.zeros_like(square), np.ones_like(square)
+    x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
+    square, delta = square[..., None], delta[..., None]
+    a = -square * x - delta * w
+    x_new = x + w + a / 2
+    a_new = -square * x_new - delta * (w + a)
+    return np.stack([x_new, w + (a + a_new) / 2], -2)

@@ -1,0 +1,211 @@
+"""Predicted and measured stability over stiffness and time step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from .. import _validate as check
+from ..measures import max_stable_dt
+from ..plan import check_options
+from ..scene import Scene
+from .measure import STEPS, is_stable
+from .spectrum import spectral_limit
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StabilityMap:
+    """What `stability_map` finds, in plain arrays.
+
+    Attributes
+    ----------
+    stiffness, dt : numpy.ndarray
+        Stiffnesses [N/m], shape (K,), and time steps [s], shape (D,).
+    stable : numpy.ndarray
+        Measured, shape (K, D).
+    limit, guarantee : numpy.ndarray
+        Per stiffness [s], shape (K,): the limit predicted from the spectrum at the scene's initial
+        state, and what is guaranteed in any state.
+    integrator, precision : str
+    steps : int
+        Length of the measured runs.
+    """
+
+    stiffness: Floats
+    dt: Floats
+    stable: npt.NDArray[np.bool_]
+    limit: Floats
+    guarantee: Floats
+    integrator: str
+    precision: str
+    steps: int
+
+    @property
+    def predicted(self) -> npt.NDArray[np.bool_]:
+        """Whether dt is within the predicted limit, shape (K, D)."""
+        return self.dt <= self.limit[:, None]
+
+    def to_xarray(self) -> Any:
+        """See `clothsim.stability_map`.
+
+        Raises
+        ------
+        ImportError
+            Without xarray, naming the extra that brings it.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError("stability_map needs xarray: pip install 'clothsim[sweep]'") from error
+        both = ("stiffness", "dt")
+        return xarray.Dataset(
+            {
+                "stable": (both, self.stable),
+                "predicted": (both, self.predicted),
+                "limit": ("stiffness", self.limit, {"units": "s"}),
+                "guarantee": ("stiffness", self.guarantee, {"units": "s"}),
+            },
+            {
+                "stiffness": ("stiffness", self.stiffness, {"units": "N/m"}),
+                "dt": ("dt", self.dt, {"units": "s"}),
+            },
+            {"integrator": self.integrator, "precision": self.precision, "steps": self.steps},
+        )
+
+
+def measure_map(
+    scene: Scene,
+    stiffness: npt.ArrayLike,
+    dt: npt.ArrayLike,
+    integrator: str = "rk4",
+    precision: str = "double",
+    steps: int = STEPS,
+    threads: int | None = None,
+    progress: bool = False,
+) -> StabilityMap:
+    """`clothsim.stability_map` in plain arrays, without xarray."""
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+    check_options(precision, "auto", False, integrator)
+    stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
+    steps = check.integer("steps", steps, minimum=1)
+    if threads is None:
+        threads = _core.available_threads()
+    threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
+    scenes = [
+        scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
+    ]
+    x, v = scene.initial_position, scene.initial_velocity
+
+    def cell(place: tuple[int, int]) -> bool:
+        return is_stable(
+            scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision
+        )
+
+    places = [(i, j) for i in range(len(stiffness)) for j in range(len(dt))]
+    with ThreadPoolExecutor(threads) as pool:
+        stable = list(_shown(pool.map(cell, places), len(places), progress))
+    return StabilityMap(
+        stiffness,
+        dt,
+        np.array(stable).reshape(len(stiffness), len(dt)),
+        np.array([spectral_limit(integrator, one, x, v) for one in scenes]),
+        np.array([max_stable_dt(one, integrator) for one in scenes]),
+        integrator,
+        precision,
+        steps,
+    )
+
+
+def stability_map(
+    scene: Scene,
+    stiffness: npt.ArrayLike,
+    dt: npt.ArrayLike,
+    integrator: str = "rk4",
+    precision: str = "double",
+    steps: int = STEPS,
+    threads: int | None = None,
+    progress: bool = False,
+) -> Any:
+    """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
+
+    Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. It is
+    stable unless its total energy rises (`clothsim.stability.measure`), which nothing but the time
+    step can make it do: spheres are left out. The prediction is that of the linearised forces at
+    the initial state, so a cloth that moves far, as a swing does, may keep to a lower limit.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives everything but the stiffness, which is that of all its families in turn.
+    stiffness : array_like
+        Stiffnesses K [N/m], > 0, one-dimensional.
+    dt : array_like
+        Time steps [s], > 0, one-dimensional.
+    integrator, precision
+        As for `step`.
+    steps : int, default 1000
+        Steps of each run, >= 1. Right above the limit growth takes hundreds of steps to show.
+    threads : int, optional
+        Runs side by side. Default: one per processor.
+    progress : bool, default False
+        True shows a progress bar (tqdm, in the extra "demo").
+
+    Returns
+    -------
+    xarray.Dataset
+        With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with
+        "stiffness" alone the predicted "limit" and the "guarantee" [s].
+        ``clothsim.stability.measure_map`` gives the same as plain arrays.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+    ImportError
+        Without xarray, which is in the extra "sweep".
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> from clothsim.stability import measure_map
+    >>> scene = cs.scenes.oscillator()
+    >>> found = measure_map(scene, [100.0, 10_000.0], [0.02, 0.2, 0.3])
+    >>> found.stable.astype(int).tolist()
+    [[1, 1, 0], [1, 0, 0]]
+    >>> found.limit.round(4).tolist()
+    [0.2828, 0.0283]
+    """
+    return measure_map(
+        scene, stiffness, dt, integrator, precision, steps, threads, progress
+    ).to_xarray()
+
+
+def _positive(name: str, value: npt.ArrayLike) -> Floats:
+    accepted = "a one-dimensional array of finite numbers > 0"
+    given = np.asarray(value)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be {accepted}, got dtype {given.dtype}")
+    if given.ndim != 1 or not given.size:
+        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
+    result = given.astype(np.float64)
+    check.check_all(name, result, np.isfinite(result) & (result > 0), accepted)
+    return result
+
+
+def _shown(results: Iterator[bool], count: int, progress: bool) -> Iterator[bool]:
+    if not check.boolean("progress", progress):
+        return results
+    try:
+        from tqdm.auto import tqdm
+    except ImportError as error:
+        raise ImportError("progress=True needs tqdm: pip install 'clothsim[demo]'") from error
+    return iter(tqdm(results, total=count, unit="run"))

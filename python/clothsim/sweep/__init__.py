@@ -1,0 +1,13 @@
+"""Sweeps: thousands of cloths, labelled, resumable, on one machine or a cluster.
+
+One concept a file: `fields` says what can be swept, `grid` which members there are, `member` what
+one is; `batch` runs those that share a call, `task` those that one worker does in one go;
+`planning` cuts a sweep into tasks and `engine` has them done; `metrics`, `reference` and `contact`
+measure; `results`, `store` and `dataset` keep and label; `plots` and `accessor` draw.
+"""
+
+from .api import sweep
+from .dataset import open_sweep
+from .metrics import METRICS
+
+__all__ = ["METRICS", "open_sweep", "sweep"]

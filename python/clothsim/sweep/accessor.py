@@ -1,0 +1,60 @@
+"""`Dataset.clothsim`, which every sweep's Dataset has."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import xarray
+
+from ..scene import Scene
+from . import plots
+
+
+class Plots:
+    """`Dataset.clothsim.plot`: call it, or one of its kinds; see `clothsim.sweep.plots`."""
+
+    def __init__(self, dataset: Any) -> None:
+        self._dataset = dataset
+
+    def __call__(self, kind: str | None = None, **options: Any) -> Any:
+        """What fits best, or the named kind: "convergence", "stability" or "heatmap"."""
+        return plots.plot(self._dataset, kind, **options)
+
+    def convergence(self, **options: Any) -> Any:
+        """Error over dt, a line for each value of another dimension."""
+        return plots.convergence(self._dataset, **options)
+
+    def stability(self, **options: Any) -> Any:
+        """Which members came to their end, with the guaranteed stable time step."""
+        return plots.stability(self._dataset, **options)
+
+    def heatmap(self, variable: str | None = None, **options: Any) -> Any:
+        """A metric over two dimensions."""
+        return plots.heatmap(self._dataset, variable, **options)
+
+
+@xarray.register_dataset_accessor("clothsim")
+class ClothsimAccessor:
+    """What a sweep's Dataset can tell beyond its variables.
+
+    Attributes
+    ----------
+    plot : Plots
+        ``ds.clothsim.plot()`` and its kinds.
+    """
+
+    def __init__(self, dataset: Any) -> None:
+        self._dataset = dataset
+        self.plot = Plots(dataset)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Scene, grid, settings and version ("identity"), and machine, instruction sets, wall time
+        and tasks of every session that worked on it ("sessions")."""
+        return dict(json.loads(self._dataset.attrs["clothsim"]))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the members are variations of."""
+        return Scene.from_dict(self.provenance["identity"]["scene"])

@@ -1,0 +1,166 @@
+"""One cloth of a sweep: its scene, how it is computed, and what came out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _validate as check
+from ..build import build_config
+from ..errors import UnstableError
+from ..measures import energy, max_stable_dt, penetration
+from ..plan import check_options
+from ..scene import Scene
+from ..simulation import Run
+from .fields import change_scene, split
+
+Floats = npt.NDArray[np.float64]
+
+_SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
+
+PENDING, DONE, UNSTABLE, FAILED = range(4)
+STATUS = ("pending", "done", "unstable", "failed")
+"""What a member's status, the index into this, means."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all members share, unless it is swept; see `sweep`."""
+
+    duration: float
+    dt: float | None
+    integrator: str
+    precision: str
+    kernel: str
+    strict: bool
+    every: int | float | None
+    frames: bool
+    sampling: int
+    metrics: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A cloth to be run, by its place in the sweep."""
+
+    index: int
+    scene: Scene
+    duration: float
+    dt: float
+    max_stable_dt: float
+    integrator: str
+    precision: str
+    kernel: str
+    strict: bool
+
+    @classmethod
+    def make(cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings) -> Member:
+        """The member with these swept values; errors are those of their arguments."""
+        of_scene, run = split(values)
+        scene = change_scene(base, of_scene)
+        numerics = {
+            name: run.get(name, getattr(settings, name))
+            for name in ("integrator", "precision", "kernel", "strict")
+        }
+        check_options(
+            numerics["precision"], numerics["kernel"], numerics["strict"], numerics["integrator"]
+        )
+        duration = check.number(
+            "duration", run.get("duration", settings.duration), minimum=0, exclusive=True
+        )
+        limit = float(max_stable_dt(scene, numerics["integrator"]))
+        dt = run.get("dt", settings.dt)
+        if dt is None:
+            # A method without a limit of its own takes what follows the motion as well.
+            follows = limit if math.isfinite(limit) else float(max_stable_dt(scene))
+            dt = min(_SAFETY * follows, duration)
+        dt = check.number("dt", dt, minimum=0, exclusive=True)
+        return cls(index, scene, duration, dt, limit, **numerics)
+
+    @property
+    def numerics(self) -> dict[str, Any]:
+        """Arguments of `Stepper`."""
+        return {
+            "integrator": self.integrator, "precision": self.precision, "kernel": self.kernel,
+            "strict": self.strict,
+        }  # fmt: skip
+
+    @property
+    def likely_unstable(self) -> bool:
+        return self.dt > self.max_stable_dt
+
+    @property
+    def batch_key(self) -> tuple[Any, ...]:
+        """Equal for members that one call can step; one that may diverge is stepped alone."""
+        alone = self.index if self.likely_unstable else None
+        shared = (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values())
+        return (*shared, alone)
+
+
+@dataclass
+class Outcome:
+    """What a run of a member gave; a metric is a function of it."""
+
+    member: Member
+    steps: int = 0
+    seconds: float = 0.0  # its share of the time in which its batch was stepped
+    error: UnstableError | None = None
+    t: list[float] = field(default_factory=list)
+    x: list[Floats] = field(default_factory=list)
+    v: list[Floats] = field(default_factory=list)
+    largest_stretch: float = -np.inf
+    penetration: tuple[float, float] = (0.0, 0.0)  # points, triangles
+    first_contact: float = np.nan
+    reference: Any = None
+    threads: int = 1
+    instruction_set: str = ""
+
+    @property
+    def scene(self) -> Scene:
+        return self.member.scene
+
+    def run(self) -> Run:
+        """As `simulate` returns it, for metrics that are functions of a run."""
+        scene, member = self.scene, self.member
+        x, v = np.array(self.x), np.array(self.v)
+        depths = [
+            penetration(one, sphere, t)
+            for sphere in scene.spheres
+            for one, t in zip(x, self.t, strict=True)
+        ]
+        report = {
+            "steps": self.steps,
+            "wall_time": self.seconds,
+            "steps_per_second": self.steps / self.seconds if self.seconds > 0 else np.inf,
+            "dt": member.dt,
+            "error_estimate": None,
+            "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])},
+            "penetration": {
+                name: max((depth[name] for depth in depths), default=0.0)
+                for name in ("points", "triangles")
+            },
+            **member.numerics,
+            "threads": self.threads,
+            "instruction_set": self.instruction_set,
+            "version": build_config()["version"],
+        }
+        return Run(scene, np.array(self.t), x, v, report)
+
+
+@dataclass
+class Record:
+    """What is kept of a member: plain values, small enough to travel between machines."""
+
+    index: int
+    status: int
+    values: dict[str, Any] = field(default_factory=dict)
+    max_stable_dt: float = np.nan
+    unstable_step: int = -1
+    unstable_time: float = np.nan
+    message: str = ""
+    frames: tuple[Floats, Floats] | None = None

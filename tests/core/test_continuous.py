@@ -1,0 +1,259 @@
+"""Continuous contact: time of impact, what follows it, and what never happens."""
+
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.contact import crossings, drop, resting, under_whole_cloth
+
+CENTER = np.array([0.2, -0.3, 0.1])
+RADIUS = 0.5
+DT = 1e-3
+
+
+def drifting(x, spheres, pins=()):
+    """A scene without any force: a step moves points by v dt and answers contacts."""
+    cloth = cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=pins)
+    return cs.Scene(cloth, spheres=spheres, gravity=(0, 0, 0))
+
+
+def ball(**arguments):
+    return cs.Sphere(
+        **{"center": CENTER, "radius": RADIUS, "response": "continuous", "offset": "none", **arguments}
+    )
+
+
+def one_point(position, velocity, sphere, dt, **options):
+    """Where one free point at `position` (from CENTER) is after a step."""
+    x = np.full((2, 2, 3), 50.0)
+    v = np.zeros((2, 2, 3))
+    x[0, 0], v[0, 0] = CENTER + position, velocity
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, **options)
+    assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
+    return xt[0, 0] - CENTER, vt[0, 0]
+
+
+@pytest.mark.parametrize("restitution, height", [(1.0, 2.5), (0.5, 1.5), (0.0, 0.5)])
+def test_a_head_on_hit_turns_round_at_the_surface(variant, restitution, height):
+    """From 1 above the centre, 4 a step: at the surface after 0.5, the other 3.5 e lead up."""
+    x, v = one_point((0, 1, 0), (0, -4, 0), ball(restitution=restitution), 1.0, **variant.options)
+    bound = {"double": 1e-14, "single": 2e-6}[variant.precision]
+    height = 0.5 + 3.5 * restitution
+    np.testing.assert_allclose(x, (0, height, 0), rtol=0, atol=4 * bound)
+    np.testing.assert_allclose(v, (0, 4 * restitution, 0), rtol=0, atol=bound)
+
+
+def test_a_slanting_hit_and_friction():
+    """At (0.3, 0.4) the normal is (0.6, 0.8): 3-4-5 triangles all the way."""
+    start, way = np.array([0.3, 1.4, 0]), np.array([0.0, -2.0, 0])
+    n, along = np.array([0.6, 0.8, 0]), np.array([0.8, -0.6, 0])
+    place = np.array([0.3, 0.4, 0])
+    for friction, kept in ((0.0, 1.0), (0.25, 1 - 0.25 * 3.2 / 1.2), (1.0, 0.0)):
+        x, v = one_point(start, way, ball(friction=friction), 1.0)
+        out = 1.6 * n + 1.2 * kept * along
+        np.testing.assert_allclose(v, out, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(x, place + out / 2, rtol=0, atol=1e-13)
+
+
+def test_a_moving_sphere_hits_in_its_own_frame():
+    """A sphere that comes at speed 5: off at 10, from where they met at 0.1 of the step."""
+    x, v = one_point((1.0, 0, 0), (0, 0, 0), ball(motion=cs.Linear((5.0, 0, 0))), 1.0)
+    np.testing.assert_allclose(v, (10, 0, 0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(x, (1 + 10 * 0.9, 0, 0), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("miss", [1e-9, 1e-6, 1e-3, -1e-9, -1e-6, -1e-3])
+@pytest.mark.parametrize("far", [1.0, 1e3])
+def test_grazing_is_decided_to_rounding(miss, far):
+    """Past the sphere at RADIUS + miss: turned below, left alone to the bit above."""
+    v = np.array([2 * far, 0, 0])
+    _, after = one_point((-far, RADIUS + miss, 0), v, ball(), 1.0)
+    assert (after == v).all() == (miss > 0)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+def test_kernels_agree_with_the_reference(crumpled, kernel, precision):
+    sphere = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1.5, 0.3)), "continuous", friction=0.1)
+    scene, x, v, dt = crumpled(spheres=sphere)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cs.ContactWarning)
+        for restitution in (0.0, 0.6, 1.0):
+            one = scene.replace(spheres=sphere.replace(restitution=restitution))
+            here, met, decided = (x, v), 0, 0
+            for k in range(40):
+                free = cs.reference_step(one.replace(spheres=()), *here, dt, t=k * dt)
+                expected = cs.reference_step(one, *here, dt, t=k * dt)
+                result = cs.step(one, *here, dt, t=k * dt, kernel=kernel, precision=precision)
+                met += int((expected[0] != free[0]).any(axis=-1).sum())
+                bound = {"double": 1e-12, "single": 1e-3}[precision]
+                for mine, reference in zip(result, expected, strict=True):
+                    difference = np.abs(mine - reference).max(axis=-1) / np.abs(reference).max()
+                    decided += int((difference > bound).sum())
+                    assert difference.max() < 1e-2
+                here = expected
+            # Where rounding, or the slop of single, decides whether a point touches or flies, the
+            # results are apart by a little.
+            assert met > 200 and decided < 0.05 * met
+
+
+@pytest.mark.parametrize("offset", ["edge", "face"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_bits_do_not_depend_on_threads_batch_or_cuts(same_bits, precision, offset):
+    cloth = cs.Cloth((24, 20), pins=())
+    spheres = [
+        cs.Sphere((0.5, -0.21, 0.5), 0.2, None, "continuous", offset, 0.7, 0.2),
+        cs.Sphere((0.3, -0.2, 0.2), 0.15, cs.Linear((0, 0.5, 0)), "continuous", offset, 0.0),
+    ]
+    scene = cs.Scene(cloth, spheres)
+    x, v = scene.initial_position, scene.initial_velocity - np.array((0, 1.0, 0))
+    options = {"precision": precision, "dt": 4e-4}
+    expected = cs.step(scene, x, v, steps=60, threads=1, **options)
+    assert np.abs(expected[1] - v).max() > 1
+    assert same_bits(cs.step(scene, x, v, steps=60, threads=3, **options), expected)
+    batch = cs.step(scene, np.stack([x, x]), np.stack([v, v]), steps=60, threads=2, **options)
+    for member in (0, 1):
+        assert same_bits((batch[0][member], batch[1][member]), expected)
+    stepper = cs.Stepper(scene, x, v, precision=precision)
+    stepper.advance(25, 4e-4)
+    stepper = cs.Stepper.restore(stepper.snapshot())
+    stepper.advance(35, 4e-4)
+    assert same_bits((stepper.positions, stepper.velocities), expected)
+
+
+def test_strict_bits_are_those_of_every_instruction_set(monkeypatch, same_bits):
+    scene = cs.scenes.paper_moving("continuous", phase=0.48, period=2.0)
+    scene = scene.replace(velocity=np.where(scene.cloth.pinned[..., None], 0, (0.1, -1.0, 0.2)))
+    results = []
+    for name in cs.build_config()["instruction_sets_supported"]:
+        monkeypatch.setenv("CLOTHSIM_ISA", name)
+        for precision in ("double", "single"):
+            stepper = cs.Stepper(scene, precision=precision, strict=True)
+            stepper.advance(600, 3e-4)
+            results.append((precision, (stepper.positions, stepper.velocities)))
+    for precision, result in results:
+        assert same_bits(result, dict(reversed(results))[precision])
+    free = cs.step(scene.replace(spheres=()), scene.initial_position, scene.initial_velocity, 3e-4, 600)
+    assert np.abs(free[0] - results[0][1][0]).max() > 1e-2
+
+
+def test_nothing_passes():
+    """0 inside and 0 through; `clothsim contact --full` fires the 1e8."""
+    result = crossings(400_000)
+    assert result["hits"] > 50_000
+    assert result["inside"] == 0 and result["crossings"] == 0 and result["deepest"] <= 0
+
+
+@pytest.mark.slow
+def test_nothing_passes_in_1e8_point_steps():
+    result = crossings(10**8, seed=2)
+    assert result["hits"] > 2e7 and result["inside"] == 0 and result["crossings"] == 0
+
+
+@pytest.mark.parametrize("response", ["ray", "reflect"])
+def test_the_check_of_passing_can_fail(response):
+    result = crossings(100_000, response=response)
+    assert result["inside"] > 1000 and result["crossings"] > 30_000
+
+
+def test_a_test_per_step_misses_q2_over_3_of_fast_points():
+    """q: step over radius. Averaged over the disc that a sphere shows, the first half of the
+    chord, where a point still approaches, is missed with the probability q^2/3; literally, where
+    the second half counts too, q^2/12. "continuous" misses none."""
+    rng = np.random.default_rng(5)
+    n, q = 40_000, 0.9
+    x = np.zeros((n // 200, 200, 3))
+    x[..., 1] = RADIUS * np.sqrt(rng.random(x.shape[:2]))
+    x[..., 0] = -RADIUS * (1 + q * (0.5 + rng.random(x.shape[:2])))
+    x += CENTER
+    v = np.zeros_like(x)
+    v[..., 0] = q * RADIUS / DT
+
+    def missed(**arguments):
+        _, after = cs.step(drifting(x, ball(**arguments)), x, v, DT, 6)
+        return float((after == v).all(axis=-1).mean())
+
+    assert missed(response="continuous") == 0
+    for response in ("ray", "reflect"):
+        for literal, expected in ((False, q**2 / 3), (True, q**2 / 12)):
+            part = missed(response=response, literal=literal)
+            assert abs(part - expected) < 4 * np.sqrt(expected / n)
+
+
+def test_contact_makes_no_energy():
+    """1e-6 of m g h is asked for at 5e-6 s; four times the step already has it."""
+    result = drop(2e-5)
+    assert result["elastic_afterwards"] > 100
+    assert abs(result["part"]) < 1e-9
+
+
+@pytest.mark.slow
+def test_contact_makes_no_energy_at_the_papers_step():
+    assert abs(drop(5e-6)["part"]) < 1e-6
+
+
+def test_contact_under_the_whole_cloth_makes_no_energy():
+    result = under_whole_cloth()
+    assert result["kinetic_at_impact"] > 900
+    assert abs(result["part"]) < 1e-3
+
+
+def test_contact_energy_is_what_the_total_changes_by():
+    """Lost at restitution 0.5: the tracked sum is the loss of the total energy."""
+    cloth = cs.Cloth(damping=0.0, pins=())
+    sphere = cs.Sphere((0.5, -0.26, 0.5), 0.25, response="continuous", restitution=0.5)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere), track_contact_energy=True)
+    plain = cs.Stepper(cs.Scene(cloth, sphere))
+    start = cs.energy(cs.Scene(cloth), stepper.positions, stepper.velocities)["total"]
+    stepper.advance(3000, 5e-5)
+    plain.advance(3000, 5e-5)
+    end = cs.energy(cs.Scene(cloth), stepper.positions, stepper.velocities)["total"]
+    assert end - start < -5
+    np.testing.assert_allclose(stepper.contact_energy, end - start, rtol=1e-6)
+    np.testing.assert_array_equal(plain.positions, stepper.positions)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_what_rests_stays_at_rest(precision):
+    """`clothsim contact --full` and the test marked slow watch 1e6 steps."""
+    result = resting(20_000, precision=precision)
+    assert result["touching"] == 64
+    assert result["depth"] == 0 and result["normal_jitter"] < 1e-6
+
+
+@pytest.mark.slow
+def test_what_rests_stays_at_rest_for_1e6_steps():
+    result = resting(10**6)
+    assert result["touching"] == 64
+    assert result["depth"] == 0 and result["normal_jitter"] < 1e-6
+
+
+def test_rest_keeps_no_trace_of_the_time_step():
+    """A single point on the pole at restitution 0: the position does not change by a bit."""
+    cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
+    sphere = ball(restitution=0.0)
+    x = np.array([[CENTER + (0, RADIUS + 1e-15, 0), (9.0, 9, 9)]])
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x))
+    stepper.advance(10, 1e-4)
+    rest = stepper.positions
+    for dt in (1e-4, 1e-6, 1e-3):
+        stepper.advance(1000, dt)
+        assert np.abs(stepper.positions - rest).max() <= 2e-16
+        assert np.abs(stepper.velocities).max() == 0
+
+
+def test_a_bounce_loses_its_height_by_the_square_of_restitution():
+    """Heights of successive bounces of one point: e^2 of the one before, to dt accuracy."""
+    cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
+    x = np.array([[CENTER + (0, RADIUS + 0.1, 0), (9.0, 9, 9)]])
+    scene = cs.Scene(cloth, ball(restitution=0.7), position=x)
+    stepper = cs.Stepper(scene)
+    heights = []
+    for _ in range(7000):
+        stepper.advance(1, 1e-4)
+        heights.append(stepper.positions[0, 0, 1] - CENTER[1] - RADIUS)
+    h = np.array(heights)
+    peaks = h[1:-1][(h[1:-1] >= h[:-2]) & (h[1:-1] > h[2:]) & (h[1:-1] > 1e-3)]
+    np.testing.assert_allclose(peaks[:3], 0.1 * 0.49 ** np.arange(1, 4), rtol=2e-5)
+    assert h.min() >= 0

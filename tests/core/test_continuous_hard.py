@@ -1,0 +1,249 @@
+"""Continuous contact where it is hard: several spheres, pins, a start inside, wrong arguments."""
+
+import pickle
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.contact import cone
+
+FREE = {"stiffness": 0.0, "damping": 0.0}
+
+
+def lone(position, spheres, velocity=(0.0, 0, 0), gravity=(0, 0, 0), pinned=False):
+    """One mass point that matters, and one far away."""
+    cloth = cs.Cloth((1, 2), pins=((0, 1), (0, 0)) if pinned else ((0, 1),), **FREE)
+    x = np.array([[position, (90.0, 90, 90)]])
+    v = np.array([[velocity, (0.0, 0, 0)]])
+    return cs.Scene(cloth, spheres, gravity, x, v)
+
+
+def ball(center, radius=0.5, **arguments):
+    return cs.Sphere(center, radius, **{"response": "continuous", "offset": "none", **arguments})
+
+
+def distances(stepper, spheres):
+    return [
+        float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres
+    ]
+
+
+def test_two_spheres_in_one_step():
+    """Between two walls of spheres 1 apart: the point goes to and fro, three times in a step."""
+    spheres = [ball((-1.0, 0, 0)), ball((1.0, 0, 0))]
+    stepper = cs.Stepper(lone((0, 0, 0), spheres, (3.2, 0, 0)))
+    stepper.advance(1, 1.0)
+    # 0.5 to the right, 1 to the left, 1 to the right, 0.7 to the left.
+    np.testing.assert_allclose(stepper.positions[0, 0], (-0.2, 0, 0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(stepper.velocities[0, 0], (-3.2, 0, 0), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, precision):
+    spheres = [ball((-0.4, 0, 0), restitution=0.0), ball((0.4, 0, 0), restitution=0.0)]
+    stepper = cs.Stepper(
+        lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision
+    )
+    for _ in range(200):
+        stepper.advance(50, 1e-4)
+        assert min(distances(stepper, spheres)) >= 0.5
+    np.testing.assert_allclose(stepper.positions[0, 0], (0, 0.3, 0), rtol=0, atol=1e-6)
+    assert np.abs(stepper.velocities).max() < 1e-3
+
+
+def test_spheres_that_close_squeeze_a_point_out():
+    """It leaves along the circle where they meet, and is never inside."""
+    spheres = [
+        ball((-0.6, 0, 0), motion=cs.Linear((1, 0, 0)), restitution=0.0),
+        ball((0.6, 0, 0), motion=cs.Linear((-1, 0, 0)), restitution=0.0),
+    ]
+    stepper = cs.Stepper(lone((0.0, 0.01, 0), spheres))
+    for _ in range(300):
+        stepper.advance(1, 1e-3)
+        assert min(distances(stepper, spheres)) >= 0.5
+    assert abs(stepper.positions[0, 0, 0]) < 0.02
+    assert stepper.positions[0, 0, 1] > 0.39
+
+
+def test_a_point_that_is_shut_in_is_refused_with_a_clear_word():
+    """Six spheres close around it from all sides."""
+    directions = [np.array(d, float) for d in
+                  ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]  # fmt: skip
+    spheres = [ball(4.1 * d, 4.0, motion=cs.Linear(tuple(-d))) for d in directions]
+    stepper = cs.Stepper(lone((0.001, 0.002, 0.003), spheres))
+    with pytest.raises(cs.ContactError, match=r"shut it in.*further apart") as caught:
+        stepper.advance(1000, 1e-3)
+    error = caught.value
+    assert error.point == (0, 0) and 0.09 < error.time < 0.2 and error.member is None
+    assert abs(error.step - error.time / 1e-3) < 1e-6
+    np.testing.assert_array_equal(error.x, stepper.positions)
+    assert np.isclose(stepper.time, error.time - 1e-3)
+    assert min(distances(stepper, spheres)) >= 4.0
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_a_sphere_that_runs_into_a_pinned_point_warns_once_and_the_point_stays():
+    sphere = ball((0, -1, 0), motion=cs.Linear((0, 1, 0)))
+    stepper = cs.Stepper(lone((0, 0, 0), sphere, pinned=True))
+    stepper.advance(400, 1e-3)
+    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 0\).*never moves") as seen:
+        stepper.advance(200, 1e-3)
+    assert len(seen) == 1 and seen[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper.advance(100, 1e-3)
+    np.testing.assert_array_equal(stepper.positions[0, 0], 0)
+    assert (stepper.velocities[0, 0] == 0).all()
+
+
+@pytest.mark.parametrize("offset", ["none", "face"])
+def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
+    """A sphere rises through a sheet that is pinned all around."""
+    rim = np.zeros((12, 12), bool)
+    rim[[0, -1]] = rim[:, [0, -1]] = True
+    cloth = cs.Cloth((12, 12), mass=2.0, stiffness=500.0, damping=0.5, pins=rim)
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.2, cs.Linear((0, 1, 0)), "continuous", offset)
+    scene = cs.Scene(cloth, sphere)
+    stepper = cs.Stepper(scene)
+    for _ in range(40):
+        stepper.advance(10, 1e-3)
+        depth = cs.penetration(stepper.positions, sphere, stepper.time)
+        assert depth["points" if offset == "none" else "triangles"] == 0
+    np.testing.assert_array_equal(stepper.positions[rim], cloth.rest_positions[rim])
+    assert stepper.positions[6, 6, 1] > 0.25
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("offset", ["none", "face"])
+def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offset):
+    """No point is moved faster than push_out_speed, and nothing is thrown."""
+    cloth = cs.Cloth((16, 16), mass=4.0, stiffness=100.0, damping=0.5, pins=())
+    sphere = cs.Sphere(
+        (0.5, -0.2, 0.5), 0.25, None, "continuous", offset, restitution=0.0, push_out_speed=0.4
+    )
+    scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
+    center = np.array(sphere.center)
+    depth = sphere.radius - np.linalg.norm(cloth.rest_positions - center, axis=-1)
+    deepest = tuple(int(k) for k in np.unravel_index(depth.argmax(), depth.shape))
+    count = int((depth > 0).sum())
+    message = rf"spheres\[0\].*{count} mass points.*{deepest[0]}, {deepest[1]}.*{depth.max():.3g} m.*0.4 m/s"
+    with pytest.warns(cs.ContactWarning, match=message.replace("(", r"\(")):
+        stepper = cs.Stepper(scene, precision=precision)
+    dt = 1e-3
+    for _ in range(400):
+        before = stepper.positions
+        speed = np.linalg.norm(stepper.velocities, axis=-1)
+        stepper.advance(1, dt)
+        moved = np.linalg.norm(stepper.positions - before, axis=-1)
+        assert (moved <= (0.4 + 1.2 * speed.max() + 0.01) * dt).all()
+        assert speed.max() < 1.0
+    result = cs.penetration(stepper.positions, sphere)
+    assert result["points"] == 0
+    if offset == "face":
+        assert result["triangles"] == 0
+
+
+def test_a_batch_names_the_member_that_starts_inside():
+    scene = lone((0, 0, 0), ball((0, 0.45, 0)))
+    other = lone((0, -0.2, 0), ball((0, 0.45, 0)))
+    with pytest.warns(cs.ContactWarning, match="member 0"):
+        cs.Stepper([scene, other])
+
+
+def test_touching_at_the_start_does_not_warn():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cs.Stepper(lone((0, 0.5, 0), ball((0, 0, 0))), precision="single").advance(5, 1e-3)
+
+
+def test_the_friction_cone_from_both_sides():
+    """tan(0.35) = 0.365: 3 % more friction holds, 3 % less slides as the formula says."""
+    holds, slides = cone(1.03 * np.tan(0.35)), cone(0.97 * np.tan(0.35))
+    assert abs(holds["slip"]) < 1e-8
+    assert 1.5e-3 < slides["slip"] < 3e-3
+    np.testing.assert_allclose(slides["slip"], slides["expected"], rtol=0.02)
+    np.testing.assert_allclose(cone(0.0)["slip"], cone(0.0)["expected"], rtol=0.01)
+
+
+def test_float32_arrays_stay_outside_from_call_to_call():
+    """step() with float32 drops the compensation at each call; the slop covers it."""
+    scene = cs.scenes.paper_static("continuous", offset="none")
+    x = scene.initial_position.astype(np.float32)
+    v = scene.initial_velocity.astype(np.float32)
+    sphere = scene.spheres[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(60):
+            x, v = cs.step(scene, x, v, 4e-4, 20, precision="single")
+            assert np.linalg.norm(x.astype(float) - sphere.center, axis=-1).min() >= sphere.radius
+    assert (np.linalg.norm(x - sphere.center, axis=-1) < 0.2505).sum() > 10
+
+
+def test_a_state_that_runs_away_is_unstable_still():
+    scene = cs.scenes.paper_static("continuous")
+    with pytest.raises(cs.UnstableError):
+        cs.Stepper(scene).advance(2000, 4e-3)
+
+
+def test_a_continuous_sphere_beside_one_of_the_paper():
+    """Each is answered by its own rule; the order in the scene does not matter."""
+    ray = cs.Sphere((0.3, -0.2, 0.5), 0.15, response="ray")
+    other = cs.Sphere((0.7, -0.2, 0.5), 0.15, response="continuous", restitution=0.0)
+    cloth = cs.Cloth((20, 20), pins=())
+    first = cs.Stepper(cs.Scene(cloth, (ray, other)))
+    second = cs.Stepper(cs.Scene(cloth, (other, ray)))
+    for stepper in (first, second):
+        stepper.advance(2500, 1e-4)
+        for sphere in (ray, other):
+            d = np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1).min()
+            assert sphere.radius - 1e-4 < d < sphere.radius + 5e-3
+    np.testing.assert_array_equal(first.positions, second.positions)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ({"radius": 0}, "radius must be a finite number > 0"),
+        ({"radius": float("nan")}, "radius must be a finite number > 0"),
+        ({"radius": -0.1}, "radius must be a finite number > 0"),
+        ({"restitution": 1.5}, "restitution must be .* <= 1"),
+        ({"restitution": -0.1}, "restitution must be .*>= 0"),
+        ({"friction": -1}, "friction must be .*>= 0"),
+        ({"push_out_speed": 0}, "push_out_speed must be a finite number > 0"),
+        ({"literal": True}, "literal must be False with response 'continuous'"),
+        ({"response": "ray", "offset": "face"}, "offset 'face' needs response 'continuous', got 'ray'"),
+        ({"response": "continous"}, "did you mean 'continuous'"),
+        ({"offset": "faces"}, "offset must be one of .*'face'"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_wrong_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        cs.Sphere(**{"response": "continuous", **arguments})
+
+
+@pytest.mark.parametrize(
+    "times, centers, message",
+    [
+        ([0.0], [(0, 0, 0)], "times must have at least 2 entries, got 1"),
+        ([], [], "times must have at least 2 entries, got 0"),
+        ([0.0, 2.0, 1.0], np.zeros((3, 3)), "times must be strictly increasing, got 1.0 at index"),
+        ([0.0, 0.0], np.zeros((2, 3)), "times must be strictly increasing"),
+        ([0.0, 1.0], np.zeros((3, 3)), "centers must be an array of shape"),
+        ([0.0, np.nan], np.zeros((2, 3)), "times"),
+    ],
+    ids=str,
+)
+def test_motion_tables_that_are_short_or_unsorted_are_named(times, centers, message):
+    with pytest.raises(ValueError, match=message):
+        cs.Keyframes(times, centers)
+
+
+def test_scenes_keep_the_new_arguments():
+    sphere = cs.Sphere(response="continuous", offset="face", push_out_speed=0.3)
+    scene = cs.Scene(cs.Cloth((4, 4)), sphere)
+    again = cs.Scene.from_dict(scene.to_dict())
+    assert again == scene and again.spheres[0].push_out_speed == 0.3
+    assert "triangles" in scene.explain()["collision_passes"][0]

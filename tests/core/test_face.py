@@ -1,0 +1,132 @@
+"""Offset "face": no triangle of the cloth dips into the sphere, however small and fast it is."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.contact import triangle_cases
+from clothsim.contact.physics import on_sphere
+from clothsim.contact.table import follow
+from clothsim.contact.triangles import distance, nearest_approach
+
+
+def test_no_moving_triangle_is_missed():
+    """`clothsim contact --full` and the slow test take 1e6."""
+    result = triangle_cases(6_000)
+    assert result["touching"] > 1_500
+    assert result["missed"] == 0
+
+
+@pytest.mark.slow
+def test_no_moving_triangle_of_1e6_is_missed():
+    result = triangle_cases(10**6, seed=2)
+    assert result["touching"] > 3e5 and result["missed"] == 0
+
+
+def test_the_exact_check_finds_what_sampling_finds():
+    """The independent check is itself checked: against 4,000 looks at each of 40 triangles."""
+    rng = np.random.default_rng(3)
+    p0 = rng.normal(size=(40, 3, 3)) + np.array((0, 0, 2.0))
+    p1 = rng.normal(size=(40, 3, 3)) - np.array((0, 0, 2.0))
+    t = np.linspace(0, 1, 4_000)[:, None, None]
+    for radius in (0.05, 0.5):
+        exact = nearest_approach(p0, p1, radius)
+        for k in range(40):
+            sampled = distance(p0[k] + t * (p1[k] - p0[k])).min()
+            assert (exact[k] < radius) == (sampled < radius) or abs(sampled - radius) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "scene, end, dt", [("static", 0.3, 2e-4), ("moving", 0.32, 2e-4), ("fast", None, 1e-4)]
+)
+def test_no_triangle_dips_in_the_papers_scenes_and_at_100_m_per_s(scene, end, dt):
+    """Every step is looked at; the whole scenes are in `clothsim contact`."""
+    row = follow(scene, "continuous, face", end, 1, dt)
+    assert row["failure"] is None
+    assert row["points"] == 0 and row["triangles"] == 0 and row["crossings"] == 0
+    assert abs(row["contact_energy"]) > 0
+
+
+@pytest.mark.parametrize("response", ["reflect, mended", "ray, mended", "continuous"])
+def test_the_others_do_dip(response):
+    """The check can fail: mass points alone leave triangles half a millimetre in."""
+    row = follow("static", response, 0.3, 8, 2e-4)
+    assert row["triangles"] > 2e-4
+
+
+@pytest.mark.parametrize("radius", [0.002, 0.01, 0.04])
+@pytest.mark.parametrize("speed", [3.0, 300.0])
+def test_a_sphere_smaller_than_a_cell_is_caught(kernel, radius, speed):
+    """Through the middle of a triangle, with no mass point near: only the triangle sees it."""
+    cloth = cs.Cloth((8, 8), mass=2.0, stiffness=2000.0, damping=1.0, pins=())
+    cell = cloth.spacing[0]
+    start = np.array((3.3 * cell, -radius - 0.01, 3.25 * cell))
+    motion = cs.Linear((0, speed, 0))
+    dt = 1e-4
+    steps = round(0.15 / speed / dt) or 1
+    steps = max(steps, 3)
+    for offset, caught in (("face", True), ("none", False)):
+        sphere = cs.Sphere(start, radius, motion, "continuous", offset, restitution=0.3)
+        stepper = cs.Stepper(cs.Scene(cloth, sphere), kernel=kernel)
+        for _ in range(steps):
+            stepper.advance(1, dt)
+            if caught:
+                assert cs.penetration(stepper.positions, sphere, stepper.time)["triangles"] == 0
+        top = sphere.center_at(stepper.time)[1]
+        hit = np.abs(stepper.velocities[..., 1]).max() > 0.2 * speed
+        assert hit == caught
+        if caught:
+            near = stepper.positions[3:5, 3:5, 1].max()
+            assert near > min(top, 0.01)
+
+
+def test_a_stretched_triangle_is_kept_out_as_it_is_now():
+    """Twice the size of the cloth at rest: eq 13 for the rest length is far too little."""
+    cloth = cs.Cloth((9, 9), mass=1.0, stiffness=10.0, damping=0.5)
+    x = 2.0 * cloth.rest_positions
+    depth = {}
+    for offset in ("edge", "face"):
+        sphere = cs.Sphere((1.05, -0.32, 1.05), 0.3, None, "continuous", offset, restitution=0.0)
+        scene = cs.Scene(cloth, sphere, position=x, velocity=np.where(cloth.pinned[..., None], 0, (0, -2.0, 0)))
+        stepper = cs.Stepper(scene)
+        deepest = 0.0
+        for _ in range(100):
+            stepper.advance(1, 1e-3)
+            deepest = max(deepest, cs.penetration(stepper.positions, sphere)["triangles"])
+        depth[offset] = deepest
+    assert depth["face"] == 0
+    assert depth["edge"] > 5e-3
+
+
+def test_a_chain_is_kept_out_between_its_points():
+    cloth = cs.Cloth((1, 6), (1.0, 1.0), 0.6, 500.0, 0.2, springs=("structural",), pins=((0, 0), (0, -1)))
+    sphere = cs.Sphere((0.5, -0.05, 0.0), 0.03, None, "continuous", "face", restitution=0.0)
+    scene = cs.Scene(cloth, sphere)
+    stepper = cs.Stepper(scene)
+    for _ in range(300):
+        stepper.advance(1, 1e-3)
+        x = stepper.positions[0]
+        links = np.stack([x[:-1], x[1:], x[1:]], axis=1) - np.array(sphere.center)
+        assert distance(links).min() >= sphere.radius
+    assert stepper.positions[0, 2:4, 1].min() > -0.08
+
+
+def test_triangles_lie_quietly_at_restitution_0():
+    """Corners that several triangles share creep by micrometres, they do not come to full rest."""
+    sphere = cs.Sphere((0.5, -0.5, 0.5), 0.25, None, "continuous", "face", 0.0, 0.7)
+    cloth = cs.Cloth((6, 6), (0.1, 0.1), 0.36, 200.0, 0.5, pins=())
+    x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x))
+    stepper.advance(3000, 2e-4)
+    first = stepper.positions
+    for _ in range(50):
+        stepper.advance(20, 2e-4)
+        assert np.abs(stepper.positions - first).max() < 2e-4
+        assert cs.penetration(stepper.positions, sphere)["triangles"] == 0
+
+
+def test_offset_length_is_that_of_a_cells_diagonal():
+    """sqrt(rho^2 + R^2) - R with rho half the diagonal: its middle just touches."""
+    cloth = cs.Cloth((5, 5), size=(0.4, 0.8))
+    sphere = cs.Sphere(radius=0.3, response="continuous", offset="face")
+    rho = np.hypot(0.1, 0.2) / 2
+    np.testing.assert_allclose(sphere.contact_radius(cloth), np.hypot(0.3, rho), rtol=1e-15)

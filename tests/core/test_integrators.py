@@ -1,0 +1,260 @@
+"""Every integrator: its order, its stability as the table tells it, its bits, and what it conserves."""
+
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.integration import amplification, amplification_matrix, guaranteed_dt
+from clothsim.plan import INTEGRATORS
+
+EXPLICIT = [name for name in INTEGRATORS if cs.integrators()[name].explicit]
+OSCILLATOR = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1}
+
+# Time steps a second in which the error of the order shows: below, the next order adds to it, above,
+# rounding does.
+COUNTS = {
+    "rk4": (128, 256, 512), "semi_implicit_euler": (4096, 8192, 16384),
+    "velocity_verlet": (256, 512, 1024), "pefrl": (64, 96, 128), "dopri5": (128, 192, 256),
+    "dop853": (16, 20, 24, 28), "implicit_midpoint": (256, 512, 1024),
+}  # fmt: skip
+
+
+def oscillation(t, stiffness, mass, amplitude, damping):
+    """x and v of the damped oscillator."""
+    w, g = math.sqrt(stiffness / mass), damping / (2 * mass)
+    u = math.sqrt(w * w - g * g)
+    decay = amplitude * math.exp(-g * t)
+    x = 1.0 + decay * (math.cos(u * t) + g / u * math.sin(u * t))
+    return x, -decay * (u + g * g / u) * math.sin(u * t)
+
+
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_order(integrator, damping, kernel):
+    method = cs.integrators()[integrator]
+    scene = cs.scenes.oscillator(**OSCILLATOR, damping=damping)
+    exact = oscillation(1.0, **OSCILLATOR, damping=damping)
+    state = scene.initial_position, scene.initial_velocity
+    counts, errors = np.array(COUNTS[integrator]), []
+    for n in counts:
+        x, v = cs.step(scene, *state, 1 / n, int(n), integrator=integrator, kernel=kernel)
+        errors.append(math.hypot(10 * (x[0, 1, 0] - exact[0]), v[0, 1, 0] - exact[1]))
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    claim = method.order if damping == 0 or method.damped else 1
+    assert abs(order - claim) < 0.15
+
+
+@pytest.mark.parametrize("integrator", [n for n in INTEGRATORS if n != "dop853"])
+def test_order_on_a_cloth(integrator, crumpled, oracle):
+    """A cloth with every kind of spring, mass per point and damping, against another code."""
+    method = cs.integrators()[integrator]
+    damped = method.damped
+    scene, x, v, dt = crumpled(shape=(8, 9), damped=damped)
+    scene = cs.Scene(scene.cloth, gravity=scene.gravity, position=x, velocity=v)
+    # The first-order method shows its order on less of the motion and with smaller steps.
+    duration = (2 if method.order == 1 else 8) * dt
+    exact = oracle.solution(scene, duration)
+    first = {1: 64, 2: 32, 4: 24, 5: 12}[method.order]
+    counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
+    for n in counts:
+        result, _ = cs.step(scene, x, v, duration / n, int(n), integrator=integrator)
+        errors.append(np.abs(result - exact).max())
+    assert abs(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - method.order) < 0.15
+
+
+@pytest.mark.parametrize("model", ["spring", "point"])
+def test_dop853_on_a_cloth(model, kernel, crumpled, oracle):
+    scene, x, v, dt = crumpled(shape=(8, 9), damping_model=model)
+    scene = cs.Scene(scene.cloth, gravity=scene.gravity, position=x, velocity=v)
+    exact = oracle.solution(scene, 16 * dt)
+    result, _ = cs.step(scene, x, v, dt / 2, 32, integrator="dop853", kernel=kernel)
+    assert np.abs(result - exact).max() < 3e-13
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("omega, delta", [(0.7, 0.0), (1.3, 0.4), (0.2, 1.1)])
+def test_the_amplification_matrix_is_that_of_a_step(integrator, omega, delta):
+    """The oscillator's only spring lies along x, so a step of it is linear."""
+    damping = delta * 1.0
+    scene = cs.scenes.oscillator(stiffness=omega**2, mass=1.0, damping=damping)
+    matrix = np.empty((2, 2))
+    for column, (dx, dv) in enumerate([(0.25, 0.0), (0.0, 0.25)]):
+        x, v = np.array([[[0.0] * 3, [1 + dx, 0, 0]]]), np.array([[[0.0] * 3, [dv, 0, 0]]])
+        x, v = cs.step(scene, x, v, 1.0, integrator=integrator)
+        matrix[:, column] = (x[0, 1, 0] - 1) / 0.25, v[0, 1, 0] / 0.25
+    expected = amplification_matrix(integrator, omega, delta)
+    np.testing.assert_allclose(matrix, expected, rtol=0, atol=4e-15)
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+def test_the_limits_of_the_table(integrator):
+    method = cs.integrators()[integrator]
+    part = np.linspace(0, 1, 2001)
+    assert amplification(integrator, part * method.imaginary_limit, 0.0).max() < 1 + 1e-9
+    assert amplification(integrator, 1.002 * method.imaginary_limit, 0.0) > 1 + 1e-7
+    assert amplification(integrator, 0.0, part * method.real_limit).max() < 1 + 1e-6
+    assert amplification(integrator, 0.0, 1.002 * method.real_limit) > 1.001
+
+
+def test_the_implicit_method_has_no_limit():
+    grid = np.logspace(-3, 6, 19)
+    assert amplification("implicit_midpoint", grid[:, None], grid).max() <= 1 + 1e-12
+    assert guaranteed_dt("implicit_midpoint", 1e9, 1e9) == math.inf
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+@pytest.mark.parametrize("omega, delta", [(10.0, 0.0), (10.0, 1.0), (10.0, 30.0), (0.0, 7.0)])
+def test_everything_below_the_guaranteed_step_is_stable(integrator, omega, delta):
+    dt = guaranteed_dt(integrator, omega, delta)
+    part = np.linspace(0, 1, 101)
+    grid = amplification(integrator, part[:, None] * omega * dt, part * delta * dt)
+    assert grid.max() <= 1 + 1e-6
+    beyond = 1.02 * part
+    assert amplification(integrator, beyond[:, None] * omega * dt, beyond * delta * dt).max() > 1 + 1e-7
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_same_bits(integrator, kernel, precision, same_bits):
+    """Any number of threads, a batch, and a snapshot in the middle; over a contact."""
+    scene = cs.scenes.paper_static(bend=True)
+    dt, steps = 5e-4, 40
+    x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, dt, 440)
+    options = {"integrator": integrator, "kernel": kernel, "precision": precision}
+    if integrator == "implicit_midpoint":
+        steps = 2
+    one = cs.step(scene, x, v, dt, steps, threads=1, **options)
+    assert same_bits(cs.step(scene, x, v, dt, steps, threads=3, **options), one)
+    batch = cs.step(scene, np.stack([x, x]), np.stack([v, v]), dt, steps, threads=2, **options)
+    assert same_bits((batch[0][1], batch[1][1]), one)
+    stepper = cs.Stepper(scene, x, v, threads=2, **options)
+    stepper.advance(steps // 2, dt)
+    again = cs.Stepper.restore(stepper.snapshot())
+    again.advance(steps - steps // 2, dt)
+    assert same_bits((again.positions, again.velocities), one)
+    assert not same_bits(cs.step(scene, x, v, dt, steps, **{**options, "integrator": "rk4"}), one) or integrator == "rk4"
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+def test_strict_has_the_same_bits_on_every_instruction_set(integrator, crumpled, monkeypatch, same_bits):
+    scene, x, v, dt = crumpled()
+    results = []
+    for name in cs.build_config()["instruction_sets_supported"]:
+        monkeypatch.setenv("CLOTHSIM_ISA", name)
+        results.append(cs.step(scene, x, v, dt, 5, integrator=integrator, strict=True))
+    assert all(same_bits(result, results[0]) for result in results)
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+def test_single_does_not_stall(integrator):
+    """Compensated: what is left is the rounding of the forces, 4e-8 here in every method."""
+    scene = cs.scenes.paper_swing(bend=True)
+    state = scene.initial_position, scene.initial_velocity
+    steps = 1000
+    x, _ = cs.step(scene, *state, 0.01 / steps, steps, integrator=integrator, precision="single")
+    y, _ = cs.step(scene, *state, 0.01 / steps, steps, integrator=integrator)
+    assert np.abs(x - y).max() < 6e-8
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_every_integrator_meets_the_sphere(integrator):
+    scene = cs.scenes.paper_static(bend=True)
+    state = scene.initial_position, scene.initial_velocity
+    dt, steps = (1e-2, 30) if integrator == "implicit_midpoint" else (2e-4, 1500)
+    x, v = cs.step(scene, *state, dt, steps, integrator=integrator)
+    distance = np.linalg.norm(x - scene.spheres[0].center_at(0.0), axis=-1)
+    contact_radius = scene.spheres[0].contact_radius(scene.cloth)
+    assert distance.min() > contact_radius - 1e-12
+    assert distance.min() < contact_radius + 0.02
+
+
+@pytest.mark.parametrize("integrator", [n for n, m in cs.integrators().items() if m.symplectic])
+def test_symplectic_methods_keep_the_energy(integrator):
+    """No drift over 900 periods: what the error is after 30, it is after 900."""
+    scene = cs.scenes.oscillator(**OSCILLATOR)
+    dt, steps = 2 * math.pi / 10 / 40, 1200
+    stepper = cs.Stepper(scene, integrator=integrator)
+    worst = []
+    for rounds in (1, 3 if integrator == "implicit_midpoint" else 30):
+        error = []
+        for _ in range(rounds):
+            stepper.advance(steps - 1, dt)
+            for _ in range(40):  # over a period, as the error swings with it
+                stepper.advance(1, dt)
+                now = cs.energy(scene, stepper.positions, stepper.velocities)["total"]
+                error.append(abs(now / 0.5 - 1))
+        worst.append(max(error))
+    assert worst[1] < 1.02 * worst[0] + 1e-10
+
+
+def test_rk4_does_lose_energy():
+    scene = cs.scenes.oscillator(**OSCILLATOR)
+    stepper = cs.Stepper(scene)
+    stepper.advance(40 * 3000, 2 * math.pi / 10 / 40)
+    # |R(i z)|^2 = 1 - z^6 / 72 + ... with z = omega dt
+    expected = 0.5 * math.exp(-40 * 3000 * (2 * math.pi / 40) ** 6 / 72)
+    total = cs.energy(scene, stepper.positions, stepper.velocities)["total"]
+    assert abs(total - expected) < 1e-4
+
+
+@pytest.mark.parametrize("integrator", [n for n in EXPLICIT if n != "rk4"])
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_evaluations_are_those_of_the_table(integrator, damping):
+    stepper = cs.Stepper(cs.scenes.oscillator(damping=damping), integrator=integrator)
+    stepper.advance(1, 1e-3)
+    (before,) = stepper._state.core.evaluations
+    stepper.advance(10, 1e-3)
+    (after,) = stepper._state.core.evaluations
+    method = cs.integrators()[integrator]
+    assert after - before == 10 * method.evaluations_per_step(damping > 0)
+
+
+def test_the_implicit_method_stands_huge_steps():
+    """A hundred times the stable step of RK4: each step still solves the midpoint rule.
+
+    The rule bounds the energy, it does not keep it: waves faster than the step are not followed.
+    """
+    scene = cs.Scene(cs.Cloth(shape=(12, 12), mass=14.4, stiffness=1e6, damping=1.0))
+    dt = 100 * cs.max_stable_dt(scene)
+    state = x, v = scene.initial_position, scene.initial_velocity
+    for _ in range(10):
+        x_new, v_new = cs.step(scene, x, v, dt, integrator="implicit_midpoint")
+        middle = cs.acceleration(scene, (x + x_new) / 2, (v + v_new) / 2)
+        np.testing.assert_allclose(x_new - x, dt * (v + v_new) / 2, rtol=0, atol=1e-12)
+        scale = np.abs(middle).max()
+        np.testing.assert_allclose((v_new - v) / dt, middle, rtol=0, atol=1e-8 * scale)
+        x, v = x_new, v_new
+    weight = 14.4 * 9.80665
+    assert abs(cs.energy(scene, x, v)["total"] - cs.energy(scene, *state)["total"]) < weight / 4
+    with pytest.raises(cs.UnstableError):
+        cs.step(scene, *state, dt, 50, integrator="rk4")
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+def test_unstable_names_the_limit_of_the_integrator(integrator):
+    scene = cs.scenes.paper_swing(bend=True)
+    limit = cs.max_stable_dt(scene, integrator)
+    with pytest.raises(cs.UnstableError) as caught:
+        cs.step(scene, scene.initial_position, scene.initial_velocity, 6 * limit, 3000, integrator=integrator)
+    assert caught.value.max_stable_dt == limit
+    assert np.isfinite(caught.value.x).all()
+    x, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, limit, 300, integrator=integrator)
+    assert np.abs(x).max() < 2
+
+
+def test_the_table_is_read_only():
+    with pytest.raises(TypeError):
+        cs.integrators()["mine"] = None
+    with pytest.raises(AttributeError):
+        cs.integrators()["rk4"].order = 5
+
+
+def test_names_are_checked():
+    scene = cs.scenes.oscillator()
+    state = scene.initial_position, scene.initial_velocity
+    with pytest.raises(ValueError, match="integrator must be one of .*'dop853'.* \\(did you mean 'rk4'\\?\\)"):
+        cs.step(scene, *state, 1e-3, integrator="rk45")
+    with pytest.raises(ValueError, match="omega_dt must be finite numbers >= 0"):
+        amplification("rk4", [-1.0], 0.0)
+    with pytest.raises(TypeError, match="delta_dt"):
+        amplification("rk4", 1.0, "much")

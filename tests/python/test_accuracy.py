@@ -1,0 +1,267 @@
+"""The trusted solution and the orders measured by it."""
+
+import math
+import multiprocessing
+import os
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.accuracy import _cache, cache_directory, solution
+
+DURATION = 0.2
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path / "cache"))
+    _cache.forget()
+    yield tmp_path / "cache"
+    _cache.forget()
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """A small sheet that swings down, and its reference."""
+    scene = cs.Scene(cs.Cloth((6, 7), mass=21.0, damping=20.0))
+    return scene, cs.reference(scene, DURATION, every=0.1, cache=False)
+
+
+def files(folder):
+    return sorted((folder / "references").iterdir())
+
+
+def test_reference_of_the_oscillator_is_the_closed_form():
+    scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
+    found = cs.reference(scene, 3.0, every=1.0)
+    assert found.t.tolist() == [0.0, 1.0, 2.0, 3.0]
+    amplitude = (1.0 + 0.1) - 1.0
+    for t, x, v in zip(found.t, found.x, found.v):
+        assert abs(x[0, 1, 0] - (1 + amplitude * math.cos(10 * t))) < 1e-15
+        assert abs(v[0, 1, 0] + 10 * amplitude * math.sin(10 * t)) < 2e-14
+    assert found.error_bound["max"].shape == (4,)
+    assert 0 < found.error_bound["max"][-1] < 2e-14
+
+
+def test_the_two_methods_agree_and_a_third_confirms(swing, oracle):
+    scene, found = swing
+    assert found.x.shape == (3, 6, 7, 3) and found.t.tolist() == [0.0, 0.1, DURATION]
+    assert found.error_bound["max"][-1] < 1e-13
+    assert found.error_estimate["max"][-1] < 2e-15
+    # SciPy over the oracle's own forces, rtol 1e-12.
+    assert found.error_of(oracle.solution(scene, DURATION))["max"] < 2e-11
+    assert (found.x[0] == scene.initial_position).all()
+
+
+def test_the_bound_sees_a_wrong_kernel(swing, monkeypatch):
+    """The second method computes with other forces: the difference says so."""
+    scene, _ = swing
+    heavier = scene.replace(cloth=scene.cloth.replace(stiffness=35_000.0 * (1 + 1e-9)))
+    original = solution._double
+    monkeypatch.setattr(solution, "_double", lambda s, *rest: original(heavier, *rest))
+    assert cs.reference(scene, DURATION).error_bound["max"][-1] > 1e-12
+
+
+def test_a_solution_is_kept_in_memory_and_on_disk(own_cache, same_bits):
+    scene = cs.scenes.oscillator()
+    kept = [cs.reference(scene, 0.3)]
+    kept.append(cs.reference(scene, 0.3))
+    _cache.forget()
+    kept.append(cs.reference(scene, 0.3))
+    assert [one.report["kept"] for one in kept] == ["computed", "memory", "disk"]
+    for one in kept[1:]:
+        assert same_bits((one.t, one.x, one.v), (kept[0].t, kept[0].x, kept[0].v))
+        assert one.report["force_evaluations"] == kept[0].report["force_evaluations"]
+    with pytest.raises(ValueError, match="read-only"):
+        kept[1].x[0] = 0.0
+    assert len(files(own_cache)) == 1
+    assert cache_directory() == own_cache
+
+
+def test_the_key_is_scene_times_and_version(own_cache, monkeypatch):
+    scene = cs.scenes.oscillator()
+    cs.reference(scene, 0.3)
+    for other, arguments in (
+        (cs.scenes.oscillator(damping=1e-9), (0.3,)),
+        (scene, (0.3 + 1e-12,)),
+        (scene, (0.3, 0.1)),
+    ):
+        assert cs.reference(other, *arguments).report["kept"] == "computed"
+    build = {**cs.build_config(), "version": "another"}
+    monkeypatch.setattr(solution, "build_config", lambda: build)
+    assert cs.reference(scene, 0.3).report["kept"] == "computed"
+    assert len(files(own_cache)) == 5
+
+
+def test_without_cache_nothing_is_kept(own_cache):
+    for _ in range(2):
+        assert cs.reference(cs.scenes.oscillator(), 0.1, cache=False).report["kept"] == "computed"
+    assert not own_cache.exists()
+
+
+@pytest.mark.parametrize("damage", ["truncated", "empty", "text", "of another key"])
+def test_a_damaged_file_is_computed_again_and_replaced(own_cache, damage):
+    scene = cs.scenes.oscillator()
+    x = cs.reference(scene, 0.3).x
+    (path,) = files(own_cache)
+    whole = path.read_bytes()
+    if damage == "of another key":
+        cs.reference(scene, 0.4)
+        whole = next(p for p in files(own_cache) if p != path).read_bytes()
+    cut = {"truncated": len(whole) // 2, "empty": 0, "of another key": len(whole), "text": 0}
+    path.write_bytes(whole[: cut[damage]] + b"not a file" * (damage == "text"))
+    _cache.forget()
+    again = cs.reference(scene, 0.3)
+    assert again.report["kept"] == "computed" and (again.x == x).all()
+    _cache.forget()
+    assert cs.reference(scene, 0.3).report["kept"] == "disk"
+
+
+def test_a_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path / "file" / "below"))
+    with pytest.warns(RuntimeWarning, match="CLOTHSIM_CACHE_DIR"):
+        cs.reference(cs.scenes.oscillator(), 0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cs.reference(cs.scenes.oscillator(), 0.1).report["kept"] == "memory"
+
+
+def _write_many(folder, number, start):
+    os.environ["CLOTHSIM_CACHE_DIR"] = folder
+    start.wait()
+    for _ in range(25):
+        _cache.save("k" * 64, {"x": np.full(50_000, float(number))})
+        _cache.forget()
+        found = _cache.load("k" * 64)
+        if found is None or len(set(found[0]["x"])) != 1:
+            os._exit(1)
+    os._exit(0)
+
+
+def test_writers_at_the_same_time_leave_whole_files(own_cache):
+    """Three processes write and read one entry: no reader ever finds none or a mixed one."""
+    context = multiprocessing.get_context("fork")
+    start = context.Event()
+    workers = [
+        context.Process(target=_write_many, args=(str(own_cache), n, start)) for n in range(3)
+    ]
+    for worker in workers:
+        worker.start()
+    start.set()
+    for worker in workers:
+        worker.join(60)
+    assert [worker.exitcode for worker in workers] == [0, 0, 0]
+    assert [path.suffix for path in files(own_cache)] == [".npz"]
+
+
+def test_contact_is_refused_and_said_why(own_cache):
+    scene = cs.scenes.paper_static()
+    with pytest.raises(ValueError, match=r"contact radius of spheres\[0\] at about 0\.22.* chaotic"):
+        cs.reference(scene, 0.4)
+    assert not own_cache.exists()
+
+
+def test_a_sphere_out_of_reach_changes_nothing(swing):
+    scene, found = swing
+    sphere = cs.Sphere((0.5, -3.0, 0.5), 0.25, motion=cs.Linear((0.0, 1.0, 0.0)))
+    other = cs.reference(scene.replace(spheres=sphere), DURATION)
+    assert abs(other.x[-1] - found.x[-1]).max() < 2e-15  # one had a frame on the way
+    assert other.scene.spheres == (sphere,)
+    with pytest.raises(ValueError, match="spheres"):
+        cs.reference(scene.replace(spheres=sphere.replace(motion=cs.Linear((0, 20.0, 0)))), DURATION)
+
+
+def test_forces_that_are_not_smooth_are_an_error():
+    with pytest.raises(ArithmeticError, match="no reference: .* t = 0 s"):
+        cs.reference(cs.scenes.oscillator(stiffness=1e25), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ((None, 1.0), TypeError, "scene must be a Scene"),
+        ((cs.scenes.oscillator(), 0.0), ValueError, "duration must be .* > 0"),
+        ((cs.scenes.oscillator(), 1.0, -0.1), ValueError, "every must be"),
+        ((cs.scenes.oscillator(), 1.0, "all"), TypeError, "every must be"),
+    ],
+)
+def test_bad_arguments_of_reference(arguments, error, message):
+    with pytest.raises(error, match=message):
+        cs.reference(*arguments)
+
+
+def test_error_of():
+    scene = cs.scenes.oscillator()
+    found = cs.reference(scene, 0.5, every=0.25)
+    moved = found.x[1].copy()
+    moved[0, 1] += (3e-3, 0.0, 4e-3)
+    error = found.error_of(moved, frame=1)
+    assert error["max"] == pytest.approx(5e-3, rel=1e-12, abs=0)
+    assert error["rms"] == pytest.approx(5e-3 / math.sqrt(2), rel=1e-12, abs=0)
+    with pytest.raises(ValueError, match="shape"):
+        found.error_of(found.x)
+
+
+ORDERS = {
+    "rk4": 4, "semi_implicit_euler": 1, "velocity_verlet": 2, "dopri5": 5, "dop853": 8,
+    "implicit_midpoint": 2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+def test_convergence_shows_the_order(integrator):
+    scene = cs.scenes.oscillator(damping=2.0)
+    factor = {"dop853": 4.0, "dopri5": 0.5}.get(integrator, 1.0)
+    dts = [factor * 0.02 / 2 ** (k / 2) for k in range(6)]
+    found = cs.convergence(scene, 1.0, dts, integrator=integrator)
+    assert found.fitted.sum() >= 4
+    assert abs(found.order - ORDERS[integrator]) < 0.15
+    assert (np.diff(found.dt) < 0).all() and (found.steps * found.dt).tolist() == [1.0] * 6
+    exact = 1 + 0.1 * math.exp(-1.0) * (
+        math.cos(math.sqrt(99)) + math.sin(math.sqrt(99)) / math.sqrt(99)
+    )
+    x, _ = cs.step(
+        scene, scene.initial_position, scene.initial_velocity, found.dt[0], int(found.steps[0]),
+        integrator=integrator,
+    )  # fmt: skip
+    assert found.max[0] == pytest.approx(abs(x[0, 1, 0] - exact), rel=1e-6, abs=1e-15)
+
+
+def test_convergence_of_pefrl_where_nothing_is_damped():
+    dts = [0.04 / 2 ** (k / 2) for k in range(6)]
+    found = cs.convergence(cs.scenes.oscillator(), 1.0, dts, integrator="pefrl")
+    assert abs(found.order - 4) < 0.15
+
+
+def test_convergence_fits_what_is_neither_rounding_nor_unstable(swing):
+    scene, found = swing
+    dts = [1e-2, 1e-3, 5e-4, 2.5e-4, 5e-6, 2.5e-6]
+    result = cs.convergence(scene, DURATION, dts, reference=found)
+    assert result.rms[0] == math.inf  # above the stability limit
+    assert result.fitted.tolist() == [False, True, True, True, False, False]
+    assert abs(result.order - 4) < 0.15
+    assert "order 4.0" in str(result) and str(result).count("*") == 4
+    single = cs.convergence(scene, DURATION, dts[3:], precision="single", reference=found)
+    assert math.isnan(single.order) and (single.floor > 1e-9).all() and (single.floor < 1e-7).all()
+    assert str(single).startswith("rk4, single: no order")
+
+
+def test_steps_are_shortened_to_divide_the_duration():
+    result = cs.convergence(cs.scenes.oscillator(), 1.0, [0.3, 0.3, 0.1])
+    assert result.steps.tolist() == [4, 10] and result.dt.tolist() == [0.25, 0.1]
+
+
+def test_bad_arguments_of_convergence(swing):
+    scene, found = swing
+    with pytest.raises(ValueError, match="dts must have at least one"):
+        cs.convergence(scene, 0.1, [])
+    with pytest.raises(ValueError, match=r"dts\[1\] must be"):
+        cs.convergence(scene, 0.1, [0.1, 0.0])
+    with pytest.raises(ValueError, match="reference must be one of this scene over 0.1 s"):
+        cs.convergence(scene, 0.1, [0.01], reference=found)
+    with pytest.raises(ValueError, match="another scene"):
+        cs.convergence(cs.scenes.oscillator(), DURATION, [0.01], reference=found)
+    with pytest.raises(TypeError, match="reference must be"):
+        cs.convergence(scene, 0.1, [0.01], reference=1.0)

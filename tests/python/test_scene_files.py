@@ -1,0 +1,95 @@
+"""Scene files: what is written is read back equal, and what is wrong is said."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+FAMILIES = {"structural": 900.0, "shear": 350.5, "bend": 0.1}
+SCENES = {
+    "paper": cs.scenes.paper_static(),
+    "moving": cs.scenes.paper_moving(),
+    "hanging": cs.scenes.hanging(shape=(4, 5)),
+    "no springs": cs.Scene(cs.Cloth((2, 3), springs=(), pins=())),
+    "everything": cs.Scene(
+        cs.Cloth((3, 4), (0.1, 1e-17), np.linspace(0.1, 0.3, 12).reshape(3, 4), FAMILIES, FAMILIES),
+        (
+            cs.Sphere(
+                (1 / 3, -0.0, 5e-324), motion=cs.Linear((1e300, 0, 0)), offset=0.01, literal=True
+            ),
+            cs.Sphere(
+                motion=cs.Keyframes([0, 1.5], np.eye(3)[:2]), response="reflect", offset="none"
+            ),
+        ),
+        (0.1, 0.2, 0.3),
+        position=np.random.default_rng(0).normal(size=(3, 4, 3)),
+        velocity=np.zeros((3, 4, 3)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_saved_is_loaded(tmp_path, name):
+    path = cs.save_scene(SCENES[name], tmp_path / "scene.toml")
+    again = cs.load_scene(path)
+    assert again == SCENES[name]
+    assert cs.save_scene(again, tmp_path / "again.toml").read_text() == path.read_text()
+
+
+def test_the_layout(tmp_path):
+    text = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml").read_text()
+    assert text.startswith(
+        "schema = 1  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
+    )
+    for line in ("[cloth]", "stiffness = 35000.0  # N/m, one number or one per family",
+                 "[[spheres]]",
+                 "[spheres.motion]", 'kind = "reciprocate"'):  # fmt: skip
+        assert line in text.splitlines()
+    text = cs.save_scene(SCENES["everything"], tmp_path / "scene.toml").read_text()
+    assert "stiffness = { structural = 900.0, shear = 350.5, bend = 0.1 }" in text
+
+
+def test_what_is_left_out_takes_its_default(tmp_path):
+    (tmp_path / "scene.toml").write_text("schema = 1\n[cloth]\nshape = [4, 4]\n")
+    assert cs.load_scene(tmp_path / "scene.toml") == cs.Scene(cs.Cloth((4, 4)))
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        (
+            "schema = 1\n[cloth]\nstifness = 3.0\n",
+            ValueError,
+            "unknown key 'stifness'.*'stiffness'",
+        ),
+        ("schema = 1\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
+        ("schema = 1\n[clothes]\n", ValueError, "'clothes'.*'cloth'"),
+        (
+            "schema = 1\n[cloth]\n[[spheres]]\n[spheres.motion]\nkind = 'linera'\n",
+            ValueError,
+            "'linear'",
+        ),
+        ("schema = 1\n[cloth]\nstiffness = { shaer = 1.0 }\n", ValueError, "'shaer'.*'shear'"),
+        ("schema = 2\n[cloth]\n", ValueError, "schema must be 1, the version read here, got 2"),
+        ("[cloth]\n", ValueError, "lacks the key 'schema'"),
+        ("schema = 1\n", ValueError, "lacks the key 'cloth'"),
+        ("schema = 1\n[cloth]\nmass = -3.0\n", ValueError, "mass must be"),
+        ("schema = 1\n[cloth]\nmass = 'heavy'\n", TypeError, "mass must be"),
+        ("schema = 1\ncloth = 3\n", TypeError, "mapping"),
+        ("schema = \n", ValueError, "no TOML file"),
+        ("\xff\xfe", ValueError, "no TOML file"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_file(tmp_path, text, error, message):
+    path = tmp_path / "wrong.toml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(error, match=message) as caught:
+        cs.load_scene(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_no_file_and_no_scene(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        cs.load_scene(tmp_path / "none.toml")
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        cs.save_scene("paper", tmp_path / "scene.toml")
+    assert not (tmp_path / "scene.toml").exists()

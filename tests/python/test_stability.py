@@ -1,0 +1,182 @@
+"""Time steps: the guarantee, the limit predicted from the spectrum, and the limit measured."""
+
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.integration import amplification_matrix
+from clothsim.stability.measure import is_stable
+from clothsim.stability.region import box_limit, mode_limit
+from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
+
+EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
+SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]
+DAMPINGS = {"none": (0.0, "spring"), "spring": (0.3, "spring"), "much": (3.0, "spring"),
+            "point": (0.5, "point")}  # fmt: skip
+
+
+def sheet(shape, stiffness, damping, model="spring", **changes):
+    """Half a kilogram a point; `damping` in parts of sqrt(K m)."""
+    cloth = cs.Cloth(
+        shape, mass=0.5 * shape[0] * shape[1], stiffness=stiffness, damping_model=model,
+        damping=damping * math.sqrt(stiffness * 0.5), **changes,
+    )  # fmt: skip
+    return cs.Scene(cloth, gravity=(0, 0, 0))
+
+
+def measured_limit(scene, x, v, near, integrator="rk4"):
+    """By bisection on runs of 400 steps, to 1 % above."""
+    low, high = 0.85 * near, 1.3 * near
+    assert is_stable(scene, x, v, low, 400, integrator=integrator)
+    assert not is_stable(scene, x, v, high, 400, integrator=integrator)
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        if is_stable(scene, x, v, middle, 400, integrator=integrator):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("damping", DAMPINGS.values(), ids=DAMPINGS)
+def test_with_a_state_it_is_at_most_a_tenth_below_the_measured_limit(shape, damping):
+    for stiffness in (1e2, 1e4, 1e7):
+        scene = sheet(shape, stiffness, *damping)
+        x, v = scene.initial_position, scene.initial_velocity
+        predicted = cs.max_stable_dt(scene, x=x)
+        assert predicted <= measured_limit(scene, x, v, predicted) <= predicted / 0.9
+        assert cs.max_stable_dt(scene) <= predicted
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_so_it_is_for_a_stretched_state(damping):
+    """Two rows of points are clamped all round, so that stretching is in balance."""
+    clamped = np.ones((9, 10), bool)
+    clamped[2:-2, 2:-2] = False
+    scene = sheet((9, 10), 1e4, damping, pins=clamped)
+    x = 1.5 * scene.initial_position
+    limits = [cs.max_stable_dt(scene, x=scene.initial_position), cs.max_stable_dt(scene, x=x)]
+    assert limits[1] < 0.97 * limits[0]
+    assert limits[1] <= measured_limit(scene, x, 0 * x, limits[1]) <= limits[1] / 0.9
+
+
+@pytest.mark.parametrize("integrator", [name for name in EXPLICIT if name != "rk4"])
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_so_it_is_for_every_integrator(integrator, damping):
+    scene = sheet((6, 7), 1e4, damping)
+    x, v = scene.initial_position, scene.initial_velocity
+    predicted = cs.max_stable_dt(scene, integrator, x)
+    assert cs.max_stable_dt(scene, integrator) <= predicted
+    if (integrator, damping) == ("dopri5", 0.0):
+        # Waves grow by 3e-5 a step 5 % above its limit: no run of this length shows it.
+        assert is_stable(scene, x, v, predicted, 400, integrator=integrator)
+        return
+    assert predicted <= measured_limit(scene, x, v, predicted, integrator) <= predicted / 0.9
+
+
+def test_nothing_limits_an_implicit_method():
+    scene = sheet((4, 4), 1e4, 0.3)
+    assert cs.max_stable_dt(scene, "implicit_midpoint") == math.inf
+    assert cs.max_stable_dt(scene, "implicit_midpoint", scene.initial_position) == math.inf
+
+
+def moving(crumpled, **features):
+    state = crumpled(shape=(5, 6), **features)
+    return state.scene, state.x, state.v
+
+
+@pytest.mark.parametrize("model", ["spring", "point"])
+def test_the_tangent_is_the_derivative_of_the_acceleration(crumpled, model):
+    scene, x, v = moving(crumpled, damping_model=model)
+    stiffness, damping = tangent(scene, x, v)
+    root = np.sqrt(scene.cloth.mass_per_point)[..., None]
+    y = np.random.default_rng(4).normal(size=x.shape) * ~scene.cloth.pinned[..., None]
+    h = 1e-6
+    for product, dx, dv in ((stiffness, h, 0), (damping, 0, h)):
+        ahead = cs.acceleration(scene, x + dx * y, v + dv * y)
+        behind = cs.acceleration(scene, x - dx * y, v - dv * y)
+        expected = (behind - ahead) / (2 * h)
+        result = product((root * y).reshape(1, -1)).reshape(x.shape) / root
+        assert np.abs(result - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("features", [{}, {"damped": False}, {"damping_model": "point"}], ids=str)
+def test_the_projection_finds_the_limit_of_all_modes(crumpled, features):
+    scene, x, v = moving(crumpled, **features)
+    free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
+    k, c = (
+        product(np.eye(x.size))[np.ix_(free, free)].T for product in tangent(scene, x, v)
+    )
+    for integrator in ("rk4", "velocity_verlet"):
+        exact = _limiting_modes(integrator, k, c)[0][0]
+        assert spectral_limit(integrator, scene, x, v) == pytest.approx(exact, rel=2e-3, abs=0)
+
+
+def test_velocities_count_where_springs_are_damped(crumpled):
+    scene, x, v = moving(crumpled)
+    still = cs.max_stable_dt(scene, x=x)
+    assert cs.max_stable_dt(scene, x=x, v=0 * v) == still
+    assert abs(cs.max_stable_dt(scene, x=x, v=30 * v) / still - 1) > 1e-3
+
+
+def test_a_light_pinned_point_does_not_count():
+    mass = np.full((6, 6), 0.5)
+    even = cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)])))
+    mass[0, 0] = 1e-6
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)]))) >= even
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(
+        even, rel=0.2, abs=0
+    )
+    free = cs.Scene(cs.Cloth((6, 6), mass=mass, pins=()))
+    assert cs.max_stable_dt(free) < 1e-5 * even
+    held = cs.Cloth((2, 2), pins=[(0, 0), (0, 1), (1, 0), (1, 1)])
+    assert cs.max_stable_dt(cs.Scene(held)) == math.inf
+    assert cs.max_stable_dt(cs.Scene(held), x=held.rest_positions) == math.inf
+
+
+def test_a_light_point_among_heavy_ones_is_bounded_by_its_own_springs():
+    """4 structural springs: lambda <= sum K (1/m + 1/M), where the lightest mass alone gives 8 K / m."""
+    mass = np.full((7, 7), 100.0)
+    mass[3, 3] = 1e-3
+    cloth = cs.Cloth((7, 7), mass=mass, stiffness=50.0, damping=0.0, springs=("structural",))
+    expected = math.sqrt(8 / (4 * 50.0 * (1 / 1e-3 + 1 / 100.0)))
+    assert cs.max_stable_dt(cs.Scene(cloth)) == pytest.approx(expected, rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+@pytest.mark.parametrize("ratio", [1e-6, 0.03, 0.3, 1.0, 3.0, 100.0])
+def test_no_mode_up_to_the_bounds_grows(integrator, ratio):
+    """By the eigenvalues of the amplification matrix, on a grid of modes the box is full of."""
+    dt = box_limit(integrator, 1.0, ratio)
+    omega, delta = np.linspace(0, dt, 60), np.linspace(0, ratio * dt, 61)
+
+    def growth(factor):
+        g = amplification_matrix(integrator, factor * omega[:, None], factor * delta)
+        return np.abs(np.linalg.eigvals(g)).max()
+
+    assert growth(1) < 1 + 1e-7
+    assert growth(1.05) > 1 + (1e-5 if integrator == "dopri5" else 1e-3)
+
+
+@pytest.mark.parametrize("integrator", EXPLICIT)
+def test_the_limits_on_the_axes_are_those_of_the_table(integrator):
+    method = cs.integrators()[integrator]
+    found = mode_limit(integrator, [4.0, 0.0], [0.0, 5.0])
+    np.testing.assert_allclose(
+        found, [method.imaginary_limit / 4, method.real_limit / 5], rtol=2e-4
+    )
+
+
+@pytest.mark.parametrize(
+    "x, v, error, named",
+    [(np.zeros((3, 4, 3)), None, ValueError, "x must be"), ("x", None, TypeError, "x must be"),
+     (np.zeros((2, 4, 4, 3)), None, ValueError, "one state"),
+     (np.full((4, 4, 3), np.nan), None, ValueError, "x must be"),
+     (np.zeros((4, 4, 3)), np.zeros((4, 3)), ValueError, "v must be"),
+     (None, np.zeros((4, 4, 3)), ValueError, "v must be None")],
+)  # fmt: skip
+def test_states_that_are_none(x, v, error, named):
+    with pytest.raises(error, match=named):
+        cs.max_stable_dt(cs.Scene(cs.Cloth((4, 4))), "rk4", x, v)

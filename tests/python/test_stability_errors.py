@@ -1,0 +1,170 @@
+"""Above the limit: the warning, the error, and what becomes of the rest of a batch."""
+
+import pickle
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+quiet = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+
+
+def stiff(stiffness=900.0):
+    cloth = cs.Cloth((6, 7), stiffness=stiffness, damping=0.0, mass=4.2)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=(6, 7, 3))
+    return cs.Scene(cloth, gravity=(0, 0, 0), position=cloth.rest_positions + noise)
+
+
+def caught(run):
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        run()
+    return [one for one in given if one.category is cs.StabilityWarning]
+
+
+def test_a_stepper_warns_once_with_the_limit_at_the_callers_line():
+    scene = stiff()
+    limit = cs.max_stable_dt(scene)
+    stepper = cs.Stepper(scene)
+    assert not caught(lambda: stepper.advance(1, limit))
+    (first,) = caught(lambda: stepper.advance(1, 1.01 * limit))
+    assert f"dt = {1.01 * limit:g} s is above {limit:.3g} s" in str(first.message)
+    assert "rk4" in str(first.message) and first.filename == __file__
+    assert not caught(lambda: stepper.advance(1, 1.02 * limit))
+
+
+def test_step_and_simulate_warn_at_the_callers_line():
+    scene = stiff()
+    dt = 1.01 * cs.max_stable_dt(scene)
+    x, v = scene.initial_position, scene.initial_velocity
+    for call in (lambda: cs.step(scene, x, v, dt), lambda: cs.simulate(scene, 3 * dt, dt)):
+        (one,) = caught(call)
+        assert one.filename == __file__
+    # The second, coarser run of an estimate is not the caller's.
+    assert not caught(lambda: cs.simulate(scene, 3 * dt, 0.6 * dt, estimate_error=True))
+
+
+def test_by_default_a_loop_of_steps_warns_once():
+    scene = stiff()
+    x, v = scene.initial_position, scene.initial_velocity
+    with warnings.catch_warnings(record=True) as given:
+        warnings.resetwarnings()
+        warnings.simplefilter("default")
+        for _ in range(5):
+            x, v = cs.step(scene, x, v, 1.01 * cs.max_stable_dt(scene))
+    assert len(given) == 1
+
+
+def test_a_batch_names_the_member_with_the_lowest_limit():
+    scenes = [stiff(), stiff(9e4), stiff(9e3)]
+    limit = cs.max_stable_dt(scenes[1])
+    (one,) = caught(lambda: cs.Stepper(scenes).advance(1, 1.1 * limit))
+    assert f"{limit:.3g} s" in str(one.message) and "batch member 1" in str(one.message)
+
+
+def test_the_limit_is_that_of_the_integrator():
+    scene = stiff()
+    dt = 0.9 * cs.max_stable_dt(scene)
+    assert cs.max_stable_dt(scene, "semi_implicit_euler") < dt
+    assert not caught(lambda: cs.Stepper(scene).advance(1, dt))
+    (one,) = caught(lambda: cs.Stepper(scene, integrator="semi_implicit_euler").advance(1, dt))
+    assert "semi_implicit_euler" in str(one.message)
+    assert not caught(lambda: cs.Stepper(scene, integrator="implicit_midpoint").advance(1, dt))
+
+
+@quiet
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threads, same_bits):
+    """Members 1 and 3 blow up one after the other; 0 and 2 do not notice."""
+    scenes = [stiff(0.9), stiff(3_000.0), stiff(9.0), stiff(9_000.0)]
+    dt, steps = 0.9 * cs.max_stable_dt(stiff()), 300
+    options = {"precision": precision, "threads": threads}
+    stepper = cs.Stepper(scenes, t=0.5, **options)
+    done, failed = 0, []
+    while done < steps:
+        try:
+            stepper.advance(steps - done, dt)
+            done = steps
+        except cs.UnstableError as error:
+            done += error.step - 1
+            failed.append(error.member)
+            np.testing.assert_array_equal(stepper.positions[error.member], error.x)
+            for k, scene in enumerate(scenes):  # all of them stand at that step
+                alone = cs.Stepper(scene, t=0.5, **options)
+                if k not in failed[:-1]:
+                    alone.advance(done, dt)
+                    assert same_bits(
+                        (stepper.positions[k], stepper.velocities[k]),
+                        (alone.positions, alone.velocities),
+                    )
+            kept = error.x
+            stepper.freeze(error.member)
+    assert failed == [3, 1]
+    np.testing.assert_array_equal(stepper.positions[1], kept)
+    assert stepper.time == 0.5 + steps * dt
+    for k in (0, 2):
+        alone = cs.Stepper(scenes[k], t=0.5, **options)
+        alone.advance(steps, dt)
+        assert same_bits(
+            (stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities)
+        )
+
+
+def test_a_frozen_member_stays_so_in_a_snapshot():
+    stepper = cs.Stepper([stiff(1.0), stiff(2.0)])
+    stepper.advance(3, 1e-3)
+    stepper.freeze(1)
+    again = cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot())))
+    assert again.frozen.tolist() == stepper.frozen.tolist() == [False, True]
+    before = again.positions
+    again.advance(3, 1e-3)
+    assert (again.positions[0] != before[0]).any()
+    assert (again.positions[1] == before[1]).all()
+
+
+@pytest.mark.parametrize("member, error", [(2, ValueError), (-1, ValueError), (0.0, TypeError)])
+def test_members_that_are_none(member, error):
+    with pytest.raises(error, match="member must be"):
+        cs.Stepper([stiff(), stiff()]).freeze(member)
+
+
+@quiet
+def test_growth_into_a_folded_shape_is_an_error_too():
+    """A twentieth above the limit the sheet crumples instead of flying apart, finite for ever."""
+    case = cs.scenes.hard_cases()["dt at 1.05 of the limit"]
+    with pytest.raises(cs.UnstableError) as raised:
+        cs.Stepper(case.scene, threads=1).advance(case.steps, case.dt)
+    last = cs.energy(case.scene, raised.value.x, raised.value.v)
+    start = cs.energy(case.scene, case.scene.initial_position, case.scene.initial_velocity)
+    stretched = 35_000 * 1e-6  # J, about that of springs stretched by a thousandth
+    assert last["total"] - start["total"] < stretched
+    # Step by step the energy that each call begins with is all there is to compare with.
+    x, v = case.scene.initial_position, case.scene.initial_velocity
+    for _ in range(200):
+        x, v = cs.step(case.scene, x, v, case.dt, threads=1)
+    assert np.isfinite(x).all()
+
+
+@quiet
+@pytest.mark.parametrize("integrator", ["velocity_verlet", "semi_implicit_euler", "pefrl"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_an_energy_that_swings_is_not_taken_for_growth(integrator, precision):
+    """Right below the true limit, above the guarantee, symplectic methods keep another energy."""
+    scene = stiff()
+    limit = cs.max_stable_dt(scene, integrator, scene.initial_position) / 0.97
+    assert 0.98 * limit > cs.max_stable_dt(scene, integrator)
+    still = scene.replace(position=None, velocity=1e-2 * (scene.initial_position - scene.cloth.rest_positions)
+                          * ~scene.cloth.pinned[..., None])  # fmt: skip
+    cs.Stepper(still, integrator=integrator, precision=precision).advance(3000, 0.98 * limit)
+
+
+@quiet
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_rounding_at_rest_is_not_taken_for_growth(precision):
+    cloth = cs.Cloth((9, 9), damping=0.0)
+    scene = cs.Scene(cloth, gravity=(0, 0, 0))
+    dt = 0.9 * cs.max_stable_dt(scene, x=cloth.rest_positions)
+    assert dt > cs.max_stable_dt(scene)
+    cs.Stepper(scene, precision=precision).advance(3000, dt)

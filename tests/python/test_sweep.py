@@ -1,0 +1,396 @@
+"""`sweep`: what it computes, and how it is labelled."""
+
+import operator
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweep import batch, contact, metrics
+from clothsim.sweep.member import Member, Settings
+from clothsim.sweep.reference import reference_steps, solve
+
+xarray = pytest.importorskip("xarray")
+
+SMALL = cs.scenes.hanging(shape=(6, 7), springs=("structural", "shear"))
+BALL = cs.Scene(
+    cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2),
+    cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5),
+)
+
+
+def sweep(*args, **options):
+    return cs.sweep(*args, progress=False, **options)
+
+
+def member(scene, dt, duration=0.2, index=0, **numerics):
+    settings = Settings(duration, dt, "rk4", "double", "auto", False, None, False, 32, ())
+    return Member.make(index, scene, numerics, settings)
+
+
+# The same bits as alone
+
+
+def test_members_have_the_bits_of_simulate(crumpled):
+    scene = crumpled(shape=(5, 9)).scene.replace(spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15))
+    over = {"damping_shear": [0.1, 0.5], "precision": ["single", "double"],
+            "dt": [7e-4, 1e-3], "kernel": ["edge", "gather"]}  # fmt: skip
+    result = sweep(scene, over, duration=0.1, every=0.033, frames=True,
+                   metrics=["stable", "largest_stretch", "penetration"])  # fmt: skip
+    assert result.stable.all() and result.sizes["time"] == 5
+    for k, damping in enumerate(over["damping_shear"]):
+        changed = scene.replace(
+            cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping})
+        )
+        for precision in over["precision"]:
+            for dt in over["dt"]:
+                for kernel in over["kernel"]:
+                    alone = cs.simulate(changed, 0.1, dt=dt, every=0.033, precision=precision,
+                                        kernel=kernel, threads=1)  # fmt: skip
+                    mine = result.isel(damping_shear=k).sel(
+                        precision=precision, dt=dt, kernel=kernel
+                    )
+                    assert mine.position.values.tobytes() == alone.x.tobytes()
+                    assert mine.velocity.values.tobytes() == alone.v.tobytes()
+                    assert np.array_equal(result.time, alone.t)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, precision):
+    # A call is shared with it only where its divergence was not foreseen.
+    monkeypatch.setattr(Member, "likely_unstable", False)
+    stiffness = [1e3, 9e4, 2e3, 3e5, 3e3]
+    scenes = [SMALL.replace(cloth=SMALL.cloth.replace(stiffness=k)) for k in stiffness]
+    members = [member(s, 3e-3, 0.5, k, precision=precision) for k, s in enumerate(scenes)]
+    assert len({m.batch_key for m in members}) == 1
+    outcomes = batch.run_batch(members, frozenset({"stretch"}))
+    diverged = [k for k, outcome in enumerate(outcomes) if outcome.error is not None]
+    assert diverged == [1, 3]
+    for k, (scene, outcome) in enumerate(zip(scenes, outcomes, strict=True)):
+        if k in diverged:
+            with pytest.raises(cs.UnstableError) as caught:
+                cs.simulate(scene, 0.5, dt=3e-3, precision=precision)
+            assert outcome.error.step == caught.value.step
+            assert outcome.error.time == caught.value.time
+            assert outcome.error.x.tobytes() == caught.value.x.tobytes()
+        else:
+            alone = cs.simulate(scene, 0.5, dt=3e-3, precision=precision)
+            assert outcome.x[-1].tobytes() == alone.x[-1].tobytes()
+            assert outcome.v[-1].tobytes() == alone.v[-1].tobytes()
+
+
+UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
+
+
+@pytest.mark.parametrize(("scene", "dt", "first"), [(SMALL, 2e-2, 1), (UNDAMPED, 8.2e-3, 65)])
+def test_a_member_that_diverges_is_marked(scene, dt, first):
+    with pytest.warns(RuntimeWarning, match="'len'"):
+        result = sweep(scene, {"dt": [1e-3, dt]}, duration=2.0,
+                       metrics=["stable", "energy_drift", len])  # fmt: skip
+    with pytest.raises(cs.UnstableError) as caught:
+        cs.simulate(scene, 2.0, dt=dt)
+    assert caught.value.step >= first  # the core is first called for 64 steps
+    bad = result.isel(dt=1)
+    assert int(bad.status) == 2 and not bad.stable
+    assert int(bad.unstable_step) == caught.value.step
+    assert float(bad.unstable_time) == caught.value.time
+    assert float(bad.max_stable_dt) == caught.value.max_stable_dt == cs.max_stable_dt(scene)
+    assert str(bad.message.values) == str(caught.value)
+    assert np.isnan(bad.energy_drift)
+    # `len` of a run is an error of the function's own: that member's loss, the other's not.
+    assert int(result.isel(dt=0).status) == 3 and "len" in str(result.isel(dt=0).message.values)
+
+
+# Metrics
+
+
+def test_energy_stretch_and_penetration_are_those_of_the_run():
+    names = ["energy_drift", "largest_stretch", "penetration"]
+    result = sweep(BALL, {"sphere_radius": [0.1, 0.25]}, duration=0.4, dt=1e-3, metrics=names,
+                   sampling=400)  # fmt: skip
+    for radius in (0.1, 0.25):
+        run = cs.simulate(BALL.replace(spheres=BALL.spheres[0].replace(radius=radius)), 0.4,
+                          dt=1e-3, every=1)  # fmt: skip
+        mine = result.sel(sphere_radius=radius)
+        energy = run.report["energy"]
+        assert float(mine.energy_drift) == energy["end"]["total"] - energy["start"]["total"]
+        assert float(mine.penetration) == run.report["penetration"]["triangles"] > 0
+        assert float(mine.penetration_points) == run.report["penetration"]["points"]
+        table = BALL.cloth.spring_table()
+        points = run.x.reshape(len(run.t), -1, 3)
+        lengths = np.linalg.norm(points[:, table["j"]] - points[:, table["i"]], axis=-1)
+        expected = (lengths / table["rest_length"]).max() - 1
+        assert float(mine.largest_stretch) == pytest.approx(expected, rel=1e-13, abs=0)
+
+
+def test_sampling_looks_at_so_many_states():
+    fine, coarse = (
+        float(
+            sweep(
+                BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n
+            ).largest_stretch
+        )
+        for n in (400, 4)
+    )
+    run = cs.simulate(BALL, 0.4, dt=1e-3, every=100)
+    looked_at = cs.largest_stretch(BALL, run.x)
+    assert coarse == looked_at.max() < fine
+
+
+def test_largest_stretch_of_a_batch_and_without_springs():
+    x = SMALL.initial_position
+    assert cs.largest_stretch(SMALL, np.stack([x, 2 * x])) == pytest.approx([0, 1], abs=1e-14)
+    bare = SMALL.replace(cloth=SMALL.cloth.replace(springs=()))
+    assert cs.largest_stretch(bare, x) == 0.0
+    result = sweep(bare, duration=0.1, dt=1e-2, metrics="largest_stretch")
+    assert float(result.largest_stretch) == 0.0
+    assert int(result.status) == 1
+
+
+LOOSE = cs.Scene(cs.Cloth((5, 5), mass=1.0, stiffness=200.0, damping=0.2))
+
+
+@pytest.fixture(scope="module")
+def solution():
+    """Of LOOSE at 0.15 s, by a method and a code that share nothing with the sweep's reference."""
+    from tests.conftest import Oracle
+
+    return Oracle.solution(LOOSE, 0.15)
+
+
+def test_error_is_the_distance_from_the_solution(solution):
+    dts = [4e-3, 2e-3, 1e-3]
+    result = sweep(LOOSE, {"dt": dts}, duration=0.15, metrics="error")
+    for dt in dts:
+        run = cs.simulate(LOOSE, 0.15, dt=dt)
+        distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
+        mine = result.sel(dt=dt)
+        assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
+        assert float(mine.error_rms) == pytest.approx(
+            np.sqrt((distance**2).mean()), rel=1e-4, abs=0
+        )
+    orders = np.log2(result.error.values[:-1] / result.error.values[1:])
+    assert orders == pytest.approx([4, 4], abs=0.25)
+
+
+def test_the_references_error_is_within_its_bound(solution):
+    reference = solve(LOOSE, 0.15)
+    true = np.linalg.norm(reference.x - solution, axis=-1).max()
+    assert true < 0.01 * reference.error < 1e-12
+    # In contact the motion is chaotic, and the bound says so.
+    assert solve(BALL, 0.6).error > 1e-5
+    limit = cs.max_stable_dt(LOOSE)
+    assert 0.3 / reference_steps(0.3, limit) <= limit / 32
+
+
+def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
+    from clothsim.sweep import reference
+
+    solved = []
+    monkeypatch.setattr(reference, "_kept", reference._Kept())
+    monkeypatch.setattr(
+        reference, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args)
+    )
+    over = {"stiffness": [100.0, 200.0], "dt": [1e-3, 2e-3], "precision": ["single", "double"]}
+    assert BALL.cloth.stiffness == 200.0
+    shared = sweep(BALL, over, duration=0.05, metrics="error")
+    assert sorted(solved) == [100.0, 200.0]
+    # and what a member gets does not depend on which others there are
+    alone = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
+    assert float(alone.error) == float(
+        shared.error.sel(stiffness=200.0, dt=2e-3, precision="double")
+    )
+
+
+@pytest.mark.parametrize("response", ["ray", "reflect"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("moving", [False, True])
+def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precision, moving):
+    dt = 1e-3
+    sphere = BALL.spheres[0].replace(response=response)
+    if moving:
+        sphere = sphere.replace(center=(-0.6, -0.2, 0.5), motion=cs.Linear((4.0, 0.0, 0.0)))
+    scene = BALL.replace(spheres=sphere)
+    found = sweep(scene, duration=0.5, dt=dt, metrics="first_contact", precision=precision)
+    with_ball = cs.simulate(scene, 0.5, dt=dt, every=1, precision=precision)
+    without = cs.simulate(contact._without_contact(scene), 0.5, dt=dt, every=1, precision=precision)
+    changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(
+        axis=(1, 2, 3)
+    )
+    first = with_ball.t[changed.argmax()]
+    assert 0.05 < first < 0.45
+    assert float(found.first_contact) == pytest.approx(first, rel=1e-12, abs=0)
+
+
+def test_first_contact_of_what_never_meets_is_missing():
+    far = BALL.replace(spheres=BALL.spheres[0].replace(center=(0.5, -9.0, 0.5)))
+    for scene in (far, BALL.replace(spheres=())):
+        result = sweep(scene, duration=0.3, dt=1e-3, metrics="first_contact")
+        assert np.isnan(result.first_contact) and int(result.status) == 1
+
+
+def test_steps_per_second_is_a_rate():
+    result = sweep(SMALL, duration=0.5, dt=1e-3, metrics="steps_per_second")
+    assert 1e3 < float(result.steps_per_second) < 1e8
+    assert result.steps_per_second.attrs["units"] == "1/s"
+
+
+def mean_height(run):
+    return run.x[..., 1].mean(axis=(1, 2))
+
+
+def ends(run):
+    return {"first": run.t[0], "last": run.t[-1], "steps": run.report["steps"]}
+
+
+def test_functions_of_the_run():
+    result = sweep(SMALL, {"mass": [1.0, 2.0]}, duration=0.2, dt=1e-3, every=0.05,
+                   metrics={"height": mean_height, "stable": "stable", "ends": ends})  # fmt: skip
+    run = cs.simulate(SMALL.replace(cloth=SMALL.cloth.replace(mass=2.0)), 0.2, dt=1e-3, every=0.05)
+    assert result.height.dims == ("mass", "height_0")
+    assert np.array_equal(result.height[1], mean_height(run))
+    assert result.ends_steps.values.tolist() == [200, 200] and float(result.ends_last[0]) == 0.2
+
+
+def test_a_function_that_fails_harms_its_member_alone():
+    def half(run):
+        if run.scene.cloth.mass == 2.0:
+            raise RuntimeError("no such luck")
+        return 1.0
+
+    with pytest.warns(RuntimeWarning, match="1 of 3 members failed.*no such luck"):
+        result = sweep(
+            SMALL, {"mass": [1.0, 2.0, 3.0]}, duration=0.1, dt=1e-3, metrics=[half, "stable"]
+        )
+    assert result.status.values.tolist() == [1, 3, 1]
+    assert np.isnan(result.half[1]) and result.half[2] == 1.0
+
+
+# Which members there are, and their labels
+
+
+def test_coordinates_carry_their_units():
+    result = sweep(SMALL, {"stiffness": np.array([1e3, 2e3]), "dt": (1e-3,)}, duration=0.01)
+    assert result.stable.dims == ("stiffness", "dt") and result.sizes == {"stiffness": 2, "dt": 1}
+    assert result.stiffness.attrs == {"long_name": "stiffness", "units": "N/m"}
+    assert result.dt.attrs["units"] == "s" and result.largest_stretch.attrs["units"] == "1"
+    assert result.sel(stiffness=2e3, dt=1e-3).stable
+    assert set(result.data_vars) == {"status", "max_stable_dt", "unstable_step", "unstable_time",
+                                     "message", "stable", "energy_drift",
+                                     "largest_stretch"}  # fmt: skip
+
+
+def test_shapes_of_many_sizes_with_frames():
+    shapes = [(4, 5), (6, 3)]
+    scene = cs.Scene(cs.Cloth(mass=1.0, stiffness=100.0, damping=0.1))
+    result = sweep(scene, {"shape": shapes}, duration=0.05, dt=1e-3, frames=True, metrics="stable")
+    assert result["shape"].values.tolist() == ["4x5", "6x3"]
+    assert result.rows.values.tolist() == [4, 6] and result.columns.values.tolist() == [5, 3]
+    assert result.position.shape == (2, 2, 6, 5, 3)
+    for name, (rows, columns) in zip(("4x5", "6x3"), shapes, strict=True):
+        run = cs.simulate(
+            scene.replace(cloth=scene.cloth.replace(shape=(rows, columns))), 0.05, dt=1e-3
+        )
+        frames = result.position.sel(shape=name).values
+        assert frames[:, :rows, :columns].tobytes() == run.x.tobytes()
+        assert np.isfinite(frames).sum() == run.x.size
+
+
+def test_zipped_lists_and_labelled_values():
+    over = {("stiffness", "dt"): [(1e3, 1e-3), (4e3, 5e-4)],
+            "sphere_motion": {"still": None, "up": cs.Linear((0, 1, 0))}}  # fmt: skip
+    result = sweep(BALL, over, duration=0.05, metrics=["stable", ends])
+    assert result.stable.dims == ("stiffness_dt", "sphere_motion")
+    assert result.stiffness.dims == result.dt.dims == ("stiffness_dt",)
+    assert result.sphere_motion.values.tolist() == ["still", "up"]
+    assert result.ends_steps.values.tolist() == [[50, 50], [100, 100]]
+
+
+def test_given_samples():
+    samples = [{"mass": 1.0, "dt": 1e-3}, {"mass": 2.0, "dt": 2e-3}, {"mass": 3.0, "dt": 1e-3}]
+
+    class Table:
+        def to_dict(self, kind):
+            assert kind == "records"
+            return samples
+
+    for given in (samples, Table()):
+        result = sweep(SMALL, given, duration=0.05, metrics=ends)
+        assert result.ends_steps.dims == ("sample",)
+        assert result.ends_steps.values.tolist() == [50, 25, 50]
+        assert result.mass.values.tolist() == [1, 2, 3]
+
+
+def test_a_sweep_over_nothing_is_one_run():
+    result = sweep(SMALL, duration=0.1, dt=1e-3)
+    assert result.stable.dims == () and bool(result.stable)
+
+
+def test_dt_is_by_default_half_of_the_stable_one():
+    result = sweep(SMALL, {"stiffness": [1e3, 1e5]}, duration=0.2, metrics=ends)
+    steps = np.ceil(0.2 / (0.5 * result.max_stable_dt.values))
+    assert result.ends_steps.values.tolist() == steps.tolist() and steps[1] > 4 * steps[0]
+
+
+def test_durations_may_differ():
+    result = sweep(SMALL, {"duration": [0.1, 0.2]}, dt=1e-3, metrics=ends)
+    assert result.ends_last.values.tolist() == [0.1, 0.2]
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (
+            {"over": {"stiffness": [1.0, -5.0]}},
+            ValueError,
+            "member stiffness=-5.0.*stiffness must be",
+        ),
+        ({"over": {"dt": [0.0]}}, ValueError, "dt must be"),
+        ({"over": {"precision": ["half"]}}, ValueError, "precision must be one of"),
+        ({"over": {"integrator": ["rk5"]}}, ValueError, "integrator must be one of"),
+        ({"over": {"stiffness": []}}, ValueError, "at least one value"),
+        ({"over": {"stiffness": 3.0}}, TypeError, "sequence of values"),
+        ({"over": {"precision": "single"}}, TypeError, "sequence of values"),
+        ({"over": {("dt", "mass"): [(1.0,)]}}, ValueError, "rows of 2 values"),
+        ({"over": {("dt", "mass"): [(1e-3, 1.0)], "dt": [1e-3]}}, ValueError, "more than once"),
+        ({"over": [{"mass": 1.0}, {"dt": 1.0}]}, ValueError, "the same names"),
+        ({"over": [3.0]}, TypeError, "sequence of mappings"),
+        ({"metrics": "eror"}, ValueError, "'error'"),
+        ({"metrics": ["stable", 3]}, TypeError, "metrics"),
+        ({"metrics": {"error": len}}, ValueError, "must not be named"),
+        ({"metrics": {"no name": len}}, ValueError, "needs a name"),
+        ({"metrics": {"mass": operator.length_hint}, "over": {"mass": [1.0]}}, ValueError, "swept"),
+        ({"duration": -1.0}, ValueError, "duration"),
+        ({"every": 0}, ValueError, "every"),
+        ({"sampling": 0}, ValueError, "sampling"),
+        ({"threads": 0}, ValueError, "threads"),
+        ({"task_seconds": 0.1}, ValueError, "task_seconds"),
+        ({"progress": 1}, TypeError, "progress"),
+        ({"executor": 4}, TypeError, "executor"),
+        ({"frames": True, "over": {"duration": [1.0]}}, ValueError, "frames"),
+        ({"frames": True, "every": 3, "over": {"dt": [1e-3]}}, ValueError, "every"),
+        ({"store": __file__}, ValueError, "store"),
+    ],
+)
+def test_what_is_refused(arguments, error, message, tmp_path):
+    given = {"duration": 0.01, "progress": False, **arguments}
+    with pytest.raises(error, match=message):
+        cs.sweep(SMALL, **given)
+
+
+def test_what_no_member_can_be_is_found_in_a_large_grid():
+    over = {"stiffness": np.linspace(1, 2, 100), "mass": [*np.linspace(1, 2, 99), -1.0]}
+    with pytest.raises(ValueError, match="mass=-1.0"):
+        sweep(SMALL, over, duration=1.0)
+
+
+def test_no_scene_is_a_type_error():
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        sweep("paper_swing")
+
+
+def test_metric_names_are_documented():
+    for name in metrics.METRICS:
+        assert f'"{name}"' in cs.sweep.__doc__

@@ -1,0 +1,113 @@
+"""What can be swept: every name changes what it says, and nothing else."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweep import fields
+from clothsim.sweep.fields import change_scene
+
+LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
+AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
+CLOTH = cs.Cloth((4, 5), mass=2.0, stiffness=100.0, damping=0.5)
+SCENE = cs.Scene(CLOTH, (LINEAR, AROUND))
+FAMILIES = {"structural": 100.0, "shear": 100.0, "bend": 100.0}
+
+CASES = [
+    ("shape", (6, 3), lambda s: s.cloth.shape, (6, 3)),
+    ("mass", 3.0, lambda s: s.cloth.mass, 3.0),
+    ("stiffness", 7.0, lambda s: s.cloth.stiffness, 7.0),
+    ("stiffness_shear", 7.0, lambda s: s.cloth.family_stiffness, {**FAMILIES, "shear": 7.0}),
+    ("damping_bend", 7.0, lambda s: s.cloth.family_damping["bend"], 7.0),
+    ("damping_bend", 7.0, lambda s: s.cloth.family_damping["shear"], 0.5),
+    ("springs", ("bend",), lambda s: s.cloth.springs, ("bend",)),
+    ("pins", ((1, 1),), lambda s: s.cloth.pins, ((1, 1),)),
+    ("gravity", (1, 2, 3), lambda s: s.gravity, (1, 2, 3)),
+    ("gravity_z", 3.0, lambda s: s.gravity, (0.0, -9.80665, 3.0)),
+    ("sphere_radius", 0.4, lambda s: [b.radius for b in s.spheres], [0.4, 0.4]),
+    ("sphere1_radius", 0.4, lambda s: [b.radius for b in s.spheres], [0.3, 0.4]),
+    ("sphere0_center_y", 9.0, lambda s: s.spheres[0].center, (0.0, 9.0, 0.0)),
+    ("sphere_response", "reflect", lambda s: s.spheres[1].response, "reflect"),
+    ("sphere0_speed", 10.0, lambda s: s.spheres[0].motion.velocity, (6.0, 0.0, 8.0)),
+    ("sphere1_speed", 4.0, lambda s: s.spheres[1].motion.period, 0.25),
+    ("sphere1_period", 4.0, lambda s: s.spheres[1].motion.period, 4.0),
+    ("sphere0_velocity", (0, 1, 0), lambda s: s.spheres[0].motion.velocity, (0.0, 1.0, 0.0)),
+    ("scene", cs.scenes.paper_swing(), lambda s: s, cs.scenes.paper_swing()),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "read", "expected"), CASES)
+def test_a_name_changes_what_it_says(name, value, read, expected):
+    fields.check_name(name)
+    assert read(change_scene(SCENE, {name: value})) == expected
+    assert read(SCENE) != expected or name == "damping_bend"
+
+
+def test_the_rest_stays():
+    changed = change_scene(SCENE, {"stiffness_shear": 7.0, "sphere1_radius": 0.4})
+    assert changed.cloth.replace(stiffness=100.0) == CLOTH
+    assert changed.spheres[0] == LINEAR and changed.spheres[1].replace(radius=0.2) == AROUND
+    assert changed.gravity == SCENE.gravity
+    assert change_scene(SCENE, {}) == SCENE
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_parts_are_parts_of_the_new_whole(order):
+    values = [("stiffness", 5.0), ("stiffness_bend", 2.0), ("sphere0_motion", cs.Linear((2, 0, 0))),
+              ("sphere0_speed", 3.0), ("gravity", (1, 1, 1)), ("gravity_x", 4.0)]  # fmt: skip
+    changed = change_scene(SCENE, dict(values[::order]))
+    assert dict(changed.cloth.stiffness) == {"structural": 5.0, "shear": 5.0, "bend": 2.0}
+    assert changed.spheres[0].motion.velocity == (3.0, 0.0, 0.0)
+    assert changed.gravity == (4.0, 1.0, 1.0)
+
+
+def test_every_argument_of_the_model_has_a_name():
+    import dataclasses
+
+    for cls, prefix in ((cs.Cloth, ""), (cs.Sphere, "sphere_")):
+        for field in dataclasses.fields(cls):
+            assert prefix + field.name in fields.NAMES
+    for name in ("dt", "duration", "integrator", "precision", "kernel", "strict", "gravity"):
+        assert name in fields.NAMES
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("stifness", "'stiffness'"), ("sphere_radios", "'sphere_radius'"),
+     ("sphere1_radios", "'sphere_radius'"), ("timestep", "fields.NAMES"), (3, "fields.NAMES")],
+)  # fmt: skip
+def test_an_unknown_name_is_refused_with_the_nearest(name, hint):
+    with pytest.raises(ValueError, match=hint):
+        cs.sweep(SCENE, {name: [1.0]}, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [({"sphere2_radius": 1.0}, "scene has 2"), ({"sphere0_period": 1.0}, "motion has it"),
+     ({"sphere_speed": -1.0}, ">= 0"), ({"stiffness": -1.0}, "stiffness must be")],
+)  # fmt: skip
+def test_values_that_do_not_fit_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        change_scene(SCENE, values)
+    with pytest.raises(ValueError, match="needs a sphere"):
+        change_scene(SCENE.replace(spheres=cs.Sphere()), {"sphere_speed": 1.0})
+    with pytest.raises(ValueError, match="shear springs"):
+        change_scene(cs.scenes.hanging(), {"stiffness_shear": 1.0})
+
+
+def test_units():
+    units = {"stiffness_shear": "N/m", "damping": "N s/m", "sphere1_speed": "m/s", "dt": "s",
+             "gravity_y": "m/s^2", "sphere_center_x": "m", "mass": "kg", "shape": "",
+             "precision": ""}  # fmt: skip
+    assert {name: fields.units(name) for name in units} == units
+
+
+def test_numerics_make_no_other_physics():
+    from clothsim.sweep.grid import make_grid
+
+    grid = make_grid({("stiffness", "dt"): [(1.0, 1e-3), (1.0, 1e-4), (2.0, 1e-4)],
+                      "precision": ["single", "double"], "gravity_x": [0.0, 1.0]})  # fmt: skip
+    physics = grid.physics.reshape(grid.shape)
+    assert np.array_equal(physics[0], physics[1])  # another dt, the same cloth
+    assert np.array_equal(physics[:, 0], physics[:, 1])  # another precision
+    assert len(np.unique(physics)) == 4
+    assert grid.member(5) == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}

@@ -1,0 +1,295 @@
+"""Stores: resumed after any end, refused where they differ, with provenance."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweep import api, engine, planning, store
+
+xarray = pytest.importorskip("xarray")
+zarr = pytest.importorskip("zarr")
+
+SCENE = cs.scenes.hanging(shape=(6, 7))
+OVER = {"stiffness": [1e3, 2e3, 3e3], "dt": [1e-3, 2e-2], "precision": ["double", "single"]}
+METRICS = ["stable", "energy_drift", "error"]
+
+
+def sweep(path, over=OVER, scene=SCENE, **options):
+    options = {"duration": 0.3, "metrics": METRICS, **options}
+    return cs.sweep(scene, over, store=path, progress=False, **options)
+
+
+def same(a, b, but=()):
+    assert set(a.variables) == set(b.variables)
+    for name in a.variables:
+        if name not in but:
+            left, right = a[name].values, b[name].values
+            assert left.dtype == right.dtype, name
+            assert np.array_equal(left, right, equal_nan=left.dtype.kind == "f"), name
+            assert a[name].dims == b[name].dims and a[name].attrs == b[name].attrs, name
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Indices of the members that are run, in order; each task has one, to be stopped anywhere."""
+    run_task, indices = engine.run_task, []
+
+    def counting(task, **options):
+        indices.extend(index for index, _ in task.members)
+        return run_task(task, **options)
+
+    monkeypatch.setattr(engine, "run_task", counting)
+    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(planning, "LONGEST", 1e-9)
+    monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 0.0)
+    return indices
+
+
+def test_a_store_has_what_memory_has(tmp_path):
+    options = {"every": 0.07, "frames": True, "metrics": [*METRICS, "first_contact"]}
+    stored = sweep(tmp_path / "s.zarr", **options)
+    same(stored, cs.sweep(SCENE, OVER, duration=0.3, progress=False, **options))
+    same(stored, cs.open_sweep(tmp_path / "s.zarr"))
+    assert stored.position.dims[-4:] == ("time", "row", "column", "component")
+    assert np.isnan(stored.position.sel(dt=2e-2)).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_xarray_alone_opens_a_store(tmp_path):
+    sweep(tmp_path / "s.zarr")
+    opened = xarray.open_zarr(tmp_path / "s.zarr", chunks=None)
+    assert opened.error.sel(stiffness=2e3, dt=1e-3, precision="double").item() > 0
+    assert opened.error.attrs["units"] == "m" and opened.stiffness.attrs["units"] == "N/m"
+
+
+def test_provenance(tmp_path):
+    result = sweep(tmp_path / "s.zarr")
+    about = result.clothsim.provenance
+    assert result.clothsim.scene == SCENE
+    assert about["identity"]["version"] == cs.__version__
+    assert about["identity"]["over"][1]["values"]["dt"] == OVER["dt"]
+    (session,) = about["sessions"]
+    assert session["instruction_sets"] == [cs.build_config()["instruction_set"]]
+    assert session["machine"]["cpu"] and session["hosts"] and session["created"]
+    assert session["wall_time"] > 0 and session["members_finished"] == 12
+    assert json.loads(result.attrs["clothsim"]) == about
+
+
+@pytest.mark.parametrize("stop_after", [1, 4, 11])
+def test_what_is_missing_is_done_and_nothing_twice(tmp_path, counted, monkeypatch, stop_after):
+    path = tmp_path / "s.zarr"
+    record = store.Store.record
+    done = []
+
+    def stopping(self, one):
+        if len(done) == stop_after:
+            raise OSError("disk full")
+        done.append(one.index)
+        record(self, one)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store.Store, "record", stopping)
+        with pytest.raises(OSError, match="disk full"):
+            sweep(path)
+    part = cs.open_sweep(path)
+    assert sorted(np.flatnonzero(part.status.values)) == sorted(done)
+    assert len(part.clothsim.provenance["sessions"]) == 1
+    counted.clear()
+    whole = sweep(path)
+    assert sorted([*counted, *done]) == list(range(12))
+    same(whole, cs.sweep(SCENE, OVER, duration=0.3, metrics=METRICS, progress=False))
+    assert len(whole.clothsim.provenance["sessions"]) == 2
+    counted.clear()
+    same(whole, sweep(path))
+    assert counted == []
+
+
+@pytest.mark.parametrize("killed_at", [0, 1, 7, 20, 32, *range(33, 45, 2)])
+def test_a_store_that_is_killed_between_two_writes_is_whole(
+    tmp_path, counted, monkeypatch, killed_at
+):
+    """The writes to the disk, file by file, end at any of them, as with a power cut."""
+    from zarr.storage import _local
+
+    class Killed(BaseException):
+        pass
+
+    writes, write = [], _local._put
+
+    def writing(*args, **options):
+        writes.append(args)
+        if len(writes) > killed_at:
+            raise Killed
+        return write(*args, **options)
+
+    path, over = tmp_path / "s.zarr", {"stiffness": [1e3, 2e3], "dt": [1e-3, 2e-2]}
+    with monkeypatch.context() as patch:
+        patch.setattr(_local, "_put", writing)
+        with pytest.raises(Killed):
+            sweep(path, over, metrics="energy_drift")
+    expected = cs.sweep(SCENE, over, duration=0.3, metrics="energy_drift", progress=False)
+    done = np.zeros((2, 2), bool)
+    try:
+        before = cs.open_sweep(path)
+    except ValueError:  # it has nothing yet
+        assert killed_at < 33
+    else:
+        done = before.status.values > 0
+        for name in ("energy_drift", "unstable_step", "max_stable_dt"):
+            left, right = before[name].values[done], expected[name].values[done]
+            assert np.array_equal(left, right, equal_nan=True)
+    counted.clear()
+    same(sweep(path, over, metrics="energy_drift"), expected)
+    assert len(counted) == 4 - int(done.sum())
+
+
+# The command line, with tasks of a member and a write after each: there is a half-way to stop at.
+SCRIPT = """
+import sys
+from clothsim.cli import main
+from clothsim.sweep import planning, store
+planning.SHORTEST = planning.LONGEST = 1e-9
+store._SECONDS_BETWEEN_WRITES = 0.0
+sys.exit(main(sys.argv[1:]))
+"""
+COMMAND = [sys.executable, "-c", SCRIPT, "sweep", "paper_swing", "--stiffness", "1e4:4e4:log12",
+           "--dt", "1e-4,2e-3", "--duration", "0.6", "--metric", "stable,energy_drift",
+           "--threads", "1", "--store"]  # fmt: skip
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
+    path = tmp_path / "s.zarr"
+    process = subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        try:
+            if (cs.open_sweep(path).status.values > 0).any():
+                break
+        except (ValueError, KeyError, AttributeError):
+            pass
+        time.sleep(0.05)
+    process.send_signal(how)
+    _, err = process.communicate(timeout=30)
+    part = cs.open_sweep(path).load()
+    done = part.status.values > 0
+    assert 0 < done.sum() < done.size, "the machine was too fast or too slow for this test"
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert f"{done.sum()} of {done.size} members are in" in err and "interrupted" in err
+    whole = cs.sweep(
+        cs.scenes.paper_swing(), {"stiffness": part.stiffness.values, "dt": part.dt.values},
+        duration=0.6, metrics=["stable", "energy_drift"], store=path, progress=False,
+    )  # fmt: skip
+    assert (whole.status.values > 0).all()
+    same(whole.where(done), part.where(done), but=("message",))
+    assert np.array_equal(whole.message.values[done], part.message.values[done])
+    assert whole.clothsim.provenance["sessions"][1]["members_finished"] == done.size
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        (
+            {"scene": SCENE.replace(gravity=(0, -1.62, 0))},
+            ["scene.gravity[1]", "-9.80665", "-1.62"],
+        ),
+        ({"over": {**OVER, "dt": [1e-3, 3e-2]}}, ["over[1].values.dt[1]", "0.02", "0.03"]),
+        ({"over": {**OVER, "dt": [1e-3]}}, ["over[1].values.dt"]),
+        ({"over": {"dt": OVER["dt"]}}, ["over"]),
+        ({"duration": 0.2}, ["settings.duration"]),
+        ({"metrics": ["stable"]}, ["settings.metrics"]),
+        ({"sampling": 3}, ["settings.sampling"]),
+        ({"strict": True}, ["settings.strict"]),
+    ],
+)
+def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):
+    path = tmp_path / "s.zarr"
+    sweep(path)
+    before = {p: p.read_bytes() for p in path.rglob("*") if p.is_file()}
+    with pytest.raises(ValueError, match="of another sweep; it differs in") as caught:
+        sweep(path, **change)
+    for name in names:
+        assert name in str(caught.value)
+    assert before == {p: p.read_bytes() for p in path.rglob("*") if p.is_file()}
+
+
+def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
+    sweep(tmp_path / "s.zarr")
+    monkeypatch.setattr(api, "build_config", lambda: {"version": "99.0"})
+    with pytest.raises(
+        ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'
+    ):
+        sweep(tmp_path / "s.zarr")
+    monkeypatch.setattr(store, "SCHEMA", 2)
+    with pytest.raises(ValueError, match="schema 1, the version read here is 2"):
+        sweep(tmp_path / "s.zarr")
+
+
+def test_a_large_array_that_differs_is_seen(tmp_path):
+    masses = np.full((6, 7), 0.1)
+    sweep(tmp_path / "s.zarr", {"mass": {"even": masses}}, dt=1e-3)
+    masses[3, 3] = 0.2
+    with pytest.raises(ValueError, match="over"):
+        sweep(tmp_path / "s.zarr", {"mass": {"even": masses}}, dt=1e-3)
+
+
+def test_what_is_no_store_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="no store of a sweep"):
+        sweep(tmp_path)
+    with pytest.raises(ValueError, match="no store of a sweep"):
+        cs.open_sweep(tmp_path)
+    with pytest.raises(ValueError, match="folder"):
+        cs.open_sweep(tmp_path / "nothing")
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_resume_false_refuses_what_exists(tmp_path):
+    sweep(tmp_path / "s.zarr", resume=False)
+    with pytest.raises(ValueError, match="resume=True continues it"):
+        sweep(tmp_path / "s.zarr", resume=False)
+
+
+def test_one_writer_at_a_time(tmp_path):
+    path = tmp_path / "s.zarr"
+    sweep(path)
+    lock = store._locked(path)
+    with pytest.raises(ValueError, match="being written by another process"):
+        sweep(path)
+    os.close(lock)
+    sweep(path)
+
+
+def test_members_that_failed_are_tried_again(tmp_path, counted):
+    failing = [True]
+
+    def delicate(run):
+        if failing[0] and run.scene.cloth.mass == 2.0:
+            raise RuntimeError("once")
+        return run.x[-1].mean(axis=(0, 1))
+
+    over = {"mass": [1.0, 2.0, 3.0]}
+    with pytest.warns(RuntimeWarning, match="once"):
+        first = sweep(tmp_path / "s.zarr", over, dt=1e-3, metrics=delicate)
+    assert first.status.values.tolist() == [1, 3, 1]
+    failing[0] = False
+    counted.clear()
+    second = sweep(tmp_path / "s.zarr", over, dt=1e-3, metrics=delicate)
+    assert counted == [1] and second.status.values.tolist() == [1, 1, 1]
+    assert second.delicate.dims == ("mass", "delicate_0") and np.isfinite(second.delicate).all()
+    assert np.array_equal(first.delicate[::2], second.delicate[::2])
+
+
+def test_large_grids_are_stored_in_parts():
+    assert store._chunks((1000, 1000)) == (16, 1000)
+    assert store._chunks((1_000_000,)) == (16_384,)
+    assert store._chunks((3, 4)) == (3, 4) and store._chunks(()) == ()
+    assert store._chunks((50, 40_000)) == (1, 16_384)
