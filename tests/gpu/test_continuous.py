@@ -46,6 +46,8 @@ def test_it_is_what_the_core_does(name, precision, bound):
     assert np.abs(cpu.positions - free.positions).max() > 1e-2
     assert np.abs(gpu.positions - cpu.positions).max() < bound
     assert np.abs(gpu.velocities - cpu.velocities).max() < 1e3 * bound
+    answers = gpu._state.core.contacts  # of the spheres that are not continuous
+    assert answers == cpu._state.core.contacts and (answers[0] > 0) == (name == "with a ray")
     for sphere in scene.spheres:
         radius = sphere.contact_radius(scene.cloth)
         distance = np.linalg.norm(gpu.positions - sphere.center_at(gpu.time), axis=-1)
