@@ -8,7 +8,8 @@ from clothsim.gpu.device import Device
 from clothsim.gpu.simulation import Simulation
 
 # Furthest that a point of the paper's swing may be from the core's after 0.1 s [m]. WGSL lets a
-# root be wrong by 4.5 units in the last place; every spring longer by as much moves a point by 4.9e-7 m.
+# root be wrong by 4.5 units in the last place; every spring longer by as much moves a point by
+# 4.9e-7 m.
 WGSL_BOUND = 2e-6
 # The same where only fusing and reordering differ: the core's own kernels differ by 3.7e-8 m.
 REORDERED_BOUND = 1e-7

@@ -50,7 +50,7 @@ def load_wgpu() -> Any:
         ) from error
     global _restricted
     if not _restricted:
-        # Without OpenGL's search for a display, which writes to stderr if there is none. Of no effect
+        # Without OpenGL's search for a display, which writes to stderr if there is none. No effect
         # where the caller has used wgpu before.
         with _quiet():
             extras.set_instance_extras(backends=("Vulkan", "Metal", "DX12"))

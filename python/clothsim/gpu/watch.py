@@ -17,7 +17,7 @@ _MADE = 0.9  # part of the energy that a run has made of nothing when it is call
 
 
 class EnergyWatch:
-    """Tells of a cloth without spheres whether nearly all of its energy is made by unstable steps."""
+    """Tells of a cloth without spheres whether unstable steps made nearly all of its energy."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._cloth = scene, core_cloth(scene)
