@@ -5,13 +5,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo test bench clean
+.PHONY: demo test test-gpu bench clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
 
 test: $(VENV)/.built-test
 	$(BIN)/python -m pytest
+
+# Tests of backend "gpu" need an adapter; Mesa's lavapipe, which is a CPU, will do.
+test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu
+	@$(BIN)/python -c "from clothsim.gpu import adapters; raise SystemExit(not adapters())" || { \
+	  echo "No graphics adapter: installing mesa-vulkan-drivers"; \
+	  { [ "$$(id -u)" = 0 ] && apt-get install -y --no-install-recommends mesa-vulkan-drivers; } || { \
+	  echo "Please install it (Debian, Ubuntu: sudo apt-get install mesa-vulkan-drivers)"; exit 1; }; }
+	CLOTHSIM_TEST_GPU=1 $(BIN)/python -m pytest tests/gpu
 
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench

@@ -4,7 +4,7 @@
 
 #include "bindings/bindings.hpp"
 #include "collision/offset.hpp"
-#include "simulation/plan.hpp"
+#include "simulation/engine.hpp"
 #include "simulation/stability.hpp"
 
 namespace clothsim {
@@ -94,6 +94,17 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     return plan;
 }
 
+// Centre and velocity of every sphere at every time, shape (times, spheres, 6): what another backend than the
+// core's own needs for its collision passes.
+Array<double> sphere_states(const Plan& plan, const std::vector<double>& times) {
+    Array<double> states({py::ssize_t(times.size()), py::ssize_t(plan.spheres.size()), py::ssize_t(6)});
+    double* next = states.mutable_data();
+    for (const double t : times)
+        for (const Sphere& sphere : plan.spheres)
+            for (const Vec3& part : {sphere.center_at(t), sphere.velocity_at(t)}) next = std::copy_n(part.data(), 3, next);
+    return states;
+}
+
 template <class Real>
 int lanes(const Plan& plan) {
     return kernels_of<Real>(*plan.kernels).lanes;
@@ -125,6 +136,9 @@ void bind_model(py::module_& m) {
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
              py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
         .def_readonly("cloth", &Plan::cloth)
+        .def("sphere_states", &sphere_states)
+        .def("runaway_speed",
+             [](const Plan& p, double dt, double stable_dt) { return runaway_speed(p.cloth, dt, stable_dt); })
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
         .def_property_readonly("lanes", [](const Plan& p) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);

@@ -20,11 +20,18 @@ inline double distance_to_surface(double b, double c) {
     return b > 0 ? -c / (b + root) : root - b;
 }
 
+// |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because the
+// summation order of Eigen's stableNorm depends on where its operand lies in memory.
+inline double length_of(const Vec3& v) {
+    const double largest = v.cwiseAbs().maxCoeff();
+    return largest > 0 ? largest * (v / largest).norm() : 0;
+}
+
 inline PointState respond_ray(const Contact& contact, const PointState& point) {
     const double radius = contact.sphere.contact_radius;
     const Vec3 m = point.position - contact.center;
     const Vec3 v = contact.relative(point.velocity);
-    const double speed = v.stableNorm();
+    const double speed = length_of(v);
 
     // A point without a ray, at rest in the sphere's frame, is projected along the normal.
     Vec3 on_surface = radius * outward_normal(m);

@@ -216,8 +216,7 @@ private:
             }
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
-        return far && middle.norm() < double(std::numeric_limits<float>::max()) ? Vec3(middle.cast<float>().cast<double>())
-                                                                                : Vec3(Vec3::Zero());
+        return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
     }
     void set_origin(const Vec3& origin) {
         origin_ = origin;

@@ -11,7 +11,9 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from .errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt
-from .plan import check_options, choose_kernel, choose_threads, core_plan, point_radius
+from .plan import (
+    check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius,
+)  # fmt: skip
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 
@@ -114,10 +116,12 @@ class State:
         threads: int | None,
         kernel: str,
         strict: bool,
+        backend: str = "cpu",
     ) -> None:
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
         check_options(precision, kernel, strict, integrator)
+        check_backend(backend, kernel, threads, integrator)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
         if v is None:
@@ -135,15 +139,20 @@ class State:
         self.shape, self.dtype = x.shape, x.dtype
         self.integrator = integrator
         self.threads_optional = threads is None
-        self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
-        plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
-        self.kernel = choose_kernel(kernel, strict)
-        self.instruction_set = plans[0].instruction_set
-        self.core = _core.Simulation(
-            plans * members if not batched else plans, check.number("t", t)
-        )
-        self.integrator = integrator
-        limits = [guaranteed_dt(plan.cloth, integrator) for plan in plans]
+        self.backend = backend
+        if backend == "gpu":
+            self._use_gpu(check.number("t", t), precision, strict)
+            cloths = [core_cloth(s) for s in scenes]
+        else:
+            self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
+            plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
+            self.kernel = choose_kernel(kernel, strict)
+            self.instruction_set = plans[0].instruction_set
+            self.core = _core.Simulation(
+                plans * members if not batched else plans, check.number("t", t)
+            )
+            cloths = [plan.cloth for plan in plans]
+        limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
         self.max_stable_dt = limits * members if not batched else limits
         self.core.set_stable_dt(self.max_stable_dt)
         self.warned = False
@@ -151,6 +160,13 @@ class State:
         self._warned_of_pins = False
         for member, one in enumerate(x if self.batched else x[None]):
             warn_of_start(self.scenes[member], one, float(t), member if self.batched else None)
+
+    def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
+        from .gpu.simulation import Simulation
+
+        self.core = Simulation(self.scenes, t, precision, strict)
+        self.threads, self.kernel = 1, "gather"
+        self.instruction_set = str(self.core.adapter)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""

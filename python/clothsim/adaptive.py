@@ -70,18 +70,19 @@ def rms(difference: Floats) -> float:
 
 @dataclass(frozen=True)
 class Options:
-    """How the core computes, as `step` takes it."""
+    """How the steps are computed, as `step` takes it."""
 
     integrator: str
     precision: str
     threads: int | None
     kernel: str
     strict: bool
+    backend: str = "cpu"
 
     def state(self, scene: Any, x: Any = None, v: Any = None) -> State:
         return State(
             scene, x, v, t=0.0, integrator=self.integrator, precision=self.precision,
-            threads=self.threads, kernel=self.kernel, strict=self.strict,
+            threads=self.threads, kernel=self.kernel, strict=self.strict, backend=self.backend,
         )  # fmt: skip
 
     def replace(self, **changes: Any) -> Options:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 PRECISIONS = ("double", "single")
 KERNELS = ("auto", "gather", "edge")
 INTEGRATORS = tuple(integrators())
+BACKENDS = ("cpu", "gpu")
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
 # the second thread saves.
@@ -45,6 +46,18 @@ def check_options(precision: str, kernel: str, strict: bool, integrator: str = "
     check.choice("integrator", integrator, INTEGRATORS)
     if check.boolean("strict", strict) and kernel == "edge":
         raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
+
+
+def check_backend(backend: str, kernel: str, threads: int | None, integrator: str) -> None:
+    """Raise the errors of a backend and of options that it does not have."""
+    if check.choice("backend", backend, BACKENDS) == "cpu":
+        return
+    if integrator != "rk4":
+        raise ValueError(f"integrator must be 'rk4' with backend 'gpu', got {integrator!r}")
+    if kernel == "edge":
+        raise ValueError("kernel must be 'gather' or 'auto' with backend 'gpu', got 'edge'")
+    if threads is not None:
+        raise ValueError(f"threads must be None with backend 'gpu', got {threads!r}")
 
 
 def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1) -> int:

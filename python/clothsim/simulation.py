@@ -19,7 +19,7 @@ from .adaptive import (
 from .build import build_config
 from .integration import integrators
 from .measures import energy, max_stable_dt, penetration
-from .plan import INTEGRATORS, check_options
+from .plan import INTEGRATORS, check_backend, check_options
 from .scene import Scene
 
 
@@ -135,6 +135,7 @@ def simulate(
     *,
     kernel: str = "auto",
     strict: bool = False,
+    backend: str = "cpu",
     estimate_error: bool | None = None,
 ) -> Run:
     """Run a scene from its initial state for `duration` and store frames.
@@ -161,8 +162,8 @@ def simulate(
         error control keeps its steps and stores its dense output, others take a shorter step
         where dt does not divide it. Default: only the first and the last state, which are stored
         in any case.
-    threads, kernel, strict
-        As for `step`.
+    threads, kernel, strict, backend
+        As for `step`. The backend "gpu" takes fixed steps of "rk4" only: no `rtol` and `atol`.
     progress : bool, default False
         True shows a progress bar (tqdm, in the extra "demo").
     estimate_error : bool, optional
@@ -177,7 +178,8 @@ def simulate(
         "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
         "end", see `energy`), "penetration" ("points" and "triangles" [m], the deepest over stored
         frames and spheres), "kernel", "integrator", "precision", "strict", "threads",
-        "instruction_set" and "version"; and about the error:
+        "instruction_set" (the adapter with the backend "gpu"), "backend" and "version"; and about
+        the error:
 
         "error_estimate"
             None, or "max" and "rms" [m] of the last positions, from a companion run: at twice
@@ -203,6 +205,8 @@ def simulate(
         If the state stops being finite.
     KeyboardInterrupt
         On Ctrl-C.
+    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+        With the backend "gpu" only; see `step`.
 
     Notes
     -----
@@ -235,7 +239,13 @@ def simulate(
     check.choice("integrator", integrator, ("auto", *INTEGRATORS))
     named = "rk4" if integrator == "auto" else integrator
     check_options(precision, kernel, strict, named)
-    options = Options(named, precision, threads, kernel, strict)
+    if backend == "gpu" and asked is not None:
+        raise ValueError(
+            "rtol and atol must be None with backend 'gpu', which takes fixed steps: give dt, or "
+            "leave it out for a step of half the guaranteed stable one"
+        )
+    check_backend(backend, kernel, threads, integrator)
+    options = Options(named, precision, threads, kernel, strict, backend)
     shown = _progress(progress)
 
     if dt is not None:
@@ -404,6 +414,7 @@ def _report(scene: Scene, solution: Solution, account: dict[str, Any]) -> dict[s
         "strict": options.strict,
         "threads": state.threads,
         "instruction_set": state.instruction_set,
+        "backend": options.backend,
         "version": build_config()["version"],
     }
 

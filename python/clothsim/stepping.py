@@ -28,6 +28,7 @@ def step(
     *,
     kernel: str = "auto",
     strict: bool = False,
+    backend: str = "cpu",
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
@@ -64,6 +65,10 @@ def step(
     strict : bool, default False
         True: exact roots and divisions and nothing fused, so that every instruction set gives the
         same bits. Not with the kernel "edge".
+    backend : {"cpu", "gpu"}, default "cpu"
+        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather"; `strict` then
+        keeps products apart from sums, so that an adapter that rounds correctly gives the bits of
+        the core's strict class. Takes no `threads`.
 
     Returns
     -------
@@ -85,6 +90,9 @@ def step(
         If `dt` is above `max_stable_dt`, the step that is stable in any state.
     KeyboardInterrupt
         On Ctrl-C, between two steps.
+    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+        With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
+        stops answering; if there is none.
 
     Examples
     --------
@@ -100,7 +108,7 @@ def step(
     """
     state = State(
         scene, x, v, t=t, integrator=integrator, precision=precision, threads=threads,
-        kernel=kernel, strict=strict,
+        kernel=kernel, strict=strict, backend=backend,
     )
     like = np.empty(state.shape, state.dtype)
     results = out_arrays(out, like)
@@ -187,11 +195,11 @@ class Stepper:
         (B, rows, columns, 3). Default: the scene's own.
     t : float, default 0.0
         Time of that state [s].
-    integrator, precision, threads, kernel, strict
-        As for `step`.
+    integrator, precision, threads, kernel, strict, backend
+        As for `step`. With the backend "gpu" the state stays on the adapter.
     track_contact_energy : bool, default False
         True counts the energy that the collision passes add (`contact_energy`). The passes are
-        then done by one thread.
+        then done by one thread. Not with the backend "gpu".
 
     Raises
     ------
@@ -221,11 +229,12 @@ class Stepper:
         threads: int | None = None,
         kernel: str = "auto",
         strict: bool = False,
+        backend: str = "cpu",
         track_contact_energy: bool = False,
     ) -> None:
         self._options: dict[str, Any] = {
             "integrator": integrator, "precision": precision, "threads": threads,
-            "kernel": kernel, "strict": strict,
+            "kernel": kernel, "strict": strict, "backend": backend,
         }
         self._scene = scene
         self._track = bool(track_contact_energy)
@@ -255,6 +264,9 @@ class Stepper:
             On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
         RuntimeError
             If another thread is advancing this stepper.
+        clothsim.gpu.AdapterLostError
+            If the graphics adapter stops answering. The stepper then stands at the last state that
+            was copied back, at most about a second of work ago.
 
         Warns
         -----
@@ -324,7 +336,7 @@ class Stepper:
 
     @property
     def threads(self) -> int:
-        """Threads used."""
+        """Threads used; 1 with the backend "gpu"."""
         return self._state.threads
 
     @property
@@ -334,8 +346,13 @@ class Stepper:
 
     @property
     def instruction_set(self) -> str:
-        """Instruction set of the kernels used."""
+        """Instruction set of the kernels used, or the graphics adapter."""
         return str(self._state.instruction_set)
+
+    @property
+    def backend(self) -> str:
+        """Backend used, "cpu" or "gpu"."""
+        return self._state.backend
 
     @property
     def contact_energy(self) -> float | npt.NDArray[np.float64]:

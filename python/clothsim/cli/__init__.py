@@ -74,7 +74,7 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
     except (ValueError, TypeError) as error:
         return _failed(args, 2, error)
-    except (ArithmeticError, ImportError, OSError) as error:
+    except (ArithmeticError, ImportError, MemoryError, OSError, RuntimeError) as error:
         if isinstance(error, BrokenPipeError):  # the reader left, as in `clothsim info | head -1`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0

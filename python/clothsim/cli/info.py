@@ -12,10 +12,33 @@ from ._common import add_command, as_json, as_text
 
 def add_parser(subparsers: Any) -> None:
     add_command(
-        subparsers, "info", run, "Print version, compiler, instruction sets, threads and libraries."
+        subparsers,
+        "info",
+        run,
+        "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
     )
 
 
+def _adapters() -> Any:
+    """What backend "gpu" could use, or why there is nothing."""
+    from clothsim.gpu import adapters
+
+    try:
+        found = adapters()
+    except ImportError as error:
+        return str(error)
+    return {
+        f"{place}: {adapter.name}": {
+            "api": adapter.api,
+            "kind": adapter.kind + (" (runs shaders, no GPU)" if adapter.software else ""),
+            "driver": adapter.driver,
+            "float64": adapter.float64,
+            "largest_buffer": adapter.largest_buffer,
+        }
+        for place, adapter in enumerate(found)
+    } or "none found"
+
+
 def run(args: argparse.Namespace) -> None:
-    config = dict(cs.build_config())
+    config = {**cs.build_config(), "graphics_adapters": _adapters()}
     print(as_json(config) if args.json else as_text(config))

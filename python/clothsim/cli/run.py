@@ -58,6 +58,9 @@ def add_parser(subparsers: Any) -> None:
         "--precision", choices=("double", "single"), default="double", help="default: double"
     )
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
+    command.add_argument(
+        "--backend", choices=("cpu", "gpu"), default="cpu", help="default: cpu (gpu: docs/gpu.md)"
+    )
     command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
 
 
@@ -87,6 +90,7 @@ def run(args: argparse.Namespace) -> None:
         every=args.every,
         precision=args.precision,
         threads=args.threads,
+        backend=args.backend,
         progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
     )
     if args.out:

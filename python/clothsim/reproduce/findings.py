@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .paper import FRAMES_PER_SECOND, VARIANTS
+from .performance import CORE, SHADER
 from .settings import PAPER_DT
 from .tables import number, per_frame
 
@@ -228,7 +229,8 @@ def _methods(entry: dict) -> list[str]:
 
 
 def _speedup(entry: dict) -> list[str]:
-    reference, *core = entry["rows"]
+    reference, *others = entry["rows"]
+    core = [row for row in others if row["kind"] == CORE]
     lines = [
         f"The {row['kind']} in {row['precision']} precision on {row['threads']} "
         f"thread{'s' if row['threads'] > 1 else ''} takes "
@@ -261,7 +263,31 @@ def _speedup(entry: dict) -> list[str]:
         f"Both compute the same: after {entry['agreement_steps']} steps positions differ by no "
         f"more than {number(entry['agreement'])} m."
     )
+    return [*lines, *_shader(others), *_over_sizes(entry)]
+
+
+def _shader(rows: list[dict]) -> list[str]:
+    lines = []
+    for row in rows:
+        if not row["kind"].startswith(SHADER):
+            continue
+        same = [r for r in rows if r["kind"] == CORE and r["precision"] == row["precision"]]
+        best = max(r["steps_per_second"] for r in same)
+        lines.append(
+            f"The {row['kind']}, in {row['precision']} precision takes "
+            f"{number(row['microseconds_per_step'])} us a step, "
+            f"{number(row['steps_per_second'] / best)} times the speed of the fastest CPU row of that "
+            "precision (the paper: 1.6). Making its buffers and pipelines takes "
+            f"{number(MILLIMETRE * row['first_setup_seconds'])} ms the first time; that slows the "
+            "paper's first measurement and is not part of the rates."
+        )
     return lines
+
+
+def _over_sizes(entry: dict) -> list[str]:
+    if "gpu" not in entry:
+        return []
+    return [*entry["gpu"]["warnings"], *entry["gpu"]["crossovers"]]
 
 
 def _comparison(entry: dict) -> list[str]:

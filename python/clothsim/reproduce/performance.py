@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,17 @@ from .paper import METHODS
 from .settings import PAPER_DT, Settings
 
 REFERENCE = "scalar reference"
+CORE = "SIMD core"
+SHADER = "shader"
 WARM_UP = 0.5  # s stepped before experiment 4 is timed, so that the cloth lies on the sphere
 WARM_UP_DT = 5e-5  # s
 AGREEMENT_STEPS = 100
 CHUNK = 50  # steps between two looks at the clock
+
+
+def shader_name(adapter: Any) -> str:
+    """What the rows of a graphics adapter are called."""
+    return f"{SHADER}, {adapter.name}{' [a CPU]' if adapter.software else ''}"
 
 
 def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict:
@@ -71,14 +79,22 @@ def methods(settings: Settings, *, advance: Callable = lambda runs: None) -> dic
     return {"rows": rows, "frame_steps": frame_steps, "threads": 1}
 
 
-def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs: None) -> dict:
-    """Experiment 4: method 2 by the SIMD core and by the scalar, spring-by-spring reference.
+def speedup(
+    settings: Settings,
+    *,
+    threads: int,
+    adapters: Sequence[Any] = (),
+    advance: Callable = lambda runs: None,
+) -> dict:
+    """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference and the shader.
 
     Parameters
     ----------
     settings : Settings
     threads : int
         Threads of the core in the rows that use more than one.
+    adapters : sequence of clothsim.gpu.Adapter
+        Graphics adapters that take part.
     advance : callable
         Told 1 after each run.
 
@@ -104,12 +120,21 @@ def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs
             done += part
         return done / (perf_counter() - start)
 
-    def core(precision, threads):
+    def core(precision, threads, **where):
         def measure():
             start = perf_counter()
-            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads)
+            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, **where)
             stepper.advance(1, dt)
             return perf_counter() - start, timed(lambda part: stepper.advance(part, dt))
+
+        return measure
+
+    def shader(precision, adapter):
+        def measure():
+            from clothsim.gpu.device import using
+
+            with using(adapter):
+                return core(precision, None, backend="gpu")()
 
         return measure
 
@@ -123,7 +148,10 @@ def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs
     variants = {(REFERENCE, "double", 1): reference}
     for precision in ("double", "single"):
         for count in sorted({1, threads}):
-            variants["SIMD core", precision, count] = core(precision, count)
+            variants[CORE, precision, count] = core(precision, count)
+    for adapter in adapters:
+        for precision in ("double", "single") if adapter.float64 else ("single",):
+            variants[shader_name(adapter), precision, 1] = shader(precision, adapter)
 
     measured = {key: [] for key in variants}
     for _ in range(settings.runs):
@@ -139,6 +167,7 @@ def speedup(settings: Settings, *, threads: int, advance: Callable = lambda runs
         row |= _statistics(1.0 / rates, frame_steps)
         row["speedup"] = row["steps_per_second"] / (rows or [row])[0]["steps_per_second"]
         row["setup_seconds"] = float(np.median(setup))
+        row["first_setup_seconds"] = float(setup[0])
         row["runs"] = rates.tolist()
         rows.append(row)
 

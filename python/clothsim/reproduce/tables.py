@@ -86,6 +86,20 @@ COMPARISON = (
 )
 
 
+SIZES = (
+    Column("cloth", lambda r: f"{r['rows']} x {r['columns']}"),
+    Column("cloths", lambda r: str(r["members"])),
+    Column("method", lambda r: str(r["method"])),
+    Column("by", lambda r: r["name"]),
+    Column("us/step", lambda r: number(1e6 / r["steps_per_second"])),
+    Column("steps/s", lambda r: number(r["steps_per_second"])),
+    Column("lower quartile", lambda r: number(r["lower_quartile"])),
+    Column("upper quartile", lambda r: number(r["upper_quartile"])),
+    Column("times fastest CPU", lambda r: number(r["times_fastest_cpu"])),
+    Column("made in [ms]", lambda r: number(1e3 * r["first_run_setup_seconds"])),
+)
+
+
 @dataclass(frozen=True)
 class Table:
     """Headings and rows as strings; an empty `caption` for an experiment's main table."""
@@ -106,7 +120,11 @@ def tables(number: str, experiment: dict) -> list[Table]:
     if number == "5":
         return [_table("", COMPARISON, experiment["rows"])]
     if number == "4":
-        return [_table("", SPEEDUP, experiment["rows"])]
+        made = [_table("", SPEEDUP, experiment["rows"])]
+        if "gpu" in experiment:
+            caption = "CPU against GPU over cloth sizes and batches, compensated single precision"
+            made.append(_table(caption, SIZES, experiment["gpu"]["rows"]))
+        return made
     rows = []
     for row in experiment["rows"]:
         named = {"method": row["method"]}

@@ -1,0 +1,11 @@
+"""The compute shader: `backend="gpu"` of `step`, `simulate`, `Stepper` (docs/gpu.md).
+
+One invocation is one mass point, in workgroups of 16 x 16 x 1; each RK4 stage is a dispatch. It
+needs the extra "gpu" (wgpu) and a Vulkan, Metal or Direct3D 12 adapter; Mesa's lavapipe, which is
+a CPU, will do. wgpu is imported when an adapter is first asked for.
+"""
+
+from .device import Adapter, AdapterLostError, adapters
+from .probe import arithmetic, thread_ids
+
+__all__ = ["Adapter", "AdapterLostError", "adapters", "arithmetic", "thread_ids"]

@@ -1,0 +1,247 @@
+"""Members of a batch whose scenes have the same features: one dispatch a stage for all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..plan import core_plan
+from ..scene import Scene
+from . import parameters
+from .device import Device, translated
+from .shader import Features, pipelines
+
+GROUP = 16
+NONE_BAD = 0xFFFFFFFF
+_BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
+
+
+class Block:
+    """The state of some members on the adapter.
+
+    Parameters
+    ----------
+    device : Device
+    members : sequence of int
+        Their places in the batch.
+    scenes : sequence of Scene
+        One a member, of one shape and equal `Features`.
+    origins : numpy.ndarray
+        What each member's positions are relative to [m], shape (members, 3).
+    precision : {"single", "double"}
+    strict : bool
+    most_steps : int
+        Most steps between two calls of `begin`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        members: Sequence[int],
+        scenes: Sequence[Scene],
+        origins: np.ndarray,
+        precision: str,
+        strict: bool,
+        most_steps: int,
+    ) -> None:
+        self.device, self.members = device, list(members)
+        self.single = precision == "single"
+        self.real = np.float32 if self.single else np.float64
+        self.wide = np.float64 if device.float64 else np.float32
+        shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
+        self.scenes = [scenes[0]] if shared else list(scenes)
+        self.origins = origins[: len(self.scenes)]
+        self.contacts = np.zeros(len(members), np.int64)  # answered since `begin`, once told
+        self.plans = [core_plan(scene) for scene in self.scenes]
+        self.rows, self.columns = scenes[0].cloth.shape
+        self.points = self.rows * self.columns
+        self.features = Features.of(scenes[0])
+        self.groups = (math.ceil(self.columns / GROUP), math.ceil(self.rows / GROUP), len(members))
+        self._check_limits()
+        self._check_responses()
+        self.pipelines = pipelines(device, self.features, precision, strict)
+        self._make_buffers(most_steps)
+
+    def _check_limits(self) -> None:
+        adapter, cloth = self.device.adapter, self.scenes[0].cloth
+        what = f"{len(self.members)} cloth{'s' * (len(self.members) > 1)} of shape {cloth.shape}"
+        needed = self._plane_bytes * 6
+        if needed > adapter.largest_buffer:
+            raise ValueError(
+                f"scene is too large for the graphics adapter: {what} "
+                f"{'need' if len(self.members) > 1 else 'needs'} buffers of {needed:,} bytes, "
+                f"{adapter.name} has at most {adapter.largest_buffer:,}"
+            )
+        most = self.device.groups_limit
+        if max(self.groups) > most:
+            raise ValueError(
+                f"scene is too large for the graphics adapter: {what} takes {self.groups} "
+                f"workgroups, {adapter.name} has at most {most:,} in each direction"
+            )
+
+    def _check_responses(self) -> None:
+        for scene in self.scenes:
+            for k, sphere in enumerate(scene.spheres):
+                if sphere.response == "continuous" and self.wide != np.float64:
+                    raise ValueError(
+                        f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics "
+                        f"adapter {self.device.adapter.name}, whose shaders have no float64, got "
+                        "'continuous'"
+                    )
+                if sphere.offset == "face":
+                    raise ValueError(
+                        f"offset of spheres[{k}] must be 'none', 'edge' or a length with backend "
+                        "'gpu', got 'face': whole triangles are kept out by backend 'cpu' only"
+                    )
+
+    @property
+    def _plane_bytes(self) -> int:
+        return self.points * len(self.members) * np.dtype(self.real).itemsize
+
+    def _make_buffers(self, most_steps: int) -> None:
+        create = self.device.create_buffer
+        six = 6 * self._plane_bytes
+        both = ("STORAGE", "COPY_SRC", "COPY_DST")
+        self.state = create(six, *both)
+        self.compensation = create(six if self.single else 16, *both)
+        working = [create(six, "STORAGE") for _ in range(3)]
+        one = parameters.FIRST_WEIGHT + self.points
+        stride = one if len(self.scenes) > 1 else 0
+        size = one * len(self.scenes) * np.dtype(self.real).itemsize
+        self.parameters = create(size, "STORAGE", "COPY_DST")
+        per_scene = len(self.features.spheres) * parameters.CONTACT_SIZE
+        per_step = per_scene * len(self.scenes)
+        tables = most_steps if self.features.moving else 1
+        self._energies = np.empty((0, 0), self.wide)
+        if self.features.continuous:
+            self._energies = np.stack([parameters.energies(scene) for scene in self.scenes])
+        size = (self._energies.size + tables * per_step or 1) * np.dtype(self.wide).itemsize
+        self.contact_table = create(size, "STORAGE", "COPY_DST")
+        self._told = 1 + 4 * len(self.members)
+        words = math.ceil(self.points / 32) if self.features.continuous else 0
+        self.results = create(4 * (self._told + words * len(self.members)), *both)
+        self._results = np.zeros(self._told + words * len(self.members), np.uint32)
+        self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
+        self.constants = create(96, "UNIFORM", "COPY_DST")
+        self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
+        self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
+        energy_stride = self._energies.shape[1] if stride else 0
+        self._integers = np.array(
+            [self.rows, self.columns, stride, per_scene if stride else 0, per_step, 0,
+             len(self.members), energy_stride, self._energies.size],
+            np.uint32,
+        )  # fmt: skip
+        bound = [
+            self.constants, self.state, self.compensation, *working, self.parameters,
+            self.contact_table, self.results,
+        ]  # fmt: skip
+        with translated(self.device.adapter):
+            self.bindings = self.device.handle.create_bind_group(
+                layout=self.pipelines.layout,
+                entries=[
+                    {"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate(bound)
+                ],
+            )
+
+    @property
+    def _kept(self) -> list[Any]:
+        return [self.state, self.compensation] if self.single else [self.state]
+
+    # Moving the state -----------------------------------------------------------------------------
+
+    def upload(self, parts: Sequence[np.ndarray]) -> None:
+        """Planes of the state, and of the compensation, each (members, 6, points)."""
+        for buffer, planes in zip(self._kept, parts, strict=True):
+            self._write(buffer, planes)
+
+    def download(self) -> list[np.ndarray]:
+        """What `upload` takes."""
+        shape = (len(self.members), 6, self.points)
+        count = math.prod(shape)
+        size = count * np.dtype(self.real).itemsize
+        read = self.device.handle.queue.read_buffer
+        parts = (np.frombuffer(read(b, 0, size), self.real) for b in self._kept)
+        return [part.reshape(shape).copy() for part in parts]
+
+    def _write(self, buffer: Any, values: np.ndarray, offset: int = 0) -> None:
+        self.device.handle.queue.write_buffer(buffer, offset, np.ascontiguousarray(values))
+
+    # Stepping -------------------------------------------------------------------------------------
+
+    def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
+        """Take `dt` [s] for the steps from here on; `stable_dt` is each member's guaranteed one."""
+        numbers = parameters.step_constants(dt, self.real)
+        constants = np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
+        self._write(self.constants, constants)
+        limits = [plan.runaway_speed(dt, most) for plan, most in zip(self.plans, stable_dt)]
+        pairs = zip(self.scenes, limits, strict=True)
+        tables = [parameters.scene_parameters(scene, limit, self.real) for scene, limit in pairs]
+        self._write(self.parameters, np.concatenate(tables))
+        self._dt = dt
+        if self.features.continuous:
+            self._write(self.contact_table, self._energies)
+        if self.features.spheres and not self.features.moving:
+            self._write_contacts([0.0, 0.0])
+
+    def begin(self, times: Sequence[float]) -> None:
+        """Be ready for the steps between `times`."""
+        if self.features.moving:
+            self._write_contacts(times)
+        self._write(self.results, self._results)
+
+    def _write_contacts(self, times: Sequence[float]) -> None:
+        table = parameters.contacts(
+            self.scenes, self.plans, self.origins, times, self._dt, self.single, self.wide
+        )
+        self._write(self.contact_table, table, self._energies.nbytes)
+
+    def save(self, encoder: Any) -> None:
+        """Copy the state, on the adapter, to where `restore` finds it."""
+        for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
+            encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
+
+    def restore(self, encoder: Any) -> None:
+        for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
+            encoder.copy_buffer_to_buffer(copy, 0, buffer, 0, buffer.size)
+
+    def dispatch(self, work: Any, steps: int) -> None:
+        """Record `steps` steps into a compute pass."""
+        work.set_bind_group(0, self.bindings)
+        for _ in range(steps):
+            for stage in self.pipelines.stages:
+                work.set_pipeline(stage)
+                work.dispatch_workgroups(*self.groups)
+            if self.pipelines.settle:
+                work.set_pipeline(self.pipelines.settle)
+                work.dispatch_workgroups(1, 1, self.groups[2])
+
+    def check(self, work: Any) -> None:
+        """Record the search for bad points."""
+        work.set_bind_group(0, self.bindings)
+        work.set_pipeline(self.pipelines.check)
+        work.dispatch_workgroups(*self.groups)
+
+    def copy_results(self, encoder: Any) -> None:
+        encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, 4 * self._told)
+
+    def told(self) -> tuple[dict[str, Any] | None, tuple[int, int] | None]:
+        """Of the members of this block, once the results are copied: the first one in trouble, and
+        the first with a sphere in a pinned point, each with its point."""
+        self.readback.map_sync("READ")
+        results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
+        self.readback.unmap()
+        tables = results.reshape(4, len(self.members))
+        self.contacts = tables[_CONTACTS].astype(np.int64)
+        bad = None
+        trouble = np.minimum(tables[_BAD], tables[_SHUT_IN])
+        for k in np.flatnonzero(trouble != NONE_BAD)[:1]:
+            shut_in = bool(tables[_BAD, k] == NONE_BAD)
+            point = tables[_SHUT_IN if shut_in else _BAD, k]
+            bad = {"member": self.members[k], "point": int(point), "shut_in": shut_in}
+        pinned = None
+        for k in np.flatnonzero(tables[_PINNED_INSIDE] != NONE_BAD)[:1]:
+            pinned = self.members[k], int(tables[_PINNED_INSIDE, k])
+        return bad, pinned

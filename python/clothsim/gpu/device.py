@@ -1,0 +1,256 @@
+"""Adapters of this machine, the one that is used, and its errors in the words of this package.
+
+wgpu is imported here, when an adapter is first asked for, and nowhere else in the package.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
+# float64, and the integers of its size that `keep` takes it through.
+FLOAT64 = ("shader-f64", "shader-int64")
+
+# Drivers that the backend is written for; OpenGL would lack float64 and large buffers.
+_BACKENDS = ("Vulkan", "Metal", "D3D12")
+_ORDER = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU", "Unknown")
+_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
+
+
+class AdapterLostError(RuntimeError):
+    """The graphics adapter stopped answering: unplugged, reset, or its device destroyed.
+
+    A `Stepper` then stands at the last state that was copied back, whose time is `time`: its
+    ``positions``, ``velocities``, ``time`` and ``snapshot`` go on working.
+
+    Parameters
+    ----------
+    message : str
+    time : float, optional
+        Time of the last safe state [s].
+    """
+
+    def __init__(self, message: str, time: float | None = None) -> None:
+        self.time = time
+        super().__init__(message)
+
+
+def load_wgpu() -> Any:
+    """The module wgpu, or an ImportError that names the extra."""
+    try:
+        import wgpu
+        from wgpu.backends.wgpu_native import extras
+    except ImportError as error:
+        raise ImportError(
+            "backend 'gpu' needs wgpu, which is not installed: pip install 'clothsim[gpu]'"
+        ) from error
+    global _restricted
+    if not _restricted:
+        # Without OpenGL's search for a display, which writes to stderr if there is none. No effect
+        # where the caller has used wgpu before.
+        with _quiet():
+            extras.set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
+        _restricted = True
+    return wgpu
+
+
+_restricted = False
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """One graphics adapter.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        "DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU" (software) or "Unknown".
+    api, driver : str
+    float64 : bool
+        Whether its shaders compute in double precision.
+    largest_buffer : int
+        Bytes that one of a cloth's buffers may have.
+    place : int
+        In `adapters()`; CLOTHSIM_GPU_ADAPTER takes it too.
+    """
+
+    name: str
+    kind: str
+    api: str
+    driver: str
+    float64: bool
+    largest_buffer: int
+    handle: Any = field(repr=False, compare=False)
+    place: int = 0
+
+    @property
+    def software(self) -> bool:
+        """Whether this adapter is a CPU that runs shaders, no GPU."""
+        return self.kind == "CPU"
+
+    def __str__(self) -> str:
+        note = ", a CPU that runs shaders, no GPU" if self.software else ""
+        return f"{self.name} ({self.api}{note})"
+
+
+def _described(handle: Any) -> Adapter:
+    info, limits = handle.info, handle.limits
+    return Adapter(
+        name=str(info["device"]).strip(),
+        kind=str(info["adapter_type"]),
+        api=str(info["backend_type"]),
+        driver=str(info["description"]).strip(),
+        float64=set(FLOAT64) <= set(handle.features),
+        largest_buffer=min(int(limits[name]) for name in _LIMITS),
+        handle=handle,
+    )
+
+
+def adapters() -> list[Adapter]:
+    """The graphics adapters that `backend="gpu"` can use, best first.
+
+    Returns
+    -------
+    list of Adapter
+        Discrete ones first, software ones (Mesa's lavapipe) last; may be empty.
+
+    Raises
+    ------
+    ImportError
+        Without wgpu, naming the extra that brings it.
+
+    Examples
+    --------
+    >>> from clothsim.gpu import adapters
+    >>> all(adapter.largest_buffer > 0 for adapter in adapters())  # doctest: +SKIP
+    True
+    """
+    wgpu = load_wgpu()
+    found = [_described(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
+    usable = [adapter for adapter in found if adapter.api in _BACKENDS]
+    usable.sort(key=lambda a: _ORDER.index(a.kind) if a.kind in _ORDER else len(_ORDER))
+    return [replace(adapter, place=place) for place, adapter in enumerate(usable)]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Mesa's layer that asks a display for its adapter, and complains if there is none."""
+    switch = "NODEVICE_SELECT"
+    if "XDG_RUNTIME_DIR" in os.environ or switch in os.environ:
+        yield
+        return
+    os.environ[switch] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[switch]
+
+
+def chosen_adapter() -> Adapter:
+    """The adapter used: the best, or the one that CLOTHSIM_GPU_ADAPTER names or counts from 0."""
+    found = adapters()
+    if not found:
+        raise RuntimeError(
+            "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install the graphics "
+            "driver, or Mesa's software one (Debian: mesa-vulkan-drivers)"
+        )
+    wanted = os.environ.get(ADAPTER_VARIABLE, "")
+    if wanted.isdecimal() and int(wanted) < len(found):
+        return found[int(wanted)]
+    for adapter in found:
+        if wanted.lower() in adapter.name.lower():
+            return adapter
+    raise ValueError(
+        f"{ADAPTER_VARIABLE} must be part of the name of an adapter, or its place from 0 on, "
+        f"({', '.join(repr(a.name) for a in found)}), got {wanted!r}"
+    )
+
+
+class Device:
+    """An opened adapter. Pipelines are kept with it, as they are slow to compile."""
+
+    def __init__(self, adapter: Adapter, float64: bool = True) -> None:
+        self.wgpu = load_wgpu()
+        self.adapter = adapter
+        self._process = os.getpid()
+        self.float64 = adapter.float64 and float64
+        limits = adapter.handle.limits
+        with translated(adapter):
+            self.handle = adapter.handle.request_device_sync(
+                required_features=list(FLOAT64) if self.float64 else [],
+                required_limits={name: limits[name] for name in _LIMITS},
+            )
+        self.pipelines: dict[Any, Any] = {}
+
+    def check_process(self) -> None:
+        """Raise an error in a process forked from the one that opened this device."""
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "backend 'gpu' cannot be used in a process forked from one that has used it; "
+                "start processes with the method 'spawn'"
+            )
+
+    def create_buffer(self, size: int, *usages: str) -> Any:
+        flags = 0
+        for usage in usages:
+            flags |= getattr(self.wgpu.BufferUsage, usage)
+        with translated(self.adapter):
+            return self.handle.create_buffer(size=-(-size // 16) * 16, usage=flags)
+
+    @property
+    def groups_limit(self) -> int:
+        """Largest number of workgroups along a dimension of a dispatch."""
+        return int(self.handle.limits["max-compute-workgroups-per-dimension"])
+
+
+_opened: dict[tuple[int, str], Device] = {}
+
+
+def opened() -> Device:
+    """The device of the chosen adapter, shared by all states of this process."""
+    key = (os.getpid(), os.environ.get(ADAPTER_VARIABLE, ""))
+    if key not in _opened:
+        for device in _opened.values():
+            device.check_process()
+        _opened[key] = Device(chosen_adapter())
+    return _opened[key]
+
+
+@contextmanager
+def using(adapter: Adapter) -> Iterator[None]:
+    """Have new states take this adapter."""
+    before = os.environ.get(ADAPTER_VARIABLE)
+    os.environ[ADAPTER_VARIABLE] = str(adapter.place)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[ADAPTER_VARIABLE]
+        else:
+            os.environ[ADAPTER_VARIABLE] = before
+
+
+def forget(device: Device) -> None:
+    """Let the next state open its adapter anew, as after a loss."""
+    for key in [key for key, value in _opened.items() if value is device]:
+        del _opened[key]
+
+
+@contextmanager
+def translated(adapter: Adapter) -> Iterator[None]:
+    """Errors of wgpu as those of this package."""
+    wgpu = load_wgpu()
+    try:
+        yield
+    except wgpu.GPUError as error:
+        text = " ".join(str(error).split())
+        if "lost" in text.lower():
+            raise AdapterLostError(f"the graphics adapter {adapter.name} was lost") from error
+        if isinstance(error, wgpu.GPUOutOfMemoryError) or "memory" in text.lower():
+            raise MemoryError(f"the graphics adapter {adapter.name} is out of memory") from error
+        raise RuntimeError(f"the graphics adapter {adapter.name} failed: {text}") from error

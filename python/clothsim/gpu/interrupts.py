@@ -1,0 +1,42 @@
+"""Ctrl-C between two submissions and nowhere else, so that state and clock stay together."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+from typing import Any
+
+
+class Interrupts:
+    """Holds SIGINT back inside ``with``; `deliver` gives it to the handler that was there before.
+
+    Of no effect outside the main thread, which alone gets signals.
+    """
+
+    def __init__(self) -> None:
+        self._handler: Any = None
+        self._pending: tuple[int, FrameType | None] | None = None
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():
+            handler = signal.getsignal(signal.SIGINT)
+            if callable(handler):
+                self._handler = handler
+                signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self._pending = (number, frame)
+
+    def deliver(self) -> None:
+        """Call the handler if a signal has come; it raises KeyboardInterrupt by default."""
+        if self._pending:
+            pending, self._pending = self._pending, None
+            self._handler(*pending)
+
+    def __exit__(self, *error: Any) -> None:
+        if self._handler:
+            signal.signal(signal.SIGINT, self._handler)
+            if error[0] is None:
+                self.deliver()

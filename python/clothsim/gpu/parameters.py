@@ -1,0 +1,124 @@
+"""A scene as the numbers that the shader reads; each rounded once from the core's double."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..cloth import FAMILIES
+from ..plan import point_radius
+from ..scene import Scene
+
+FIRST_WEIGHT = 20
+CONTACT_SIZE = 16
+ENERGY_SIZE = 13  # without masses
+
+# (row, column) of a neighbour at the end of each of the shader's five springs.
+_SPRINGS = (
+    ("structural", 0, 1), ("structural", 1, 0), ("shear", 1, 1), ("bend", 0, 2), ("bend", 2, 0),
+)  # fmt: skip
+
+
+def rest_lengths(scene: Scene) -> list[float]:
+    """Of the five springs [m]."""
+    row_spacing, column_spacing = scene.cloth.spacing
+    along = [(rows * row_spacing, columns * column_spacing) for _, rows, columns in _SPRINGS]
+    return [math.sqrt(c * c + r * r) for r, c in along]
+
+
+def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
+    """What `parameters` holds of one member (layout.wgsl).
+
+    Parameters
+    ----------
+    scene : Scene
+    speed_limit : float
+        Speed above which the state has run away [m/s]; may be infinite.
+    dtype : numpy dtype
+        That of the shader's arithmetic.
+    """
+    cloth = scene.cloth
+    # 1/mass is folded into the coefficients where it is uniform, as in the core.
+    scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
+    stiffness, damping = cloth.family_stiffness, cloth.family_damping
+    limit = min(speed_limit, float(np.finfo(dtype).max))
+    numbers = [*scene.gravity, cloth.point_damping * scale, limit]
+    for (family, *_), rest_length in zip(_SPRINGS, rest_lengths(scene), strict=True):
+        spring = stiffness.get(family, 0.0), damping.get(family, 0.0)
+        numbers += [spring[0] * scale, rest_length, spring[1] * scale]
+    assert len(numbers) == FIRST_WEIGHT and set(stiffness) <= set(FAMILIES)
+    weights = 1 / cloth.mass_per_point.ravel()
+    weights[cloth.pinned.ravel()] = 0.0
+    with np.errstate(over="ignore", under="ignore"):
+        return np.concatenate([numbers, weights]).astype(dtype)
+
+
+def step_constants(dt: float, dtype: npt.DTypeLike) -> npt.NDArray:
+    """h/2, h, h^2/6 and h/6 of a time step."""
+    return np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(dtype)
+
+
+def contacts(
+    scenes: Sequence[Scene],
+    plans: Sequence[_core.Plan],
+    origins: np.ndarray,
+    times: Sequence[float],
+    dt: float,
+    single: bool,
+    wide: npt.DTypeLike,
+) -> np.ndarray:
+    """The spheres' part of `contacts`: shape (steps, scenes, spheres, 16).
+
+    Parameters
+    ----------
+    scenes, plans : sequence of Scene, of Plan
+        With equally many spheres each; the plans are the core's, which moves the spheres.
+    origins : numpy.ndarray
+        What positions are relative to [m], shape (scenes, 3).
+    times : sequence of float
+        Time before the first step and after each [s].
+    dt : float
+        Time step [s].
+    single : bool
+        Whether a step's arithmetic is float32.
+    wide : numpy dtype
+        That of the responses' arithmetic.
+    """
+    real = np.float32 if single else np.float64
+    eps = float(np.finfo(real).eps)
+    shape = (len(times) - 1, len(scenes), len(scenes[0].spheres), CONTACT_SIZE)
+    table = np.zeros(shape, wide)
+    for k, (scene, plan) in enumerate(zip(scenes, plans, strict=True)):
+        states = plan.sphere_states(list(times))
+        for s, sphere in enumerate(scene.spheres):
+            centers = states[:, s, :3] - origins[k]
+            start, end = centers[:-1], centers[1:]
+            radius = point_radius(sphere, scene.cloth)
+            row = table[:, k, s]
+            row[:, 9:12] = radius, sphere.restitution, sphere.friction
+            if sphere.response == "continuous":
+                row[:, 0:3], row[:, 3:6], row[:, 6:9] = start, end, (end - start) / dt
+                slop = 4 * eps * (np.abs(end).sum(axis=1) + radius)
+                row[:, 12] = dt
+                row[:, 13], row[:, 14] = radius + slop, slop
+                row[:, 15] = sphere.push_out_speed * dt
+            else:
+                row[:, 0:3] = end
+                row[:, 3:6] = end - row[:, 0:3]
+                row[:, 6:9] = states[1:, s, 3:]
+                row[:, 12] = real(radius * radius * (1 + 8 * eps))
+    return table
+
+
+def energies(scene: Scene) -> npt.NDArray[np.float64]:
+    """What a point's energy is made of (continuous.wgsl), one scene's part of `contacts`."""
+    cloth = scene.cloth
+    stiffness = [cloth.family_stiffness.get(family, 0.0) for family, *_ in _SPRINGS]
+    masses = cloth.mass_per_point.ravel()
+    if cloth.uniform_mass:
+        masses = masses[:1]
+    return np.concatenate([scene.gravity, stiffness, rest_lengths(scene), masses])

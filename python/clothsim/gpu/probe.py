@@ -1,0 +1,172 @@
+"""Two questions to an adapter: which invocation is which mass point, and how it rounds."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..grid import GROUP, thread_grid
+from .device import Device, opened, translated
+from .shader import shader_text
+
+_COUNT = 1 << 14
+
+# What each probe computes from a and b, here and in WGSL; `z` is a zero that no compiler knows.
+_OPERATIONS = {
+    "product": ("a * b", lambda a, b: a * b),
+    "quotient": ("a / b", lambda a, b: a / b),
+    "root": ("sqrt(a)", lambda a, b: np.sqrt(a)),
+    "reciprocal of root": ("T(1.0) / sqrt(a)", lambda a, b: a.dtype.type(1) / np.sqrt(a)),
+    "product and sum": ("a * b + a", lambda a, b: a * b + a),
+    "compensation": ("b - ((a + b) - a)", lambda a, b: b - ((a + b) - a)),
+    "compensation, kept": ("b - (keep(a + b, z) - a)", lambda a, b: b - ((a + b) - a)),
+    "subnormal": ("a * T(1e-40)", lambda a, b: a * a.dtype.type(1e-40)),
+}
+
+_PROBE = """
+@group(0) @binding(0) var<uniform> z: u32;
+@group(0) @binding(1) var<storage, read> first: array<T>;
+@group(0) @binding(2) var<storage, read> second: array<T>;
+@group(0) @binding(3) var<storage, read_write> out: array<T>;
+
+fn keep(a: T, z: u32) -> T { return KEEP; }
+
+@compute @workgroup_size(256, 1, 1)
+fn probe(@builtin(global_invocation_id) id: vec3<u32>) {
+    let a = first[id.x];
+    let b = second[id.x];
+    let n = arrayLength(&first);
+    OUT
+}
+"""
+_KEEP = {
+    "f32": "bitcast<f32>(bitcast<u32>(a) | z)",
+    "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))",
+}
+
+
+def _run(
+    device: Device,
+    code: str,
+    entry_point: str,
+    data: list[np.ndarray],
+    size: int,
+    groups: tuple[int, ...],
+) -> bytes:
+    """One dispatch with `data` bound from 0 on, the first uniform; what is written last."""
+    handle = device.handle
+    with translated(device.adapter):
+        out = device.create_buffer(size, "STORAGE", "COPY_SRC")
+        buffers = []
+        for k, values in enumerate(data):
+            buffer = device.create_buffer(values.nbytes, "STORAGE" if k else "UNIFORM", "COPY_DST")
+            handle.queue.write_buffer(buffer, 0, values)
+            buffers.append(buffer)
+        module = handle.create_shader_module(code=code)
+        pipeline = handle.create_compute_pipeline(
+            layout="auto", compute={"module": module, "entry_point": entry_point}
+        )
+        entries = [{"binding": k, "resource": {"buffer": b}} for k, b in enumerate([*buffers, out])]
+        layout = pipeline.get_bind_group_layout(0)
+        bindings = handle.create_bind_group(layout=layout, entries=entries)
+        encoder = handle.create_command_encoder()
+        work = encoder.begin_compute_pass()
+        work.set_pipeline(pipeline)
+        work.set_bind_group(0, bindings)
+        work.dispatch_workgroups(*groups)
+        work.end()
+        handle.queue.submit([encoder.finish()])
+        return bytes(handle.queue.read_buffer(out, 0, size))
+
+
+def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
+    """`thread_grid` as the adapter sees it: written by every invocation of the shader itself.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the cloth.
+
+    Returns
+    -------
+    numpy.ndarray
+        Structured, shape (rows, columns), with the fields of `thread_grid`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a shape that is not two integers >= 1.
+    ImportError, RuntimeError
+        Without wgpu, or without an adapter.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> from clothsim.gpu import thread_ids
+    >>> bool((thread_ids((20, 33)) == cs.thread_grid((20, 33))).all())  # doctest: +SKIP
+    True
+    """
+    dtype = thread_grid(shape).dtype
+    rows, columns = shape
+    groups = (math.ceil(columns / GROUP[0]), math.ceil(rows / GROUP[1]), 1)
+    names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
+    size = 4 * len(names) * rows * columns
+    data = [np.array([rows, columns, 0, 0], np.uint32)]
+    raw = _run(opened(), shader_text("thread_ids"), "thread_ids", data, size, groups)
+    written = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
+    ids = np.empty((rows, columns), dtype)
+    for k, name in enumerate(names):
+        ids[name] = written[..., k]
+    return ids
+
+
+def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
+    """How the adapter rounds, operation by operation, over numbers spread over 40 powers of two.
+
+    The core's strict bits can be met where everything but "compensation" is exact: WGSL lets a
+    compiler fuse products with sums and drop (a + b) - a for b, which is why the shader passes such
+    values on through `keep`.
+
+    Returns
+    -------
+    dict
+        "float32", and "float64" where the adapter has it: for every operation the largest
+        difference from the correctly rounded result in units in the last place; 0 is exact.
+
+    Raises
+    ------
+    ImportError, RuntimeError
+        Without wgpu, or without an adapter.
+
+    Examples
+    --------
+    >>> from clothsim.gpu import arithmetic
+    >>> arithmetic()["float32"]["product"]  # doctest: +SKIP
+    0.0
+    """
+    device = device or opened()
+    types = {"float32": "f32", **({"float64": "f64"} if device.float64 else {})}
+    rng = np.random.default_rng(8)
+    sets = {}
+    for name, word in types.items():
+        scales = np.exp2(rng.integers(-20, 21, (2, _COUNT)))
+        a, b = (rng.uniform(1, 2, (2, _COUNT)) * scales).astype(name)
+        found = {}
+        for operation, (wgsl, numpy) in _OPERATIONS.items():
+            if operation == "subnormal" and word == "f64":
+                continue
+            # A function of every binding, so that none is left out of the automatic layout.
+            write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
+            out = f"let value = {wgsl}; {write}"
+            code = _PROBE.replace("OUT", out).replace("KEEP", _KEEP[word])
+            code = f"alias T = {word};\n{code}"
+            data = [np.zeros(4, np.uint32), a, b]
+            raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1))
+            result, exact = np.frombuffer(raw, name), numpy(a, b)
+            ulp = np.spacing(np.maximum(np.abs(exact), np.finfo(name).tiny))
+            found[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())
+        sets[name] = found
+    return sets

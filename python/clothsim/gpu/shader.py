@@ -1,0 +1,156 @@
+"""What a scene needs of the shader: its features, and the pipelines with nothing else in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from ..cloth import FAMILIES
+from ..scene import Scene
+from .device import Device, translated
+
+STAGES = (1, 2, 3, 4)
+
+
+@dataclass(frozen=True)
+class SphereFeatures:
+    """What a sphere's response computes."""
+
+    response: str
+    literal: bool
+    rough: bool
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a scene computes; scenes of equal features share pipelines and dispatches."""
+
+    families: tuple[str, ...]
+    spring_damping: bool
+    point_damping: bool
+    mass_per_point: bool
+    pinned: bool
+    moving: bool
+    spheres: tuple[SphereFeatures, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Features:
+        cloth = scene.cloth
+        return cls(
+            families=cloth.families,
+            spring_damping=any(cloth.family_damping.values()),
+            point_damping=cloth.point_damping > 0,
+            mass_per_point=not cloth.uniform_mass,
+            pinned=bool(cloth.pinned.any()),
+            moving=any(sphere.motion is not None for sphere in scene.spheres),
+            spheres=tuple(
+                SphereFeatures(s.response, s.literal, s.friction > 0) for s in scene.spheres
+            ),
+        )
+
+    def constants(self, strict: bool) -> dict[str, float]:
+        """Values of the shader's override constants."""
+        switches = {family: family in self.families for family in FAMILIES}
+        for name in ("spring_damping", "point_damping", "mass_per_point", "pinned", "moving"):
+            switches[name] = getattr(self, name)
+        return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
+
+    @property
+    def continuous(self) -> tuple[int, ...]:
+        """Places of the spheres whose response is continuous."""
+        return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
+
+    def after_contacts(self) -> str:
+        """The shader's function that meets the spheres: those at the step's end in their order,
+        then the continuous ones."""
+
+        def word(flag: bool) -> str:
+            return "true" if flag else "false"
+
+        lines = [
+            "fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {",
+            "    var result = body;",
+            "    if (!is_pinned(id)) {",
+        ]
+        for k, s in enumerate(self.spheres):
+            if k not in self.continuous:
+                flags = ", ".join(map(word, (s.response == "ray", s.literal, s.rough)))
+                met = f"met(result, contact_of(id.z, {k}u), id.z, {flags})"
+                lines.append(f"        result = {met};")
+        lines.append("    }")
+        if self.continuous:
+            lines.append("    result = after_continuous(result, before, id);")
+        lines += ["    return result;", "}"]
+        if self.continuous:
+            lines += [
+                f"const continuous_spheres = {len(self.continuous)}u;",
+                "fn swept_sphere(member: u32, k: u32) -> Swept {",
+                *(
+                    f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}"
+                    for n, place in enumerate(self.continuous[1:], start=1)
+                ),
+                f"    return swept_of(member, {self.continuous[0]}u);",
+                "}",
+            ]
+        return "\n".join(lines)
+
+
+@cache
+def shader_text(name: str) -> str:
+    """The text of shaders/`name`.wgsl."""
+    return files(__package__).joinpath("shaders", f"{name}.wgsl").read_text(encoding="utf-8")
+
+
+def arithmetic_file(precision: str, float64: bool) -> str:
+    """The file that defines the arithmetic of a precision."""
+    if precision == "double":
+        return "double"
+    return "single" if float64 else "single_f32"
+
+
+def source(features: Features, precision: str, float64: bool) -> str:
+    """The whole WGSL of a step."""
+    names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
+    if features.continuous:
+        names.append("continuous")
+    return "\n".join([*map(shader_text, names), features.after_contacts()])
+
+
+class Pipelines:
+    """The four stages of a step, what follows them, and the check, compiled for some features."""
+
+    def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
+        handle = device.handle
+        visible = device.wgpu.ShaderStage.COMPUTE
+        kinds = ["uniform", *["storage"] * 5, *["read-only-storage"] * 2, "storage"]
+        with translated(device.adapter):
+            self.layout = handle.create_bind_group_layout(
+                entries=[
+                    {"binding": k, "visibility": visible, "buffer": {"type": kind}}
+                    for k, kind in enumerate(kinds)
+                ]
+            )
+            layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
+            code = source(features, precision, device.float64)
+            module = handle.create_shader_module(code=code)
+
+            def pipeline(entry_point: str, constants: dict[str, float]) -> Any:
+                compute = {"module": module, "entry_point": entry_point, "constants": constants}
+                return handle.create_compute_pipeline(layout=layout, compute=compute)
+
+            constants = features.constants(strict)
+            self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
+            self.check = pipeline("check", {})
+            self.settle = None
+            if features.continuous:
+                self.settle = pipeline("settle", {**constants, "stage": 4})
+
+
+def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:
+    """Those of `features`, compiled at most once for a device."""
+    key = (features, precision, strict)
+    if key not in device.pipelines:
+        device.pipelines[key] = Pipelines(device, features, precision, strict)
+    return device.pipelines[key]

@@ -1,0 +1,76 @@
+// What the passes read and write. One invocation is one mass point, one workgroup 16 x 16 x 1 of them, the
+// third dimension of a dispatch is the member of a batch:
+//
+//   dispatch id (x, y) = workgroup (x, y) * 16 + local id (x, y)        row = y, column = x
+//   index              = y * width + x                                  width = columns
+//
+// A state is six planes (x, y, z, vx, vy, vz) of one value a point, member after member, so that
+// neighbouring invocations read neighbouring memory. `real` is the arithmetic of a step, `wide` that of a
+// collision response; the file of a precision defines both.
+
+// What a scene leaves out is compiled out: the host sets these when it makes a pipeline.
+override stage: u32 = 1u;
+override structural: bool = true;
+override shear: bool = true;
+override bend: bool = true;
+override spring_damping: bool = true;
+override point_damping: bool = true;
+override mass_per_point: bool = true;
+override pinned: bool = true;
+override moving: bool = true;  // spheres move: each step has contacts of its own
+override strict: bool = true;  // no product is fused with a sum
+
+struct Constants {
+    half_h: real,
+    h: real,
+    h2_6: real,
+    h_6: real,
+    rows: u32,
+    columns: u32,
+    parameter_stride: u32,       // from member to member; 0: they share one scene
+    contact_member_stride: u32,  // likewise
+    contact_step_stride: u32,    // from step to step
+    zero: u32,                   // 0; no compiler knows
+    members: u32,
+    energy_stride: u32,          // of `contacts`, from member to member; 0: they share one scene
+    first_contact: u32,          // of `contacts`
+}
+
+// Springs that share a rest length: structural along columns and rows, shear, bend along columns and rows.
+struct Spring {
+    stiffness: real,
+    rest_length: real,
+    damping: real,
+}
+
+// `parameters` of a member: gravity (3), point damping, the largest speed, 5 springs of 3, and from
+// `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
+const first_spring = 5u;
+const first_weight = 20u;
+
+@group(0) @binding(0) var<uniform> constants: Constants;
+@group(0) @binding(1) var<storage, read_write> state: array<real>;
+@group(0) @binding(2) var<storage, read_write> compensation: array<real>;
+@group(0) @binding(3) var<storage, read_write> stage_a: array<real>;
+@group(0) @binding(4) var<storage, read_write> stage_b: array<real>;
+// Three planes of the first stage's accelerations, three of the sum of the second's and third's.
+@group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
+@group(0) @binding(6) var<storage, read> parameters: array<real>;
+@group(0) @binding(7) var<storage, read> contacts: array<wide>;
+// Steps since the host set it to 0; for every member the first bad point, the first pinned point in a sphere and the
+// first point that spheres have shut in, and how many answers spheres have given; with continuous contact a bit a point
+// for those left over.
+@group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
+
+fn points() -> u32 {
+    return constants.rows * constants.columns;
+}
+
+fn inside(id: vec3<u32>) -> bool {
+    return id.x < constants.columns && id.y < constants.rows;
+}
+
+// Where the first of a point's planes is.
+fn place(id: vec3<u32>) -> u32 {
+    return id.z * 6u * points() + id.y * constants.columns + id.x;
+}

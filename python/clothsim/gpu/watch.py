@@ -1,0 +1,53 @@
+"""The energy of a run above the guaranteed time step, as the core's `EnergyWatch` looks at it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import _core
+from ..plan import core_cloth
+from ..scene import Scene
+
+# Steps of the clock between two looks, the core's `steps_between_energies`.
+STEPS_BETWEEN_ENERGIES = 16
+
+# J over what every spring at its rest length holds; the stretch is a thousandth then.
+_NEGLIGIBLE = 1e-6
+_MADE = 0.9  # part of the energy that a run has made of nothing when it is called unstable
+
+
+class EnergyWatch:
+    """Tells of a cloth without spheres whether unstable steps made nearly all of its energy."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene, self._cloth = scene, core_cloth(scene)
+        cloth = scene.cloth
+        squares = {
+            "structural": cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2,
+            "shear": 2 * (cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2),
+            "bend": 4 * (cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2),
+        }
+        held = sum(k / 2 * squares[family] for family, k in cloth.family_stiffness.items())
+        self._negligible = _NEGLIGIBLE * cloth.rows * cloth.columns * held
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the state where the run began."""
+        self._start: float | None = None
+
+    def runaway_point(self, x: np.ndarray, v: np.ndarray) -> int | None:
+        """The fastest mass point where the energy has run away.
+
+        Parameters
+        ----------
+        x, v : numpy.ndarray
+            Positions [m] and velocities [m/s], float64, shape (rows, columns, 3).
+        """
+        kinetic, elastic, gravity = _core.energy(self._cloth, self._scene.gravity, x, v)
+        total = kinetic + elastic + gravity
+        if self._start is None:
+            self._start = total
+        made = total - self._start
+        if not (made > self._negligible and made > _MADE * (kinetic + elastic)):
+            return None
+        return int((v**2).sum(axis=-1).argmax())

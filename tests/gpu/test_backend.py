@@ -1,0 +1,213 @@
+"""`backend="gpu"` is `backend="cpu"` in all but where it computes."""
+
+import pickle
+import subprocess
+import sys
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+GPU = {"backend": "gpu", "precision": "single"}
+
+
+def arrays(stepper):
+    return stepper.positions, stepper.velocities
+
+
+def test_a_stepper_is_step_in_parts(crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    stepper = cs.Stepper(scene, x, v, **GPU)
+    for n in (1, 0, 7, 97, 45):
+        stepper.advance(n, dt)
+    assert same_bits(arrays(stepper), cs.step(scene, x, v, dt, 150, **GPU))
+    assert stepper.time == 150 * dt
+
+
+def test_what_it_says_of_itself(crumpled, device):
+    scene, x, v, _ = crumpled()
+    stepper = cs.Stepper(scene, x, v, **GPU)
+    assert (stepper.backend, stepper.kernel, stepper.threads) == ("gpu", "gather", 1)
+    assert device.adapter.name in stepper.instruction_set
+    assert cs.Stepper(scene).backend == "cpu"
+
+
+def test_a_change_of_step_is_followed(crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    options = {"precision": "single", "strict": True}
+    cpu, gpu = cs.Stepper(scene, x, v, **options), cs.Stepper(scene, x, v, **options, backend="gpu")
+    for stepper in (cpu, gpu):
+        for n, part in ((20, 1.0), (1, 0.3), (20, 0.5)):
+            stepper.advance(n, part * dt)
+    assert gpu.time == cpu.time
+    assert np.abs(gpu.positions - cpu.positions).max() < 1e-6
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
+    scene, x, v, dt = crumpled(shape=(17, 20), spheres=BALL)
+    x = np.stack([x + 0.01 * k for k in range(5)]).astype(dtype)
+    v = np.stack([v * (1 + k) for k in range(5)]).astype(dtype)
+    result = cs.step(scene, x, v, dt, 60, **GPU)
+    assert result[0].dtype == dtype
+    for k in range(5):
+        alone = cs.step(scene, x[k], v[k], dt, 60, **GPU)
+        assert same_bits([part[k] for part in result], alone)
+
+
+def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(crumpled, same_bits):
+    """Scenes of equal features share a dispatch; these are of three kinds, mixed up."""
+    rough = BALL.replace(friction=0.0, restitution=0.5)
+    states = [
+        crumpled(seed=1), crumpled(seed=2, spheres=BALL), crumpled(seed=3),
+        crumpled(seed=4, damping_model="point"), crumpled(seed=5, spheres=BALL.replace(radius=0.3)),
+        crumpled(seed=6, spheres=(BALL, rough)),
+    ]  # fmt: skip
+    x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
+    dt = min(s.dt for s in states)
+    result = cs.step([s.scene for s in states], x, v, dt, 60, t=0.2, **GPU)
+    for k, state in enumerate(states):
+        alone = cs.step(state.scene, x[k], v[k], dt, 60, t=0.2, **GPU)
+        assert same_bits([part[k] for part in result], alone), k
+
+
+def test_a_restored_snapshot_continues_with_the_same_bits(crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    x, v = np.stack([x, x]), np.stack([v, 2 * v])
+    stepper = cs.Stepper(scene, x, v, t=0.25, **GPU)
+    stepper.advance(40, dt)
+    snapshot = pickle.loads(pickle.dumps(stepper.snapshot()))
+    stepper.advance(60, dt)
+    for _ in range(2):
+        other = cs.Stepper.restore(snapshot)
+        other.advance(60, dt)
+        assert other.backend == "gpu" and other.time == stepper.time
+        assert same_bits(arrays(other), arrays(stepper))
+    # Without the compensation that a snapshot keeps it would not.
+    half = cs.Stepper.restore(snapshot)
+    dropped = cs.Stepper(scene, *(a.astype(np.float32) for a in arrays(half)), t=half.time, **GPU)
+    dropped.advance(60, dt)
+    assert not same_bits([dropped.positions.astype(float)], [stepper.positions])
+
+
+def test_the_whole_compensated_state_goes_in_and_out(crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    stepper = cs.Stepper(scene, x, v, **GPU)
+    stepper.advance(20, dt)
+    other = cs.Stepper(scene, *arrays(stepper), **GPU)
+    stepper.advance(20, dt)
+    other.advance(20, dt)
+    assert same_bits(arrays(other), arrays(stepper))
+
+
+def test_pinned_points_stand_still_whatever_velocity_is_given(crumpled):
+    scene, x, v, dt = crumpled()
+    v[scene.cloth.pinned] = 3.0
+    x_after, v_after = cs.step(scene, x, v, dt, 20, **GPU)
+    pinned = scene.cloth.pinned
+    np.testing.assert_allclose(x_after[pinned], x[pinned], rtol=0, atol=1e-14)
+    assert (v_after[pinned] == 0).all()
+
+
+def test_simulate_tells_the_backend(device):
+    scene = cs.scenes.paper_swing()
+    run = cs.simulate(scene, 0.0105, dt=1e-3, every=4, backend="gpu", precision="single")
+    assert run.report["backend"] == "gpu" and device.adapter.name in run.report["instruction_set"]
+    assert run.report["steps"] == 11 and run.t.tolist() == [0.0, 4e-3, 8e-3, 0.0105]
+    expected = cs.simulate(scene, 0.0105, dt=1e-3, every=4)
+    assert expected.report["backend"] == "cpu"
+    assert np.abs(run.x - expected.x).max() < 1e-7
+
+
+def test_simulate_finds_a_step_and_estimates_its_error():
+    scene, options = cs.scenes.oscillator(amplitude=0.05), {"backend": "gpu", "precision": "single"}
+    gpu, cpu = cs.simulate(scene, 0.3, **options), cs.simulate(scene, 0.3)
+    assert gpu.report["dt"] == cpu.report["dt"] and gpu.report["chaotic"] is False
+    assert gpu.report["force_evaluations"] == cpu.report["force_evaluations"]
+    asked = {"rel": 0.01, "abs": 0}
+    for name in ("max", "rms"):
+        estimate = cpu.report["error_estimate"][name]
+        assert gpu.report["error_estimate"][name] == pytest.approx(estimate, **asked)
+
+
+def test_simulate_sees_contact():
+    scene = cs.scenes.paper_static("reflect")
+    runs = [
+        cs.simulate(scene, t, dt=5e-4, backend="gpu", precision="single", estimate_error=True)
+        for t in (0.01, 0.3)
+    ]
+    assert [run.report["chaotic"] for run in runs] == [False, True]
+    assert runs[0].report["error_estimate"] and runs[1].report["error_estimate"] is None
+    assert runs[1].report["outcomes"]["penetration"]["value"] >= 0
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64):
+    scene, x, v, dt = crumpled(spheres=(BALL, BALL.replace(center=(0.3, -0.2, 0.4))))
+    x, v = np.stack([x + 3.0, x]), np.stack([v, v])
+    counts = []
+    for backend in ("cpu", "gpu"):
+        stepper = cs.Stepper(scene, x, v, precision=precision, strict=True, backend=backend)
+        stepper.advance(130, dt)
+        counts.append(stepper._state.core.contacts)
+    assert counts[0] == counts[1] and counts[0][0] == 0 and counts[0][1] > 100
+
+
+@pytest.mark.parametrize(
+    "asked, accepted",
+    [
+        ({"rtol": 1e-3}, "rtol and atol must be None"),
+        ({"atol": 1e-3}, "rtol and atol must be None"),
+        ({"integrator": "auto"}, "integrator must be 'rk4'"),
+        ({"integrator": "dop853"}, "integrator must be 'rk4'"),
+        ({"dt": 1e-4, "integrator": "pefrl"}, "must be 'rk4' with backend 'gpu', got 'pefrl'"),
+    ],
+)
+@pytest.mark.needs_no_adapter
+def test_simulate_takes_fixed_steps_of_rk4_only(asked, accepted):
+    with pytest.raises(ValueError, match=accepted):
+        cs.simulate(cs.scenes.paper_swing(), 0.01, backend="gpu", **asked)
+
+
+def test_out_is_written_and_inputs_are_not(crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    given = x.copy(), v.copy()
+    out = np.empty_like(x), np.empty_like(v)
+    result = cs.step(scene, x, v, dt, 5, out=out, **GPU)
+    assert result[0] is out[0] and same_bits((x, v), given)
+    assert same_bits(cs.step(scene, x, v, dt, 5, **GPU), out)
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "verlet"),
+     ("precision", "half")],
+)  # fmt: skip
+def test_what_it_does_not_have_is_refused(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        cs.Stepper(cs.scenes.paper_swing(), backend="gpu", **{name: value})
+
+
+@pytest.mark.needs_no_adapter
+@pytest.mark.parametrize("value, error", [("cuda", ValueError), (None, TypeError)])
+def test_other_backends_are_refused(value, error):
+    scene = cs.scenes.paper_swing()
+    with pytest.raises(error, match="^backend must be one of 'cpu', 'gpu'"):
+        cs.Stepper(scene, backend=value)
+
+
+@pytest.mark.needs_no_adapter
+def test_wgpu_is_loaded_by_nothing_but_the_backend():
+    code = """
+import sys, clothsim as cs, clothsim.gpu
+cs.step(cs.scenes.paper_swing(), *[cs.Cloth().rest_positions] * 2, 1e-5)
+assert not any(name.split(".")[0] == "wgpu" for name in sys.modules)
+sys.modules["wgpu"] = None
+try:
+    cs.Stepper(cs.scenes.paper_swing(), backend="gpu")
+except ImportError as error:
+    print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "pip install 'clothsim[gpu]'" in run.stdout, run.stderr

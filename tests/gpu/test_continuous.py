@@ -1,0 +1,114 @@
+"""Response "continuous" on the adapter: what the core does, and nothing passes."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.gpu.device import Device
+from clothsim.gpu.simulation import Simulation
+
+pytestmark = pytest.mark.usefixtures("needs_float64")
+
+BALL = cs.Sphere((0.5, -0.24, 0.5), 0.2, response="continuous")
+LEFT = cs.Sphere((0.35, -0.22, 0.5), 0.2, response="continuous", friction=0.2)
+RIGHT = cs.Sphere((0.62, -0.2, 0.45), 0.18, response="continuous", restitution=0.7)
+SPHERES = {
+    "one": (BALL,),
+    "rough": (BALL.replace(restitution=0.5, friction=0.3),),
+    "moving": (BALL.replace(motion=cs.Linear((0.5, 2.0, 0.3))),),
+    "several": (LEFT, RIGHT),
+    "with a ray": (BALL, cs.Sphere((0.1, -0.2, 0.1), 0.19, response="ray")),
+}
+
+
+def falling(spheres, mass="uniform", shape=(12, 14)):
+    """A slightly crumpled sheet that falls on to the spheres at 3 m/s."""
+    rng = np.random.default_rng(4)
+    points = shape[0] * shape[1]
+    masses = 2.0 if mass == "uniform" else rng.uniform(0.5, 1.5, shape) * 2.0 / points
+    cloth = cs.Cloth(shape, mass=masses, stiffness=400.0, damping=0.05, pins=((0, 0),))
+    x = cloth.rest_positions + rng.normal(scale=2e-3, size=(*shape, 3))
+    v = np.zeros_like(x)
+    v[..., 1] = -3.0
+    v[cloth.pinned] = 0.0
+    return cs.Scene(cloth, spheres, position=x, velocity=v)
+
+
+@pytest.mark.parametrize("precision, bound", [("double", 1e-12), ("single", 1e-8)])
+@pytest.mark.parametrize("name", SPHERES)
+def test_it_is_what_the_core_does(name, precision, bound):
+    scene, dt = falling(SPHERES[name], mass="per point" if name == "rough" else "uniform"), 5e-4
+    options = {"precision": precision, "strict": True}
+    cpu, gpu = cs.Stepper(scene, **options), cs.Stepper(scene, **options, backend="gpu")
+    cpu.advance(80, dt)
+    gpu.advance(80, dt)
+    free = cs.Stepper(scene.replace(spheres=()), **options)
+    free.advance(80, dt)
+    assert np.abs(cpu.positions - free.positions).max() > 1e-2
+    assert np.abs(gpu.positions - cpu.positions).max() < bound
+    assert np.abs(gpu.velocities - cpu.velocities).max() < 1e3 * bound
+    answers = gpu._state.core.contacts  # of the spheres that are not continuous
+    assert answers == cpu._state.core.contacts and (answers[0] > 0) == (name == "with a ray")
+    for sphere in scene.spheres:
+        radius = sphere.contact_radius(scene.cloth)
+        distance = np.linalg.norm(gpu.positions - sphere.center_at(gpu.time), axis=-1)
+        # "ray" stays where other spheres put its points; continuous ones come last and hold.
+        assert sphere.response == "ray" or distance.min() >= radius
+
+
+def test_a_sphere_faster_than_its_size_a_step_does_not_pass():
+    scene = falling(cs.Sphere((0.5, -1.0, 0.5), 0.1, cs.Linear((0, 600.0, 0)), "continuous"))
+    x, v = scene.initial_position, scene.initial_velocity
+    x, v = cs.step(scene, x, v, 5e-4, 6, backend="gpu")
+    start = scene.initial_position
+    struck = np.hypot(start[..., 0] - 0.5, start[..., 2] - 0.5) < 0.08
+    assert struck.any() and (x[struck][:, 1] > 0.5).all()
+
+
+def test_a_batch_has_the_bits_of_its_members(same_bits):
+    scenes = [falling((BALL,)), falling((BALL.replace(radius=0.22),)), falling((LEFT, RIGHT))]
+    x = np.stack([s.initial_position for s in scenes])
+    v = np.stack([s.initial_velocity for s in scenes])
+    batch = cs.step(scenes, x, v, 5e-4, 45, precision="single", backend="gpu")
+    for k, scene in enumerate(scenes):
+        alone = cs.step(scene, x[k], v[k], 5e-4, 45, precision="single", backend="gpu")
+        assert same_bits([part[k] for part in batch], alone)
+
+
+def test_points_without_a_place_are_the_cores_error():
+    """Two spheres close on a point from above and below, three stand around it."""
+    closing = [
+        cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none")
+        for s in (1, -1)
+    ]
+    around = [
+        cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none")
+        for dx, dz in ((0.3, 0), (-0.15, 0.26), (-0.15, -0.26))
+    ]
+    cloth = cs.Cloth((3, 3), mass=1.0, stiffness=10.0, damping=0.0, pins=())
+    scene, errors = cs.Scene(cloth, closing + around), []
+    state = scene.initial_position, scene.initial_velocity
+    for backend in ("cpu", "gpu"):
+        with pytest.raises(cs.ContactError) as raised:
+            cs.step(scene, *state, 1e-3, 100, strict=True, backend=backend)
+        errors.append(raised.value)
+    cpu, gpu = errors
+    assert gpu.step > 10
+    assert (gpu.step, gpu.point, gpu.time) == (cpu.step, cpu.point, cpu.time)
+    assert gpu.point == (1, 1)
+    assert np.abs(gpu.x - cpu.x).max() < 1e-9
+
+
+def test_a_pinned_point_in_a_sphere_is_told():
+    ball = cs.Sphere((0.0, -0.5, 0.0), 0.2, cs.Linear((0, 20.0, 0)), "continuous")
+    scene = falling(ball)
+    with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
+        cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, backend="gpu")
+
+
+def test_what_it_does_not_do_is_refused(device):
+    scene = falling(BALL.replace(offset="face"))
+    with pytest.raises(ValueError, match=r"offset of spheres\[0\] must be .* got 'face'"):
+        cs.Stepper(scene, backend="gpu")
+    narrow = Device(device.adapter, float64=False)
+    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be .* got 'continuous'"):
+        Simulation([falling(BALL)], 0.0, "single", True, narrow)

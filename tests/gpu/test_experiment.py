@@ -1,0 +1,101 @@
+"""Experiment 4: what is measured, where the crossover is, and the command that runs unattended."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clothsim.gpu import report
+from clothsim.gpu.experiment import (
+    GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene,
+)  # fmt: skip
+
+ROOT = Path(__file__).parents[2]
+
+
+def made(kind, size, rate, members=1, method=2):
+    one = Measurement(Target(kind, kind), method, "single", size, members)
+    one.setup, one.first_frames, one.rates, one.steps = [0.1], [[0.2, 0.01]], [rate] * 3, 30
+    return one
+
+
+def speeds(*triples):
+    """Measurements of (size, CPU steps/s, GPU steps/s)."""
+    return [
+        made(kind, size, rate)
+        for size, cpu, gpu in triples for kind, rate in ((SIMD, cpu), (GPU, gpu))
+    ]  # fmt: skip
+
+
+@pytest.mark.needs_no_adapter
+def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
+    def found(measurements):
+        first = report.crossover(measurements, GPU, "single", 2, False)
+        return first and first.size
+
+    assert found(speeds((32, 9, 1), (64, 5, 4), (128, 2, 3), (256, 1, 3))) == 128
+    assert found(speeds((32, 9, 10), (64, 5, 4), (128, 2, 3))) == 128  # not by a lucky small one
+    assert found(speeds((32, 1, 2), (64, 1, 2))) == 32
+    assert found(speeds((32, 9, 10), (64, 5, 4))) is None
+    text = report.text(speeds((32, 9, 1), (128, 2, 3)))
+    assert "faster than the CPU from 128 x 128 on (1.5 times there)" in text
+
+
+@pytest.mark.needs_no_adapter
+def test_the_gain_is_over_the_fastest_of_the_cpu():
+    fast, slow, gpu = made(SIMD, 32, 40.0), made("scalar", 32, 10.0), made(GPU, 32, 20.0)
+    assert report.against_cpu(gpu, [fast, slow, gpu]) == 0.5
+    assert [row["times_fastest_cpu"] for row in report.rows([fast, slow, gpu])] == [1.0, 0.25, 0.5]
+
+
+@pytest.mark.needs_no_adapter
+@pytest.mark.parametrize("size", [16, 64, 200])
+def test_the_scene_is_in_contact_and_stays_well(size):
+    import clothsim as cs
+
+    scene, dt = touching_scene(size, 2)
+    sphere = scene.spheres[0]
+    x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, dt, 50)
+    away = np.linalg.norm(x - sphere.center, axis=-1) - sphere.contact_radius(scene.cloth)
+    assert 0.03 < (away < 1e-6).mean() < 0.12
+    free, _ = cs.step(scene.replace(spheres=()), scene.initial_position, 0 * v, dt, 50)
+    assert np.abs(x - free).max() > 1e-9
+
+
+def test_every_target_is_measured_and_a_software_adapter_told(device):
+    settings = Settings(
+        sizes=(16,), batches=(2,), batch_size=16, methods=(2,), precisions=("single",), runs=2,
+        seconds=0.02, first_frames=2, first_seconds=0.01, frame_steps=5, window_frames=4,
+    )  # fmt: skip
+    snapshots = []
+    measurements = run(settings, [device.adapter], finished=lambda m: snapshots.append(len(m)))
+    kinds = {m.target.kind for m in measurements}
+    assert kinds == {SCALAR, SIMD, GPU} and snapshots == [len(measurements) // 2, len(measurements)]
+    for m in measurements:
+        assert len(m.rates) == len(m.setup) == len(m.first_frames) == 2
+        assert m.rate > 0 and all(seconds > 0 for seconds in m.first_frames[0])
+        assert 2 <= m.steps <= 2 * 20
+    assert bool(report.warnings(measurements)) == device.adapter.software
+
+
+def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
+    command = [
+        sys.executable, str(ROOT / "benchmarks" / "gpu.py"), "--quick", "--sizes", "16",
+        "--batches", "--method", "2", "--runs", "1", "--seconds", "0.02",
+        "--out", str(tmp_path), "--name", "here",
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=os.environ)
+    assert done.returncode == 0, done.stderr
+    with open(tmp_path / "here.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {"scalar", "SIMD", "GPU"} == {row["target"] for row in rows}
+    for row in rows:
+        assert float(row["steps_per_second"]) > 0 and row["mass_points"] == "256"
+    with open(tmp_path / "here_first_frames.csv", encoding="utf-8") as file:
+        assert {"0", "1"} <= {row["frame"] for row in csv.DictReader(file)}
+    assert "Where the shader becomes faster" in done.stdout
+    refused = subprocess.run([*command, "--adapter", "none such"], capture_output=True, text=True)
+    assert refused.returncode == 1 and "no graphics adapter to measure" in refused.stderr

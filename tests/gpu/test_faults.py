@@ -1,0 +1,242 @@
+"""Runs that go wrong: unstable states, Ctrl-C, adapters that are lost, full or too small."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.gpu import AdapterLostError
+from clothsim.gpu import simulation as gpu_simulation
+from clothsim.gpu.device import Device
+from clothsim.gpu.simulation import Simulation
+
+GPU = {"backend": "gpu", "precision": "single"}
+quiet = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+
+
+def arrays(stepper):
+    return stepper.positions, stepper.velocities
+
+
+def stiff(shape=(9, 20)):
+    return cs.Scene(cs.Cloth(shape, damping=0.0))
+
+
+def disturbed(scene):
+    noise = np.random.default_rng(2).normal(size=scene.initial_position.shape)
+    return scene.initial_position + 1e-3 * noise
+
+
+# The energy of a run is watched where there is no sphere that could give it any; else only a point
+# that is too fast tells.
+FAR_AWAY = cs.Sphere((50.0, 0.0, 0.0), 0.1)
+
+
+@quiet
+@pytest.mark.parametrize("spheres, before", [((), 0), ((FAR_AWAY,), 100)], ids=["energy", "speed"])
+def test_an_unstable_run_tells_what_the_core_tells(spheres, before, same_bits):
+    scene = stiff().replace(spheres=spheres)
+    x, dt = disturbed(scene), 1.4 * cs.max_stable_dt(scene)
+    errors, steppers = [], []
+    for backend in ("cpu", "gpu"):
+        stepper = cs.Stepper(scene, x, t=0.5, precision="single", strict=True, backend=backend)
+        stepper.advance(3, dt)
+        with pytest.raises(cs.UnstableError) as raised:
+            stepper.advance(5000, dt)
+        errors.append(raised.value)
+        steppers.append(stepper)
+    cpu, gpu = errors
+    assert before < gpu.step == cpu.step and gpu.point == cpu.point
+    assert (gpu.time, gpu.dt, gpu.max_stable_dt) == (cpu.time, cpu.dt, cpu.max_stable_dt)
+    assert np.isfinite(gpu.x).all() and np.isfinite(gpu.v).all()
+    assert same_bits((gpu.x, gpu.v), arrays(steppers[1]))
+    assert same_bits((gpu.x, gpu.v), (cpu.x, cpu.v))
+    assert steppers[1].time == steppers[0].time
+    with pytest.raises(cs.UnstableError) as raised:
+        steppers[1].advance(1, dt)
+    assert (raised.value.step, raised.value.point) == (1, gpu.point)
+
+
+def test_a_state_that_is_not_finite_at_once_is_found():
+    """No step is above the limit: only overflow makes it bad, in its first step."""
+    scene = stiff()
+    v = np.zeros_like(scene.initial_position)
+    v[4, 7, 2] = 1e38
+    with pytest.raises(cs.UnstableError) as raised:
+        cs.step(scene, scene.initial_position, v, 1e-4, 500, **GPU)
+    row, column = raised.value.point
+    assert raised.value.step == 1 and max(abs(row - 4), abs(column - 7)) <= 8
+    assert raised.value.v[4, 7, 2] == pytest.approx(1e38, rel=1e-7)
+
+
+@quiet
+def test_an_unstable_batch_names_its_member(same_bits):
+    bad = stiff()
+    dt = 1.9 * cs.max_stable_dt(bad)
+    soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))
+    x = disturbed(bad)
+    stepper = cs.Stepper([soft, bad], np.stack([x, x]), np.zeros((2, *x.shape)), **GPU)
+    with pytest.raises(cs.UnstableError, match="of batch member 1") as raised:
+        stepper.advance(5000, dt)
+    assert raised.value.member == 1
+    assert same_bits([raised.value.x], [stepper.positions[1]])
+    alone = cs.step(soft, x, 0 * x, dt, raised.value.step - 1, **GPU)
+    assert same_bits([stepper.positions[0]], [alone[0]])
+
+
+@quiet
+def test_arrays_of_an_unstable_step_are_as_they_were():
+    scene = stiff()
+    x = disturbed(scene)
+    out = np.full_like(x, 7.0), np.full_like(x, 8.0)
+    with pytest.raises(cs.UnstableError):
+        cs.step(scene, x, 0 * x, 1.9 * cs.max_stable_dt(scene), 5000, out=out, **GPU)
+    assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
+
+
+def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
+    scene, dt = cs.scenes.paper_swing(), 1e-4
+    before = signal.getsignal(signal.SIGINT)
+    stepper = cs.Stepper(scene, **GPU)
+    stepper.advance(1, dt)  # compiles
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        stepper.advance(10**9, dt)
+    timer.join()
+    assert signal.getsignal(signal.SIGINT) is before
+    steps = round(stepper.time / dt)
+    assert steps > 1 and stepper.time == steps * dt
+    again = cs.Stepper(scene, **GPU)
+    again.advance(steps, dt)
+    assert same_bits(arrays(again), arrays(stepper))
+
+
+def test_one_stepper_in_two_threads_is_refused():
+    stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
+    stepper.advance(1, 1e-4)
+    worker = threading.Thread(target=stepper.advance, args=(300, 1e-4))
+    worker.start()
+    refused = 0
+    while worker.is_alive():
+        try:
+            stepper.snapshot()
+        except RuntimeError as error:
+            assert "another thread" in str(error)
+            refused += 1
+            time.sleep(0.01)
+    worker.join()
+    assert refused and stepper.time == 301 * 1e-4
+
+
+def test_a_lost_adapter_leaves_the_last_state_that_was_copied_back(device, same_bits, monkeypatch):
+    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 3600.0)
+    scene, dt = cs.scenes.paper_static(), 1e-4
+    stepper = cs.Stepper(scene, t=0.1, **GPU)
+    stepper.advance(20, dt)
+    safe, time_safe = arrays(stepper), stepper.time
+    stepper.advance(30, dt)
+    lost = stepper._state.core.device
+    lost.handle.destroy()
+    told = r"was lost; the state at t = 0.102 s is safe"
+    with pytest.raises(AdapterLostError, match=told) as raised:
+        stepper.advance(10, dt)
+    assert raised.value.time == time_safe == stepper.time
+    assert same_bits(arrays(stepper), safe)
+    with pytest.raises(AdapterLostError, match="Stepper.restore"):
+        stepper.advance(10, dt)
+
+    again = cs.Stepper.restore(stepper.snapshot())  # on a device opened anew
+    assert again._state.core.device is not lost and again.time == time_safe
+    again.advance(30, dt)
+    other = cs.Stepper(scene, t=0.1, **GPU)
+    other.advance(20, dt)
+    other.advance(30, dt)
+    assert same_bits(arrays(again), arrays(other))
+
+
+def test_a_loss_that_shows_when_the_state_is_read_is_an_error_once():
+    stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
+    stepper.advance(5, 1e-4)
+    stepper._state.core.device.handle.destroy()
+    with pytest.raises(AdapterLostError):
+        stepper.positions  # noqa: B018
+    assert stepper.time == 0.0
+    start = cs.scenes.paper_swing().initial_position
+    np.testing.assert_allclose(stepper.positions, start, rtol=0, atol=1e-14)
+
+
+def test_a_forked_process_is_told_to_be_spawned(monkeypatch):
+    stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    scene = cs.scenes.paper_swing()
+    for use in (lambda: stepper.advance(1, 1e-4), lambda: cs.Stepper(scene, **GPU)):
+        with pytest.raises(RuntimeError, match="'spawn'"):
+            use()
+
+
+def test_the_state_is_copied_back_while_it_advances(monkeypatch):
+    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 0.0)
+    monkeypatch.setattr(gpu_simulation, "PART_OF_TIME_FOR_COPIES", 1e9)
+    stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
+    stepper.advance(5, 1e-4)
+    stepper._state.core.device.handle.destroy()
+    with pytest.raises(AdapterLostError):
+        stepper.advance(1, 1e-4)
+    assert stepper.time == 5e-4
+
+
+def test_double_is_refused_where_there_is_no_float64(device):
+    narrow = Device(device.adapter, float64=False)
+    told = "precision must be 'single' on the graphics adapter .* got 'double'"
+    with pytest.raises(ValueError, match=told):
+        Simulation([cs.scenes.paper_swing()], 0.0, "double", False, narrow)
+
+
+def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
+    columns = device.adapter.largest_buffer // (6 * 4 * 1000) + 1
+    cloth = cs.Cloth((1000, columns))
+    told = r"too large for the graphics adapter: 1 cloth of shape \(1000, "
+    with pytest.raises(ValueError, match=told) as raised:
+        Simulation([cs.Scene(cloth)], 0.0, "single", False)
+    assert f"at most {device.adapter.largest_buffer:,}" in str(raised.value)
+    if device.adapter.largest_buffer < 2**28:
+        with pytest.raises(ValueError, match="too large for the graphics adapter"):
+            cs.Stepper(cs.Scene(cloth), **GPU)
+
+
+def test_a_batch_of_more_members_than_workgroups_is_refused(device):
+    members = device.groups_limit + 1
+    x = np.zeros((members, 1, 2, 3), np.float32)
+    with pytest.raises(ValueError, match=f"{members} cloths of shape .* workgroups"):
+        cs.step(cs.Scene(cs.Cloth((1, 2))), x, x, 1e-4, **GPU)
+
+
+def test_memory_that_does_not_suffice_is_a_memory_error(device):
+    """The process is given little more memory than it has; lavapipe's buffers come out of it."""
+    if not device.adapter.software or sys.platform != "linux":
+        pytest.skip("memory can be withheld from a software adapter on Linux only")
+    code = """
+import resource
+import clothsim as cs
+small, large = cs.Scene(cs.Cloth((4, 4))), cs.Scene(cs.Cloth((1500, 1500)))
+x = large.initial_position.astype("float32"); v = large.initial_velocity.astype("float32")
+stepper = cs.Stepper(small, backend="gpu", precision="single")
+stepper.advance(2, 1e-4)
+pages = int(open("/proc/self/statm").read().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 150 * 2**20,) * 2)
+try:
+    cs.Stepper(large, x, v, backend="gpu", precision="single")
+except MemoryError as error:
+    print(error)
+stepper.advance(2, 1e-4)
+print(round(stepper.time, 12))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert "is out of memory" in run.stdout, run.stdout + run.stderr
+    assert run.stdout.endswith("0.0004\n")

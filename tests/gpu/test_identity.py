@@ -1,0 +1,189 @@
+"""The shader's results are the strict core's, bit for bit where the adapter rounds correctly."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.gpu import arithmetic
+from clothsim.gpu.device import Device
+from clothsim.gpu.simulation import Simulation
+
+# Furthest that a point of the paper's swing may be from the core's after 0.1 s [m]. WGSL lets a
+# root be wrong by 4.5 units in the last place; every spring longer by as much moves a point by
+# 4.9e-7 m.
+WGSL_BOUND = 2e-6
+# The same where only fusing and reordering differ: the core's own kernels differ by 3.7e-8 m.
+REORDERED_BOUND = 1e-7
+
+
+@pytest.fixture(scope="module")
+def rounding():
+    return arithmetic()
+
+
+@pytest.fixture(scope="module")
+def exact(rounding):
+    """Whether every operation that the shader relies on is correctly rounded."""
+    return all(
+        error == 0
+        for found in rounding.values()
+        for operation, error in found.items()
+        if operation not in ("compensation", "product and sum")  # the shader keeps these apart
+    )
+
+
+def core(scene, precision, x=None, v=None, **options):
+    return cs.Stepper(
+        scene, x, v, precision=precision, kernel="gather", strict=True, threads=1, **options
+    )
+
+
+def whole_state(stepper):
+    """Positions and velocities with their compensation."""
+    return [raw for raw, _ in stepper.snapshot().core[3]]
+
+
+def assert_same_bits(gpu, cpu):
+    assert gpu.snapshot().core[:3] == cpu.snapshot().core[:3]
+    for member, (a, b) in enumerate(zip(whole_state(gpu), whole_state(cpu), strict=True)):
+        assert a.tobytes() == b.tobytes(), f"member {member}: {np.abs(a - b).max()} apart"
+
+
+def test_lavapipe_rounds_correctly_and_contracts_nothing(device, rounding, exact):
+    if "llvmpipe" not in device.adapter.name:
+        pytest.skip(f"{device.adapter.name} is not lavapipe")
+    assert exact
+    for found in rounding.values():
+        assert found["product and sum"] == 0
+        # It does carry (a + b) - a = b through; `keep` is there for that.
+        assert found["compensation"] > 1 and found["compensation, kept"] == 0
+
+
+def swing():
+    return cs.scenes.paper_swing(bend=True)
+
+
+def rough_ball():
+    scene = cs.scenes.paper_moving("ray", phase=0.15)
+    ball = scene.spheres[0].replace(restitution=0.4, friction=0.3)
+    other = cs.Sphere((0.4, -0.55, 0.2), 0.15, cs.Linear((0, 0.1, 0)), "reflect", friction=0.2)
+    return scene.replace(spheres=(ball, other))
+
+
+SCENES = {
+    "swing": swing,
+    "reflect": lambda: cs.scenes.paper_static("reflect"),
+    "ray": lambda: cs.scenes.paper_static("ray"),
+    "reflect literal": lambda: cs.scenes.paper_static("reflect", literal=True, offset="none"),
+    "ray literal": lambda: cs.scenes.paper_static("ray", literal=True, offset=0.01),
+    "moving, rough": rough_ball,
+}
+CASES = [(name, "single") for name in SCENES] + [("ray", "double"), ("moving, rough", "double")]
+
+
+@pytest.mark.parametrize("name, precision", CASES)
+def test_the_same_bits_as_the_core_after_1000_steps(name, precision, exact, device):
+    if precision == "double" and not device.float64:
+        pytest.skip(f"{device.adapter.name} has no float64")
+    if not (exact and device.float64):
+        pytest.skip(f"{device.adapter.name} does not round as the core does")
+    scene, dt = SCENES[name](), 4e-4
+    if name == "ray literal":
+        dt = 2.5e-4
+    cpu = core(scene, precision)
+    gpu = cs.Stepper(scene, precision=precision, strict=True, backend="gpu")
+    cpu.advance(1000, dt)
+    gpu.advance(1000, dt)
+    assert_same_bits(gpu, cpu)
+    if scene.spheres:  # it has met them
+        free = core(scene.replace(spheres=()), precision)
+        free.advance(1000, dt)
+        assert np.abs(free.positions - cpu.positions).max() > 1e-3
+
+
+FEATURES = [
+    {"mass": "uniform"},
+    {"damped": False, "shape": (33, 17)},
+    {"damping_model": "point"},
+    {"damping_model": "point", "mass": "uniform", "springs": ("structural", "bend")},
+    {"springs": ("structural",), "pins": ()},
+    {"springs": ("shear", "bend"), "shape": (16, 32)},
+    {"shape": (1, 20), "pins": ((0, 0),)},
+    {"shape": (2, 2)},
+]
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("features", FEATURES, ids=str)
+def test_every_feature_has_the_bits_of_the_core(features, precision, crumpled, exact, device):
+    if not (exact and device.float64):
+        pytest.skip(f"{device.adapter.name} does not round as the core does")
+    scene, x, v, dt = crumpled(**features)
+    cpu = core(scene, precision, x, v)
+    gpu = cs.Stepper(scene, x, v, precision=precision, strict=True, backend="gpu")
+    cpu.advance(100, dt)
+    gpu.advance(100, dt)
+    assert_same_bits(gpu, cpu)
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_the_swing_is_within_the_stated_bound_on_any_adapter(strict, exact):
+    scene = cs.scenes.paper_swing()
+    cpu = core(scene, "single")
+    gpu = cs.Stepper(scene, precision="single", strict=strict, backend="gpu")
+    cpu.advance(1000, 1e-4)
+    gpu.advance(1000, 1e-4)
+    bound = 0 if exact and strict else REORDERED_BOUND if exact else WGSL_BOUND
+    assert np.abs(gpu.positions - cpu.positions).max() <= bound
+
+
+def test_double_is_double(needs_float64):
+    """Apart by rounding; in float32 it would be 1e-8 m."""
+    scene = cs.scenes.paper_swing()
+    state = scene.initial_position, scene.initial_velocity
+    x, _ = cs.step(scene, *state, 5e-4, 100, backend="gpu")
+    expected, _ = cs.reference_step(scene, *state, 5e-4, 100)
+    assert 0 < np.abs(x - expected).max() < 1e-13
+
+
+def test_single_does_not_stall_at_the_papers_step():
+    """Plain float32 is 2e-4 m off at 0.25 s; the compensation must hold over 4,000 steps."""
+    scene = cs.scenes.paper_swing()
+    state = scene.initial_position, scene.initial_velocity
+    x, _ = cs.step(scene, *state, 5e-6, 4000, precision="single", backend="gpu")
+    expected, _ = cs.step(scene, *state, 5e-6, 4000)
+    assert np.abs(x - expected).max() < 1e-7
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_without_float64_a_response_errs_by_units_in_the_last_place(device, response):
+    """A cloud of free points inside a sphere far from the origin, one step without forces."""
+    narrow = Device(device.adapter, float64=False)
+    shape = (40, 50)
+    rng = np.random.default_rng(5)
+    cloth = cs.Cloth(shape, stiffness=0.0, damping=0.0, pins=())
+    ball = cs.Sphere((3.1, -2.3, 7.7), 0.25, cs.Linear((0.3, 0.1, 0.2)), response, friction=0.2)
+    scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
+    direction = rng.normal(size=(*shape, 3))
+    direction /= np.linalg.norm(direction, axis=-1)[..., None]
+    x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
+    v = rng.normal(size=(*shape, 3))
+    dt = 1e-6
+    simulation = Simulation([scene], 0.0, "single", True, narrow)
+    simulation.load(x, v)
+    simulation.advance(1, dt, 1, True)
+    x_gpu, v_gpu = np.empty_like(x), np.empty_like(v)
+    simulation.store(x_gpu, v_gpu)
+    expected = core(scene, "single", x, v)
+    expected.advance(1, dt)
+    assert np.abs(expected.velocities - v).max() > 1
+    eps = np.finfo(np.float32).eps
+    # The ray may run along the surface for sqrt(eps) of the radius; it meets it to within eps
+    # all the same.
+    units = 40 if response == "ray" else 1
+    assert np.abs(x_gpu - expected.positions).max() < units * eps * ball.radius
+    assert np.abs(v_gpu - expected.velocities).max() < 60 * eps
+    if response == "ray":
+        moved = np.abs(x_gpu - x).max(axis=-1) > 1e-3
+        distance = np.linalg.norm(x_gpu - ball.center_at(dt), axis=-1)[moved]
+        assert moved.sum() > 500
+        assert np.abs(distance - ball.contact_radius(cloth)).max() < 4 * eps * ball.radius
