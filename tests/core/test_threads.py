@@ -140,6 +140,8 @@ def _interrupt(stepper, dt, steps):
         os.kill(os.getpid(), signal.SIGINT)
 
     sender = threading.Thread(target=send)
+    # A process started in the background may ignore it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     sender.start()
     try:
         with pytest.raises(KeyboardInterrupt):
@@ -147,6 +149,7 @@ def _interrupt(stepper, dt, steps):
         return time.perf_counter() - sent[0]
     finally:
         sender.join()
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
