@@ -55,6 +55,16 @@ void store(SharedSimulation& shared, Array<T>& x, Array<T>& v) {
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(px + i * size, pv + i * size);
 }
 
+// What the errors of python/clothsim/_state.py are made from.
+void tell(const std::optional<Outcome::Unstable>& unstable, py::dict& result) {
+    if (!unstable) return;
+    result["member"] = unstable->member;
+    result["point"] = unstable->point;
+    result["step"] = unstable->step;
+    result["time"] = unstable->time;
+    result["shut_in"] = unstable->shut_in;
+}
+
 py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
     Outcome outcome;
@@ -65,13 +75,7 @@ py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int th
     if (outcome.interrupted) throw py::error_already_set();
     py::dict result;
     result["steps"] = outcome.steps;
-    if (outcome.unstable) {
-        result["member"] = outcome.unstable->member;
-        result["point"] = outcome.unstable->point;
-        result["step"] = outcome.unstable->step;
-        result["time"] = outcome.unstable->time;
-        result["shut_in"] = outcome.unstable->shut_in;
-    }
+    tell(outcome.unstable, result);
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
     return result;
@@ -101,12 +105,7 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     result["steps"] = outcome.steps;
     result["rejected"] = outcome.rejected;
     result["contacts"] = outcome.contacts;
-    if (outcome.unstable) {
-        result["member"] = outcome.unstable->member;
-        result["point"] = outcome.unstable->point;
-        result["step"] = outcome.unstable->step;
-        result["time"] = outcome.unstable->time;
-    }
+    tell(outcome.unstable, result);
     return result;
 }
 

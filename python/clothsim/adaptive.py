@@ -148,7 +148,7 @@ def integrate(
             )  # fmt: skip
             if "point" in outcome:
                 outcome["step"] += steps
-                state._raise_error({"shut_in": False, **outcome}, controller.h)
+                state._raise_error(outcome, controller.h)
             steps += outcome["steps"]
             rejected += outcome["rejected"]
             if watching and outcome["contacts"]:
