@@ -187,13 +187,12 @@ void EdgeEngine<Real>::build_coefficients() {
 
     // Damping that is the same for all families is taken out of the springs, which saves a product each.
     double most_damping = 0, most_stiffness = 0;
-    bool alike = true;
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f]) {
-            if (most_damping != 0 && cloth.spring_damping[f] != most_damping) alike = false;
             most_damping = std::max(most_damping, cloth.spring_damping[f]);
             most_stiffness = std::max(most_stiffness, cloth.stiffness[f]);
         }
+    bool alike = true;
     for (int f = 0; f < family_count; ++f) alike &= !cloth.present[f] || cloth.spring_damping[f] == most_damping;
     const double unit = most_damping * scale / (root_scale * root_scale);
     const bool damped = most_damping > 0;
