@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from clothsim.sweep import batch, engine, planning, results
 from clothsim.sweep.grid import make_grid
-from clothsim.sweep.member import Settings
+from clothsim.sweep.member import Members, Settings
 from clothsim.sweep.metrics import choose_metrics
 from clothsim.sweep.planning import Planner
 from clothsim.sweep.task import Task, TaskResult, run_task
@@ -93,13 +93,14 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
 ):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
-    learn = Planner.learn
+    learn, killed = Planner.learn, []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as pool:
 
         def killing(self, result):
             learn(self, result)
-            if len(recorded) >= 4:
-                os.kill(next(iter(pool._processes)), signal.SIGKILL)
+            if len(recorded) >= 4 and not killed:
+                killed.append(next(iter(pool._processes)))
+                os.kill(killed[0], signal.SIGKILL)
 
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
             patch.setattr(Planner, "learn", killing)
@@ -207,7 +208,7 @@ def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0):
     settings = Settings(duration, 1e-3, "rk4", "double", "auto", False, None, False, 32,
                         choose_metrics(metrics))  # fmt: skip
     grid = make_grid(over)
-    made = Planner(PLAIN, grid, settings, np.arange(grid.size), workers)
+    made = Planner(Members(PLAIN, grid, settings), np.arange(grid.size), workers)
     made.seconds_per_weight = seconds_per_weight
     made.target = planning.LONGEST
     return made

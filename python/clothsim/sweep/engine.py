@@ -75,8 +75,15 @@ class Workers:
         self._close()
 
 
-def run_all(workers: Workers, planner: Planner, record: Callable[[TaskResult], None]) -> None:
+def run_all(
+    workers: Workers,
+    planner: Planner,
+    record: Callable[[TaskResult], None],
+    meanwhile: Callable[[], None] = lambda: None,
+) -> None:
     """Do all tasks; `record` is called, in this thread, with each result as it comes.
+
+    `meanwhile` is called once, before that, when the first tasks are under way.
 
     When anything ends this early (Ctrl-C, a broken pool), tasks that wait are cancelled, and what
     has been finished by then is recorded before the error goes on.
@@ -85,6 +92,8 @@ def run_all(workers: Workers, planner: Planner, record: Callable[[TaskResult], N
     waiting: set[Future[TaskResult]] = set()
     with _cleared(workers, waiting, finished, record):
         tasks = planner.tasks()
+        _fill(workers, tasks, waiting, finished)
+        meanwhile()
         while True:
             _fill(workers, tasks, waiting, finished)
             if not waiting:

@@ -18,10 +18,13 @@ from ..plan import check_options
 from ..scene import Scene
 from ..simulation import Run
 from .fields import change_scene, split
+from .grid import Grid
 
 Floats = npt.NDArray[np.float64]
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
+
+_POINTS_KEPT = 1 << 21  # mass points in all members that are kept; some 10 bytes each
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -100,6 +103,37 @@ class Member:
         alone = self.index if self.likely_unstable else None
         shared = (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values())
         return (*shared, alone)
+
+
+class Members:
+    """The members of a sweep, made by their index; some are kept until they are asked for again.
+
+    A member is made when the sweep is checked, when it is weighed, and when it is run; in one
+    process, and while they are small, it is the same object.
+    """
+
+    def __init__(self, scene: Scene, grid: Grid, settings: Settings) -> None:
+        self.scene, self.grid, self.settings = scene, grid, settings
+        self._kept: dict[int, Member] = {}
+        self._room = _POINTS_KEPT
+
+    def make(self, index: int) -> Member:
+        """The member, kept if there is room; errors are those of its arguments."""
+        if index in self._kept:
+            return self._kept[index]
+        member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+        points = math.prod(member.scene.cloth.shape)
+        if points <= self._room:
+            self._room -= points
+            self._kept[index] = member
+        return member
+
+    def take(self, index: int) -> Member | None:
+        """The member if it is kept; no longer kept then."""
+        member = self._kept.pop(index, None)
+        if member is not None:
+            self._room += math.prod(member.scene.cloth.shape)
+        return member
 
 
 @dataclass

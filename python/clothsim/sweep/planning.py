@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..measures import max_stable_dt
-from ..scene import Scene
 from ..stepping import Stepper
 from .grid import Grid
-from .member import Member, Settings
+from .member import Members
 from .reference import reference_steps
 from .task import Task, TaskResult
 
@@ -33,13 +32,13 @@ class Planner:
 
     def __init__(
         self,
-        scene: Scene,
-        grid: Grid,
-        settings: Settings,
+        members: Members,
         pending: np.ndarray,
         workers: int,
         longest: float | None = None,
     ) -> None:
+        self.members = members
+        scene, grid, settings = members.scene, members.grid, members.settings
         self.scene, self.grid, self.settings = scene, grid, settings
         self.threads: int | None = 1
         self.references = any("reference" in metric.needs for metric in settings.metrics)
@@ -74,7 +73,7 @@ class Planner:
         """Seconds per unit of weight, of the first member that can be made."""
         index = int(self.order[0])
         try:
-            member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+            member = self.members.make(index)
         except (ValueError, TypeError):
             return 2e-8
         stepper = Stepper(member.scene, threads=1, **member.numerics)
@@ -124,7 +123,7 @@ class Planner:
     def _weight(self, index: int, new_physics: bool) -> float:
         """What a member costs, in steps of a mass point."""
         try:
-            member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+            member = self.members.make(index)
         except (ValueError, TypeError):
             return 0.0
         steps = member.duration / member.dt
@@ -136,7 +135,8 @@ class Planner:
 
     def _task(self, indices: list[int], weight: float) -> Task:
         members = tuple((k, self.grid.member(k)) for k in indices)
-        return Task(self.scene, self.settings, members, weight, self.threads)
+        made = {k: member for k in indices if (member := self.members.take(k)) is not None}
+        return Task(self.scene, self.settings, members, weight, self.threads, made)
 
 
 def _numbers(grid: Grid, name: str, default: Any, number: Any) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,21 @@ _LARGEST_BATCH = 64
 
 @dataclass(frozen=True)
 class Task:
-    """Members by their index and swept values; it pickles."""
+    """Members by their index and swept values; it pickles.
+
+    `made` has members that are made already. Another process makes its own of their values, which
+    are the smaller to send.
+    """
 
     scene: Scene
     settings: Settings
     members: tuple[tuple[int, Mapping[str, Any]], ...]
     weight: float = 0.0  # what it costs, in the planner's unit
     threads: int | None = 1
+    made: Mapping[int, Member] = field(default_factory=dict)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "made": {}}
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
     batches: dict[Any, list[Member]] = {}
     for index, values in task.members:
         try:
-            member = Member.make(index, task.scene, values, settings)
+            member = task.made.get(index) or Member.make(index, task.scene, values, settings)
         except (ValueError, TypeError) as error:
             yield Record(index, FAILED, message=f"{type(error).__name__}: {error}")
         else:
