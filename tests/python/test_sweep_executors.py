@@ -42,6 +42,7 @@ def expected():
 def small_tasks(monkeypatch):
     """A task for about every member, so that there are enough of them to go wrong."""
     monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(planning, "SHORTEST_HERE", 1e-9)
     monkeypatch.setattr(planning, "LONGEST", 1e-9)
 
 
@@ -210,7 +211,6 @@ def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0):
     grid = make_grid(over)
     made = Planner(Members(PLAIN, grid, settings), np.arange(grid.size), workers)
     made.seconds_per_weight = seconds_per_weight
-    made.target = planning.LONGEST
     return made
 
 

@@ -46,6 +46,7 @@ def counted(monkeypatch):
 
     monkeypatch.setattr(engine, "run_task", counting)
     monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(planning, "SHORTEST_HERE", 1e-9)
     monkeypatch.setattr(planning, "LONGEST", 1e-9)
     monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 0.0)
     return indices
@@ -154,7 +155,7 @@ SCRIPT = """
 import sys
 from clothsim.cli import main
 from clothsim.sweep import planning, store
-planning.SHORTEST = planning.LONGEST = 1e-9
+planning.SHORTEST_HERE = planning.LONGEST = 1e-9
 store._SECONDS_BETWEEN_WRITES = 0.0
 sys.exit(main(sys.argv[1:]))
 """

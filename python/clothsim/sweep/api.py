@@ -188,7 +188,7 @@ def _run(
     start = time.perf_counter()
     pending = results.pending
     grid = results.grid
-    planner = Planner(members, pending, workers.count, task_seconds)
+    planner = Planner(members, pending, workers.count, task_seconds, workers.shortest_task)
     planner.threads = workers.threads_of(planner.expected_tasks)
     weights = planner.weights
     bar = Bar(progress, grid.size, grid.size - len(pending), float(weights[pending].sum()))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _core
 from .. import _validate as check
+from . import planning
 from .planning import Planner
 from .task import TaskResult, run_task
 
@@ -54,6 +55,11 @@ class Workers:
 
     def _cluster_threads(self) -> int:
         return max(1, sum(self._client.nthreads().values()))
+
+    @property
+    def shortest_task(self) -> float:
+        """Seconds that a task should take at least."""
+        return planning.SHORTEST if self.stop is None else planning.SHORTEST_HERE
 
     def threads_of(self, tasks: int) -> int | None:
         """Threads of each of so many tasks: one, but what there is (None) if there is one task."""

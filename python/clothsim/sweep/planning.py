@@ -17,8 +17,9 @@ from .reference import reference_steps
 from .task import Task, TaskResult
 
 SHORTEST = 0.3  # s that a task should take: 0.2, and a margin for what is estimated
+SHORTEST_HERE = 0.05  # s, on threads of this process, to which it costs nothing to send a task
 LONGEST = 1.0  # s, unless `sweep` is told otherwise: results are written as tasks end
-_TASKS_PER_WORKER = 8  # where there is work enough, so that no worker waits long for the last
+_TASKS_LEFT = 2  # a worker, of the size of the next: tasks get shorter, so that all end together
 _STEPS_TIMED = 16
 _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 
@@ -36,6 +37,7 @@ class Planner:
         pending: np.ndarray,
         workers: int,
         longest: float | None = None,
+        shortest: float | None = None,
     ) -> None:
         self.members = members
         scene, grid, settings = members.scene, members.grid, members.settings
@@ -53,10 +55,23 @@ class Planner:
         # Two workers must not wait for one reference, unless there is nothing else to do.
         self.whole_physics = self.references and len(np.unique(physics)) >= 2 * workers
         self.seconds_per_weight = self._try_out() if len(pending) else 1.0
-        total = self.seconds_per_weight * float(self.weights[pending].sum())
-        longest = LONGEST if longest is None else longest
-        self.target = min(longest, max(SHORTEST, total / (_TASKS_PER_WORKER * workers)))
-        self.expected_tasks = max(1, int(total / self.target))
+        # Of this and all later members, by its place in the order.
+        self._left = np.cumsum(self.weights[self.order][::-1])[::-1]
+        self.workers = workers
+        self.longest = LONGEST if longest is None else longest
+        self.shortest = SHORTEST if shortest is None else shortest
+
+    @property
+    def expected_tasks(self) -> int:
+        """About as many as there will be."""
+        if not len(self.order):
+            return 1
+        return max(1, int(self._left[0] * self.seconds_per_weight / self._target(0)))
+
+    def _target(self, place: int) -> float:
+        """Seconds that a task should take that begins at a place in the order."""
+        left = float(self._left[place]) * self.seconds_per_weight
+        return min(self.longest, max(self.shortest, left / (_TASKS_LEFT * self.workers)))
 
     def _steps(self, limit: float) -> np.ndarray:
         """Steps per member, those of a reference shared by all that it serves."""
@@ -97,7 +112,7 @@ class Planner:
         for indices, weight in self._groups():
             if held is None:
                 held = indices, weight
-            elif weight * self.seconds_per_weight < SHORTEST:
+            elif weight * self.seconds_per_weight < self.shortest:
                 held = held[0] + indices, held[1] + weight
             else:
                 yield self._task(*held)
@@ -109,12 +124,14 @@ class Planner:
         """Indices that make a task long enough, and what they cost."""
         physics = self.grid.physics
         indices: list[int] = []
-        weight = 0.0
+        weight = target = 0.0
         for k, index in enumerate(self.order):
             new = k == 0 or physics[index] != physics[self.order[k - 1]]
-            if weight * self.seconds_per_weight >= self.target and (new or not self.whole_physics):
+            if not indices:
+                target = self._target(k)
+            elif weight * self.seconds_per_weight >= target and (new or not self.whole_physics):
                 yield indices, weight
-                indices, weight = [], 0.0
+                indices, weight, target = [], 0.0, self._target(k)
             indices.append(int(index))
             weight += self._weight(int(index), new)
         if indices:

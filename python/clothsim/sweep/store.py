@@ -67,6 +67,7 @@ class Store(Results):
             raise ValueError(f"store must be a folder, got the file {str(path)!r}")
         self.zarr = needed("zarr", "store=...")
         self.path = path
+        self.group: Any = None
         self._arrays: dict[str, Any] = {}  # looking one up in the group reads a file
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
@@ -81,11 +82,6 @@ class Store(Results):
             if exists:
                 self.group = self.zarr.open_group(path, mode="r+", use_consolidated=False)
                 self._arrays = dict(self.group.arrays())
-            else:
-                which = json.dumps({"schema": SCHEMA, "identity": identity})
-                self.group = self.zarr.create_group(
-                    path, zarr_format=3, attributes={"clothsim": which}
-                )
             super().__init__(grid, settings, scene)
             self._reopen_functions()
             self.session = provenance
@@ -113,6 +109,11 @@ class Store(Results):
 
     def prepare(self) -> None:
         """Make the arrays that are not there: all, or what an earlier process was killed before."""
+        if self.group is None:
+            which = json.dumps({name: self.attrs[name] for name in ("schema", "identity")})
+            self.group = self.zarr.create_group(
+                self.path, zarr_format=3, attributes={"clothsim": which}
+            )
         missing = [v for v in self.variables.values() if v.name not in self._arrays]
         for variable in missing:
             self._create(variable)
