@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from .. import _validate as check
+from .._extras import needed
 from ..build import build_config
 from ..scene import Scene
 from .dataset import open_sweep, to_dataset
 from .engine import Workers, run_all
-from .extras import needed
 from .grid import Grid, make_grid
 from .member import Members, Settings
 from .metrics import choose_metrics, describe
@@ -37,8 +37,10 @@ def sweep(
     duration: float = 1.0,
     metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any] = DEFAULT_METRICS,
     dt: float | None = None,
-    integrator: str = "rk4",
+    integrator: str | None = None,
     precision: str = "double",
+    rtol: float | None = None,
+    atol: float | None = None,
     every: int | float | None = None,
     frames: bool = False,
     store: str | os.PathLike[str] | None = None,
@@ -69,8 +71,8 @@ def sweep(
         Names are the arguments of `Cloth` and `Scene`; those of `Sphere` with "sphere_" in front
         (of every sphere) or "sphere1_" (of the one with index 1); parts of them such as
         "stiffness_shear", "damping_bend", "gravity_y", "sphere_center_x"; "sphere_speed" [m/s] and
-        the other arguments of a sphere's motion; "scene"; and "dt", "duration", "integrator",
-        "precision", "kernel" and "strict". ``clothsim.sweep.fields.NAMES`` has them all.
+        the other arguments of a sphere's motion; "scene"; and "dt", "rtol", "atol", "duration",
+        "integrator", "precision", "kernel" and "strict". ``clothsim.sweep.fields.NAMES`` has them all.
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
@@ -82,7 +84,11 @@ def sweep(
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
     integrator, precision, kernel, strict
-        As for `step`, where they are not swept.
+        As for `step`, where they are not swept. The default of `integrator` is "rk4"; "auto", the
+        default with `rtol` or `atol`, chooses as `simulate` does.
+    rtol, atol : float, optional
+        Error control in place of `dt`, as for `simulate`, where it is not swept. Where one is
+        swept beside dt (zipped, or as samples), None stands for what a member does without.
     every : int or float, optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False
@@ -145,6 +151,8 @@ def sweep(
         dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
         integrator=integrator,
         precision=precision,
+        rtol=rtol,
+        atol=atol,
         kernel=kernel,
         strict=check.boolean("strict", strict),
         every=_every(every),

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..measures import penetration
 from ..stepping import Stepper
 from .contact import ContactWatch
@@ -16,6 +15,9 @@ from .timing import frame_times, pieces
 
 _SECONDS_BETWEEN_LOOKS = 0.1  # at whether the sweep is to stop
 _FIRST_STEPS = 64
+
+
+_OF_ERRORS = ("time", "point", "x", "v")
 
 
 class Stopped(Exception):
@@ -138,7 +140,7 @@ class _Batch:
             start = time.perf_counter()
             try:
                 self.stepper.advance(count, dt)
-            except UnstableError as error:
+            except (UnstableError, ContactError) as error:
                 count = error.step - 1
                 self._account(count, time.perf_counter() - start)
                 self._drop(error)
@@ -158,13 +160,15 @@ class _Batch:
             watched.outcome.steps += steps
             watched.outcome.seconds += share
 
-    def _drop(self, error: UnstableError) -> None:
+    def _drop(self, error: UnstableError | ContactError) -> None:
         """Take the member that diverged out; all stand at the last good step."""
         assert error.member is not None
         self.stepper.freeze(error.member)
         outcome = self.live.pop(error.member).outcome
         # As the member alone would have raised it: of a run, not of a call or a batch.
-        outcome.error = UnstableError(step=self.total + 1, **_values(error))
+        names = _OF_ERRORS + (("dt", "max_stable_dt") if isinstance(error, UnstableError) else ())
+        values = {name: getattr(error, name) for name in names}
+        outcome.error = type(error)(step=self.total + 1, **values)
 
     def _store(self, t: float) -> None:
         if self.live:
@@ -183,8 +187,3 @@ class _Batch:
             for k, watched in self.live.items():
                 watched.look(t, x[k], v[k], dt, self.since_look)
         self.since_look = 0
-
-
-def _values(error: UnstableError) -> dict[str, Any]:
-    names = ("time", "point", "dt", "max_stable_dt", "x", "v")
-    return {name: getattr(error, name) for name in names}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .extras import needed
+from .._extras import needed
 from .results import Results
 from .store import read_attrs
 

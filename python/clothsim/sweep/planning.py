@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,9 @@ class Planner:
         settings = self.settings
         duration = _numbers(self.grid, "duration", settings.duration, float)
         default = settings.dt or (limit / 2 if math.isfinite(limit) else settings.duration)
-        steps = duration / _numbers(self.grid, "dt", default, float)
+        steps = duration / _numbers(
+            self.grid, "dt", default, lambda dt: default if dt is None else float(dt)
+        )
         if self.references:
             shared = np.bincount(self.grid.physics)[self.grid.physics]
             steps = steps + 1.5 * reference_steps(settings.duration, limit) / shared
@@ -91,6 +94,8 @@ class Planner:
             member = self.members.make(index)
         except (ValueError, TypeError):
             return 2e-8
+        if member.controlled:
+            member = replace(member, dt=member.duration, integrator="rk4")
         stepper = Stepper(member.scene, threads=1, **member.numerics)
         dt = min(member.dt, member.max_stable_dt / 4)
         best = math.inf
@@ -143,7 +148,7 @@ class Planner:
             member = self.members.make(index)
         except (ValueError, TypeError):
             return 0.0
-        steps = member.duration / member.dt
+        steps = member.expected_steps
         if member.likely_unstable:
             steps = min(steps, _STEPS_TO_DIVERGE)
         if self.references and new_physics:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import _validate as check
-from .extras import needed
+from .._extras import needed
 from .member import STATUS
 
 KINDS = ("convergence", "stability", "heatmap")

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from .._extras import needed
 from ..scene import Scene
-from .extras import needed
 from .grid import Coordinate, Grid
 from .member import PENDING, Record, Settings
 from .plain import differences

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..build import build_config
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..scene import Scene
 from .batch import Stopped, run_batch
+from .controlled import run_controlled
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Record, Settings
 from .reference import references
 
@@ -77,27 +78,38 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
     needs = frozenset(need for metric in settings.metrics for need in metric.needs)
     if settings.frames:
         needs |= {"frames"}
+    options = {
+        "every": settings.every, "sampling": settings.sampling, "threads": task.threads,
+        "stopped": stopped,
+    }  # fmt: skip
     batches: dict[Any, list[Member]] = {}
     for index, values in task.members:
         try:
             member = task.made.get(index) or Member.make(index, task.scene, values, settings)
+            if member.controlled:
+                outcome = run_controlled(member, needs, **options)
+                yield from _measured([outcome], task, needs, stopped)
+                continue
         except (ValueError, TypeError) as error:
             yield Record(index, FAILED, message=f"{type(error).__name__}: {error}")
         else:
             batches.setdefault(member.batch_key, []).append(member)
     for members in batches.values():
         for first in range(0, len(members), _LARGEST_BATCH):
-            batch = members[first : first + _LARGEST_BATCH]
-            outcomes = run_batch(
-                batch, needs, every=settings.every, sampling=settings.sampling,
-                threads=task.threads, stopped=stopped,
-            )  # fmt: skip
-            if "reference" in needs:
-                finished = [outcome for outcome in outcomes if outcome.error is None]
-                solutions = references([o.member for o in finished], task.threads, stopped)
-                for outcome, solution in zip(finished, solutions, strict=True):
-                    outcome.reference = solution
-            yield from (_record(outcome, settings) for outcome in outcomes)
+            outcomes = run_batch(members[first : first + _LARGEST_BATCH], needs, **options)
+            yield from _measured(outcomes, task, needs, stopped)
+
+
+def _measured(
+    outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]
+) -> Iterable[Record]:
+    """The records of outcomes; of those that came to their end with a reference, if needed."""
+    if "reference" in needs:
+        finished = [outcome for outcome in outcomes if outcome.error is None]
+        solutions = references([o.member for o in finished], task.threads, stopped)
+        for outcome, solution in zip(finished, solutions, strict=True):
+            outcome.reference = solution
+    return (_record(outcome, task.settings) for outcome in outcomes)
 
 
 def _record(outcome: Outcome, settings: Settings) -> Record:
@@ -118,7 +130,7 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
     return record
 
 
-def _diverged(record: Record, error: UnstableError, settings: Settings) -> Record:
+def _diverged(record: Record, error: UnstableError | ContactError, settings: Settings) -> Record:
     record.status = UNSTABLE
     record.unstable_step, record.unstable_time = error.step, error.time
     record.message = str(error)
