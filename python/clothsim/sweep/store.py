@@ -69,6 +69,7 @@ class Store(Results):
         self.path = path
         self.group: Any = None
         self._arrays: dict[str, Any] = {}  # looking one up in the group reads a file
+        self._chunks: dict[str, tuple[int, ...]] = {}
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
         self._prepared = False
@@ -172,9 +173,10 @@ class Store(Results):
             super().record(record)
 
     def _changed(self, name: str, index: int) -> None:
-        array = self._arrays[name]
+        if name not in self._chunks:  # zarr makes them of the metadata each time they are asked for
+            self._chunks[name] = self._arrays[name].chunks
         place = np.unravel_index(index, self.grid.shape)
-        chunk = tuple(int(p) // c for p, c in zip(place, array.chunks, strict=False))
+        chunk = tuple(int(p) // c for p, c in zip(place, self._chunks[name], strict=False))
         self._touched.setdefault(name, set()).add(chunk)
 
     def flush(self, final: bool = False) -> None:
