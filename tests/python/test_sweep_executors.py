@@ -3,6 +3,7 @@
 import itertools
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -205,11 +206,12 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 PLAIN = cs.Scene(cs.Cloth((6, 7), mass=2.5, stiffness=1e3, damping=0.1))
 
 
-def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0):
+def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0, shortest=None):
     settings = Settings(duration, 1e-3, "rk4", "double", "auto", False, None, False, 32,
                         choose_metrics(metrics))  # fmt: skip
     grid = make_grid(over)
-    made = Planner(Members(PLAIN, grid, settings), np.arange(grid.size), workers)
+    members = Members(PLAIN, grid, settings)
+    made = Planner(members, np.arange(grid.size), workers, shortest=shortest)
     made.seconds_per_weight = seconds_per_weight
     return made
 
@@ -249,6 +251,41 @@ def cost(made, task):
             solved.add(made.grid.physics[index])
             steps += 1.5 * 2 * np.ceil(32 / limit / 2)
         yield steps * scene.cloth.rows * scene.cloth.columns
+
+
+@pytest.mark.parametrize("workers", [2, 3])
+def test_tasks_get_shorter_so_that_all_workers_end_together(workers):
+    made = planner({"stiffness": np.geomspace(100, 1000, 800)}, "stable", 1e-7, workers, shortest=0.05)
+    tasks = [task.weight * 1e-7 for task in made.tasks()]
+    assert sum(tasks) == pytest.approx(800 * 1000 * 42 * 1e-7, rel=1e-9, abs=0)
+    assert tasks[0] == pytest.approx(sum(tasks) / (2 * workers), rel=0.02, abs=0)
+    assert tasks[:-1] == sorted(tasks[:-1], reverse=True) and min(tasks) > 0.05
+    assert tasks[-1] < 0.11 and len(tasks) < 12 * workers
+    busy = [0.0] * workers
+    for seconds in tasks:
+        busy[busy.index(min(busy))] += seconds
+    assert max(busy) - min(busy) < 0.11
+
+
+def test_a_task_that_leaves_the_process_takes_no_made_members():
+    made = planner({"stiffness": [100.0, 200.0]}, "stable", 1e-7)
+    (task,) = made.tasks()
+    assert sorted(task.made) == [0, 1] and pickle.loads(pickle.dumps(task)).made == {}
+    assert pickle.loads(pickle.dumps(task)).members == task.members
+    with ThreadPoolExecutor(1) as pool:
+        assert engine.Workers(pool, None).shortest_task == planning.SHORTEST > 0.2
+
+
+def test_few_made_members_are_kept():
+    grid = make_grid({"stiffness": np.geomspace(100, 1000, 5), "shape": [(4, 4), (1100, 1000)]})
+    settings = Settings(1.0, 1e-3, "rk4", "double", "auto", False, None, False, 32, ())
+    members = Members(PLAIN, grid, settings)
+    for index in range(grid.size):
+        assert members.make(index).index == index
+    kept = [index for index in range(grid.size) if members.take(index) is not None]
+    assert kept == [0, 1, 2, 4, 6, 8]  # two large ones would be more than there is room for
+    assert members.take(0) is None
+    assert members.make(3) is members.make(3)  # there is room again
 
 
 def test_tasks_learn_from_how_long_they_took():
