@@ -105,7 +105,7 @@ def test_a_point_that_spheres_shut_in_harms_its_member_alone():
         """Six large spheres close on a mass point from all sides."""
         sides = np.vstack([np.eye(3), -np.eye(3)])
         spheres = tuple(
-            cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), response="continuous", offset="none")
+            cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none")
             for side in sides
         )
         position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
@@ -113,10 +113,12 @@ def test_a_point_that_spheres_shut_in_harms_its_member_alone():
         return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
 
     scenes = {"slow": scene(0.1), "fast": scene(1.0)}
-    result = sweep(SMALL, {"scene": scenes}, duration=0.3, dt=1e-3, metrics=["stable", "energy_drift"])
+    metrics = ["stable", "energy_drift"]
+    result = sweep(SMALL, {"scene": scenes}, duration=0.3, dt=1e-3, metrics=metrics)
     with pytest.raises(cs.ContactError) as caught:
         cs.simulate(scenes["fast"], 0.3, dt=1e-3)
-    assert result.status.values.tolist() == [1, 2] and result.stable.values.tolist() == [True, False]
+    assert result.status.values.tolist() == [1, 2]
+    assert result.stable.values.tolist() == [True, False]
     assert int(result.unstable_step[1]) == caught.value.step > 1
     assert float(result.unstable_time[1]) == caught.value.time
     assert str(result.message.values[1]) == str(caught.value)

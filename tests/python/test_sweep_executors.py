@@ -255,7 +255,8 @@ def cost(made, task):
 
 @pytest.mark.parametrize("workers", [2, 3])
 def test_tasks_get_shorter_so_that_all_workers_end_together(workers):
-    made = planner({"stiffness": np.geomspace(100, 1000, 800)}, "stable", 1e-7, workers, shortest=0.05)
+    over = {"stiffness": np.geomspace(100, 1000, 800)}
+    made = planner(over, "stable", 1e-7, workers, shortest=0.05)
     tasks = [task.weight * 1e-7 for task in made.tasks()]
     assert sum(tasks) == pytest.approx(800 * 1000 * 42 * 1e-7, rel=1e-9, abs=0)
     assert tasks[0] == pytest.approx(sum(tasks) / (2 * workers), rel=0.02, abs=0)

@@ -43,8 +43,14 @@ def test_states_have_the_bits_of_simulate(metrics, every):
                 assert mine.report[name] == alone.report[name]
 
 
-@pytest.mark.parametrize("options", [{"metrics": "energy_drift"}, {"metrics": ["energy_drift", *WATCHED]},
-                                     {"metrics": "energy_drift", "every": 0.1, "frames": True}])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"metrics": "energy_drift"},
+        {"metrics": ["energy_drift", *WATCHED]},
+        {"metrics": "energy_drift", "every": 0.1, "frames": True},
+    ],
+)
 @pytest.mark.parametrize("scene", [SCENE, UNDAMPED])
 def test_energy_and_frames_are_those_of_simulate(scene, options):
     result = sweep(scene, {"rtol": [2e-5, 1e-3]}, **options)
@@ -69,7 +75,8 @@ def test_the_error_is_what_was_asked_for():
 
 
 def expected(scene, frames):
-    depths = [cs.penetration(x, scene.spheres[0], t) for x, t in zip(frames.x, frames.t, strict=True)]
+    pairs = zip(frames.x, frames.t, strict=True)
+    depths = [cs.penetration(x, scene.spheres[0], t) for x, t in pairs]
     return [
         cs.largest_stretch(scene, frames.x).max(),
         max(depth["triangles"] for depth in depths),

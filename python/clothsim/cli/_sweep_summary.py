@@ -65,7 +65,7 @@ def _table(dataset: Any, name: str) -> list[str]:
 
 
 def _labels(dataset: Any, dimension: str) -> list[str]:
-    """What stands for the places along a dimension; of zipped lists and samples all their values."""
+    """What stands for places along a dimension; of zipped lists and samples all their values."""
     own = dataset[dimension]
     if own.attrs:  # else they are mere numbers
         return [_text(value) for value in own.values]
