@@ -45,7 +45,7 @@ public:
         clear2_ = V(Real(high * high * (1 + 256 * epsilon)));
         short2_ = V(Real(surface2 / 256));
         inverse_surface2_ = V(Real(1 / surface2));
-        inverse_surface_ = V(Real(1 / s.surface));
+        half_inverse_surface_ = V(Real(0.5 / s.surface));
         inverse_dt_ = V(Real(1 / s.dt));
         restitution_ = V(Real(s.restitution));
         friction_ = V(Real(s.friction));
@@ -77,10 +77,8 @@ public:
         const Mask left_over = near & !touches & !(outside & (falls_short | !inwards));
         if (xsimd::none(touches)) return left_over.mask();
 
-        // 1 / |p|, as |p| is the surface but for rounding: a series.
-        const V h = xsimd::fnma(start2, inverse_surface2_, one);
-        const V series = xsimd::fma(h, xsimd::fma(h, V(Real(0.375)), V(Real(0.5))), one);
-        const V inverse = inverse_surface_ * series;
+        // 1 / |p|, as |p| is the surface but for rounding: a Newton step.
+        const V inverse = half_inverse_surface_ * xsimd::fnma(start2, inverse_surface2_, V(Real(3)));
         const V normal_way = b * inverse;
         V n[3], u[3];
         each<3>([&](auto k) __attribute__((always_inline)) {
@@ -142,7 +140,7 @@ private:
     }
 
     Split center_[3], way_[3], velocity_[3];
-    V lowest2_, highest2_, clear2_, short2_, inverse_surface2_, inverse_surface_, inverse_dt_, restitution_, friction_;
+    V lowest2_, highest2_, clear2_, short2_, inverse_surface2_, half_inverse_surface_, inverse_dt_, restitution_, friction_;
     bool bounces_, rough_;
 };
 
