@@ -53,6 +53,17 @@ def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, pre
     assert np.abs(stepper.velocities).max() < 1e-3
 
 
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("which", [0, 7, 8, 10])
+def test_every_one_of_eleven_spheres_is_met(which, kernel):
+    """They are looked at eight by eight; the point is fired at one, the others stand aside."""
+    spheres = [ball((3.0 * k, 0, 0)) for k in range(11)]
+    stepper = cs.Stepper(lone((3.0 * which, 1.0, 0), spheres, (0, -4.0, 0)), kernel=kernel)
+    stepper.advance(1, 0.25)
+    np.testing.assert_allclose(stepper.positions[0, 0], (3.0 * which, 1.0, 0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(stepper.velocities[0, 0], (0, 4.0, 0), rtol=0, atol=1e-13)
+
+
 def test_spheres_that_close_squeeze_a_point_out():
     """It leaves along the circle where they meet, and is never inside."""
     spheres = [
