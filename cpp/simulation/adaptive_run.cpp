@@ -72,7 +72,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.contacts += engine.accept_in_contact(t, next, team);
             const std::int64_t shut_in = std::exchange(engine.contact_report.shut_in, -1);
             if (shut_in >= 0) {
-                outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, t, true};
+                outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, next, true};
                 return outcome;
             }
             const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);

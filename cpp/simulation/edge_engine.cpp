@@ -22,9 +22,6 @@
 
 #include <omp.h>
 
-#include <cmath>
-#include <limits>
-
 namespace clothsim {
 namespace {
 
@@ -174,31 +171,6 @@ Real EdgeEngine<Real>::stiffness_at_rest(const Neighbour& neighbour, Real stiffn
     return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
 }
 
-// Stiffness and tension (stiffness times rest length) rounded so that their quotient, the rest length that the springs
-// have, is right to some 1e-9, though float32 holds neither better than to 6e-8: among the numbers next to the
-// stiffness, the one whose tension happens to round least. A rest length that is off shifts the whole cloth; a
-// stiffness that is off by as little only changes by how much it gives.
-template <class Real>
-std::pair<Real, Real> rounded_pair(double stiffness, double tension) {
-    std::pair best{Real(stiffness), Real(tension)};
-    if (sizeof(Real) == 8 || !(stiffness > 0 && tension > 0 && best.second > 0)) return best;
-    constexpr int reach = 16;                 // numbers to either side
-    constexpr double worth_of_stiffness = 1e-2;  // of an error of the stiffness against one of the rest length
-    double least = std::numeric_limits<double>::infinity();
-    Real candidate = best.first;
-    for (int k = 0; k < reach; ++k) candidate = std::nextafter(candidate, Real(0));
-    for (int k = -reach; k <= reach; ++k, candidate = std::nextafter(candidate, std::numeric_limits<Real>::max())) {
-        const Real product = Real(double(candidate) * (tension / stiffness));
-        const double error = std::abs(double(product) / double(candidate) / (tension / stiffness) - 1) +
-                             worth_of_stiffness * std::abs(double(candidate) / stiffness - 1);
-        if (error < least) {
-            least = error;
-            best = {candidate, product};
-        }
-    }
-    return best;
-}
-
 template <class Real>
 void EdgeEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
@@ -239,10 +211,9 @@ void EdgeEngine<Real>::build_coefficients() {
                 for (const int follow : reach) {
                     const bool there = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / force_scale_;
-                    const auto [rounded, tension] =
-                        rounded_pair<Real>(stiffness, stiffness * cloth.rest_length(neighbour) / root_scale);
+                    const Real tension = Real(stiffness * cloth.rest_length(neighbour) / root_scale);
                     const double damping = cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / force_scale_;
-                    const Real value = what == EdgeCoefficientIndex::stiffness ? stiffness_at_rest(neighbour, rounded, tension)
+                    const Real value = what == EdgeCoefficientIndex::stiffness ? stiffness_at_rest(neighbour, Real(stiffness), tension)
                                        : what == EdgeCoefficientIndex::tension ? tension
                                                                                : Real(damping);
                     coefficients_.push_back(there ? value : Real(0));

@@ -42,9 +42,9 @@ _HARMLESS_GROWTH = 3e4
 _UNKNOWN_GROWTH = 2.0
 _CARRIED = 5.0
 
-# Of a cloth of many modes stability limits the steps down to this part of the size; the error is
-# carried then.
-_CARRIED_ABOVE = 1e-8
+# Of a cloth of many modes stability limits the steps down to this part of the size, and other runs
+# are of so few steps that orders do not show yet; the error is carried then.
+_CARRIED_ABOVE = {"many": 1e-8, "few": 1e-5}
 _MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians
 
 # The companion's tolerance over that of the solution.
@@ -159,8 +159,8 @@ class _Adaptive:
     ) -> None:
         self._scene, self._duration, self._every = scene, duration, every
         self._order = integrators()[options.integrator].order
-        many = _many_modes(scene, duration)
-        self.carries = many and goal >= _CARRIED_ABOVE * size_of(scene) * (1 - 1e-9)
+        modes = "many" if _many_modes(scene, duration) else "few"
+        self.carries = goal >= _CARRIED_ABOVE[modes] * size_of(scene) * (1 - 1e-9)
         factor = _STEP_TOLERANCE[options.integrator]
         if self.carries:
             factor /= _CARRIED

@@ -80,16 +80,15 @@ def simulate(
 
         "error_estimate"
             None, or "max" and "rms" [m] of the last positions: with a tolerance, as it was
-            carried along with the run (docs/integrators.md); else from a run at twice the step
-            (the difference / (2^order - 1)).
+            carried along with the run or by a run at a larger tolerance (docs/integrators.md);
+            else by a run at twice the step (the difference / (2^order - 1)).
         "estimate_evaluations", "estimate_wall_time"
             Force evaluations and seconds of everything but the run returned: the estimate, and
             runs that turned out too coarse.
         "tolerance"
             None, or "asked" [m, rms], "floor" [m] (rounding of the precision times the growth of
             perturbations: no method comes below it), "growth" (by a perturbed twin run) and
-            "below_floor". Where the estimate, which has rounding in it, is below what was asked
-            at once, the tolerance is above the floor and there was no twin: "growth" is None and
+            "below_floor". From 1e-9 of the size up there is no twin: "growth" is None, and
             "floor" 0.
         "chaotic"
             True if a mass point has met a sphere: after that, trajectories of nearby states part

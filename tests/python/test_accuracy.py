@@ -4,6 +4,8 @@ import math
 import multiprocessing
 import os
 import warnings
+from pathlib import Path
+from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
