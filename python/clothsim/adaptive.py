@@ -8,8 +8,9 @@ over the mass points: ``atol + rtol * size`` with the longer side of the cloth a
 2. **Estimate.** Where the tolerance decides the steps of an adaptive method, a companion at 30
    times that tolerance runs too: with r the ratio of their mean steps and p the order its error is
    r^p times that of the solution, and what they differ by is r^p - 1 times it. Where stability
-   decides them, and with fixed steps, the error is carried along with the run (`carried`). If it is
-   above what is asked, the run is done again at a smaller tolerance.
+   decides them, and with fixed steps of a cloth, the error is carried along with the run
+   (`carried`). Runs of a few steps have a finer companion. If the error is above what is asked, the
+   run is done again at a smaller tolerance.
 3. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
    how much it is magnified (`growth`): the floor below which no method comes in that precision.
 
@@ -40,15 +41,19 @@ _STEP_TOLERANCE = {"dop853": 15.0, "dopri5": 0.3}
 # may be several times too large, so that less is left to the solution then.
 _HARMLESS_GROWTH = 3e4
 _UNKNOWN_GROWTH = 2.0
-_CARRIED = 5.0
+_CARRIED = 4.0
 
-# Of a cloth of many modes stability limits the steps down to this part of the size, and other runs
-# are of so few steps that orders do not show yet; the error is carried then.
-_CARRIED_ABOVE = {"many": 1e-8, "few": 1e-5}
+# Of a cloth of many modes stability limits the steps down to this part of the size; the error is
+# carried then. Of few modes, runs from here up have so few steps that orders do not show yet.
+_CARRIED_ABOVE = 1e-8
+_FEW_STEPS_ABOVE = 1e-5
 _MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians
 
-# The companion's tolerance over that of the solution.
-_COMPANION = 30.0
+# Of what a finer companion's error should be over the solution's, no less than this is believed.
+_CAUTIOUS = 0.25
+
+# The tolerance of a looser companion over that of the solution.
+_LOOSER = 30.0
 
 # Below this part of the size the floor of rounding may matter, and the growth is computed.
 _MAY_BE_FLOOR = 1e-9
@@ -99,8 +104,8 @@ def solve(
         companion = None
         if solution.contacts or not carried:
             exact = options.replace(precision="double")
-            looser = method.finer if solution.contacts else _COMPANION
-            companion = method.run(parameter * looser, exact, iter, None)
+            part = method.finer if solution.contacts else method.companion
+            companion = method.run(parameter * part, exact, iter, None)
         for one in (carried, companion):
             if one is not None:
                 spent += one.evaluations
@@ -109,6 +114,13 @@ def solve(
             return Controlled(solution, companion, asked, floor, growth, None, spent, wall_time)
         difference = carried.x if carried else method.extrapolated(solution, companion)
         error = rms(difference)
+        gain = max(method.gain, _CAUTIOUS)
+        if companion and method.companion < 1 and error > goal >= 2 * gain * error:
+            # The finer companion is the solution.
+            spent += solution.evaluations - companion.evaluations
+            wall_time += solution.wall_time - companion.wall_time
+            solution, difference = companion, difference * gain
+            break
         # At the floor runs differ by rounding, whatever their tolerance.
         if error <= goal or (asked <= floor and error <= 10 * floor) or attempt == _ATTEMPTS - 1:
             break
@@ -135,7 +147,7 @@ def _method(
 ) -> _Adaptive | _Fixed:
     if integrators()[options.integrator].adaptive:
         return _Adaptive(scene, duration, every, goal, growth, options)
-    return _Fixed(scene, duration, every, options)
+    return _Fixed(scene, duration, every, goal, options)
 
 
 def _many_modes(scene: Scene, duration: float) -> bool:
@@ -159,15 +171,18 @@ class _Adaptive:
     ) -> None:
         self._scene, self._duration, self._every = scene, duration, every
         self._order = integrators()[options.integrator].order
-        modes = "many" if _many_modes(scene, duration) else "few"
-        self.carries = goal >= _CARRIED_ABOVE[modes] * size_of(scene) * (1 - 1e-9)
+        part = goal / size_of(scene) * (1 + 1e-9)
+        many = _many_modes(scene, duration)
+        self.carries = many and part >= _CARRIED_ABOVE
+        self.companion = self.finer if not many and part >= _FEW_STEPS_ABOVE else _LOOSER
+        self.gain = self.companion  # of a companion's error over the solution's
         factor = _STEP_TOLERANCE[options.integrator]
         if self.carries:
             factor /= _CARRIED
-        elif growth is None:
-            factor /= _UNKNOWN_GROWTH
-        else:
+        elif growth is not None:
             factor /= math.sqrt(1.0 + growth / _HARMLESS_GROWTH)
+        elif self.companion > 1:
+            factor /= _UNKNOWN_GROWTH
         self.first = goal * factor
 
     def run(
@@ -177,10 +192,13 @@ class _Adaptive:
             self._scene, self._duration, tolerance, options, self._every, progress, error
         )
 
-    def extrapolated(self, solution: Solution, looser: Solution) -> Floats:
-        """The error of the last positions, by a run at a larger tolerance."""
-        ratio = solution.steps / looser.steps
-        return (solution.x[-1] - looser.x[-1]) / max(ratio**self._order - 1, 1.0)
+    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
+        """The error of the last positions, by a run at another tolerance."""
+        difference = solution.x[-1] - companion.x[-1]
+        if self.companion < 1:
+            return difference / (1 - self.gain)
+        ratio = solution.steps / companion.steps
+        return difference / max(ratio**self._order - 1, 1.0)
 
     def better(self, tolerance: float, ratio: float) -> float:
         return tolerance * min(0.5, ratio / 2)
@@ -189,17 +207,22 @@ class _Adaptive:
 class _Fixed:
     """Runs of a fixed-step method; the parameter is the time step [s]."""
 
-    finer = 0.5
-    carries = True
+    finer = companion = 0.5
 
     def __init__(
-        self, scene: Scene, duration: float, every: int | float | None, options: Options
+        self,
+        scene: Scene,
+        duration: float,
+        every: int | float | None,
+        goal: float,
+        options: Options,
     ) -> None:
         self.order = integrators()[options.integrator].order
-        # The error of a method of order 1 is too large at its limit to try it.
-        longest = (0.75 if self.order == 1 else 0.95) * guaranteed_dt(
-            core_cloth(scene), options.integrator
-        )
+        self.gain = self.companion**self.order
+        self.carries = _many_modes(scene, duration)
+        # The error of a method of order 1 is too large at its limit to try it, unless it is forgotten.
+        near = 0.75 if self.order == 1 and not _forgets(scene, duration, goal) else 0.95
+        longest = near * guaranteed_dt(core_cloth(scene), options.integrator)
         self.first = duration / max(4, math.ceil(duration / longest))
         self._scene, self._duration = scene, duration
         # An int counts the steps of the first run, so that all runs have the same frames.
@@ -212,6 +235,10 @@ class _Fixed:
         return run_fixed(
             self._scene, self._duration, dt, options, self._times, progress, error=error
         )
+
+    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
+        """The error of the last positions, by a run at half the step."""
+        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
 
     def better(self, dt: float, ratio: float) -> float:
         return dt * min(self.finer, (ratio / 2) ** (1 / self.order))
@@ -226,6 +253,11 @@ _EULER_ABOVE = 3e-4
 # Where it takes the whole size down to this part of what is asked, all that was wrong on the way
 # is forgotten at the end, and the cheapest method that is stable may do.
 _FORGOTTEN = 1e-2
+
+
+def _forgets(scene: Scene, duration: float, asked: float) -> bool:
+    rate = scene.cloth.point_damping / scene.cloth.mass_per_point.max()
+    return math.exp(-rate * duration / 2) <= _FORGOTTEN * asked / size_of(scene)
 
 
 def automatic(scene: Scene, duration: float, asked: float, options: Options) -> list[Options]:
@@ -245,7 +277,6 @@ def automatic(scene: Scene, duration: float, asked: float, options: Options) -> 
     if part >= _EULER_ABOVE:
         single = "double" if options.strict else "single"
         return [euler.replace(precision=single), order8]
-    forgetting = scene.cloth.point_damping / scene.cloth.mass_per_point.max()
-    if math.exp(-forgetting * duration / 2) <= _FORGOTTEN * part:
+    if _forgets(scene, duration, asked):
         return [euler, order8]
     return [order8]
