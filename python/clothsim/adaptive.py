@@ -9,8 +9,9 @@ over the mass points: ``atol + rtol * size`` with the longer side of the cloth a
    times that tolerance runs too: with r the ratio of their mean steps and p the order its error is
    r^p times that of the solution, and what they differ by is r^p - 1 times it. Where stability
    decides them, and with fixed steps of a cloth, the error is carried along with the run
-   (`carried`). Runs of a few steps have a finer companion. If the error is above what is asked, the
-   run is done again at a smaller tolerance.
+   (`carried`); if that comes out too large, a companion at a tenth of the tolerance decides, as it
+   does for scenes of few modes, whose runs have few steps. If the error is above what is asked,
+   the run is done again at a smaller tolerance.
 3. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
    how much it is magnified (`growth`): the floor below which no method comes in that precision.
 
@@ -44,9 +45,8 @@ _UNKNOWN_GROWTH = 2.0
 _CARRIED = 4.0
 
 # Of a cloth of many modes stability limits the steps down to this part of the size; the error is
-# carried then. Of few modes, runs from here up have so few steps that orders do not show yet.
+# carried then.
 _CARRIED_ABOVE = 1e-8
-_FEW_STEPS_ABOVE = 1e-5
 _MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians
 
 # Of what a finer companion's error should be over the solution's, no less than this is believed.
@@ -101,21 +101,26 @@ def solve(
     for attempt in range(_ATTEMPTS):
         carried = CarriedError(scene, duration, options) if method.carries else None
         solution = method.run(parameter, options, progress, carried)
-        companion = None
-        if solution.contacts or not carried:
-            exact = options.replace(precision="double")
-            part = method.finer if solution.contacts else method.companion
+        exact = options.replace(precision="double")
+        companion, part, error = None, method.companion, math.inf
+        if carried:
+            spent += carried.evaluations
+            wall_time += carried.wall_time
+            difference, error, part = carried.x, rms(carried.x), method.finer
+        # A carried error may be too large where stability limits the steps: a companion decides.
+        if solution.contacts or not carried or (error > goal and not rest):
+            part = method.finer if solution.contacts else part
             companion = method.run(parameter * part, exact, iter, None)
-        for one in (carried, companion):
-            if one is not None:
-                spent += one.evaluations
-                wall_time += one.wall_time
-        if solution.contacts or (companion and companion.contacts):
-            return Controlled(solution, companion, asked, floor, growth, None, spent, wall_time)
-        difference = carried.x if carried else method.extrapolated(solution, companion)
-        error = rms(difference)
-        gain = max(method.gain, _CAUTIOUS)
-        if companion and method.companion < 1 and error > goal >= 2 * gain * error:
+            spent += companion.evaluations
+            wall_time += companion.wall_time
+            if solution.contacts or companion.contacts:
+                return Controlled(
+                    solution, companion, asked, floor, growth, None, spent, wall_time
+                )
+            difference = method.extrapolated(solution, companion, part)
+            error = rms(difference)
+        gain = max(method.gain(part), _CAUTIOUS)
+        if companion and part < 1 and error > goal >= 2 * gain * error:
             # The finer companion is the solution.
             spent += solution.evaluations - companion.evaluations
             wall_time += solution.wall_time - companion.wall_time
@@ -133,7 +138,7 @@ def solve(
             parameter = method.first
         else:
             parameter = method.better(parameter, goal / error)
-            options = options.replace(precision="double")
+            options = exact
     return Controlled(solution, None, asked, floor, growth, difference, spent, wall_time)
 
 
@@ -174,8 +179,8 @@ class _Adaptive:
         part = goal / size_of(scene) * (1 + 1e-9)
         many = _many_modes(scene, duration)
         self.carries = many and part >= _CARRIED_ABOVE
-        self.companion = self.finer if not many and part >= _FEW_STEPS_ABOVE else _LOOSER
-        self.gain = self.companion  # of a companion's error over the solution's
+        # Runs of few modes have so few steps that orders hardly show.
+        self.companion = _LOOSER if many else self.finer
         factor = _STEP_TOLERANCE[options.integrator]
         if self.carries:
             factor /= _CARRIED
@@ -192,11 +197,15 @@ class _Adaptive:
             self._scene, self._duration, tolerance, options, self._every, progress, error
         )
 
-    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
-        """The error of the last positions, by a run at another tolerance."""
+    def gain(self, part: float) -> float:
+        """The error at that part of a tolerance over that at the whole."""
+        return part
+
+    def extrapolated(self, solution: Solution, companion: Solution, part: float) -> Floats:
+        """The error of the last positions, by a run at that part of the tolerance."""
         difference = solution.x[-1] - companion.x[-1]
-        if self.companion < 1:
-            return difference / (1 - self.gain)
+        if part < 1:
+            return difference / (1 - part)
         ratio = solution.steps / companion.steps
         return difference / max(ratio**self._order - 1, 1.0)
 
@@ -218,7 +227,6 @@ class _Fixed:
         options: Options,
     ) -> None:
         self.order = integrators()[options.integrator].order
-        self.gain = self.companion**self.order
         self.carries = _many_modes(scene, duration)
         # The error of a method of order 1 is too large at its limit to try it, unless it is forgotten.
         near = 0.75 if self.order == 1 and not _forgets(scene, duration, goal) else 0.95
@@ -236,9 +244,13 @@ class _Fixed:
             self._scene, self._duration, dt, options, self._times, progress, error=error
         )
 
-    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
-        """The error of the last positions, by a run at half the step."""
-        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
+    def gain(self, part: float) -> float:
+        """The error at that part of a step over that at the whole."""
+        return float(part**self.order)
+
+    def extrapolated(self, solution: Solution, companion: Solution, part: float) -> Floats:
+        """The error of the last positions, by a run at that part of the step."""
+        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain(part))
 
     def better(self, dt: float, ratio: float) -> float:
         return dt * min(self.finer, (ratio / 2) ** (1 / self.order))

@@ -100,6 +100,39 @@ def test_the_estimate_of_a_fixed_step(name, integrator, dt):
     assert run.evaluations == plain.evaluations
 
 
+def test_of_one_step_and_of_an_even_motion_the_error_is_known_closely():
+    scene = cs.scenes.oscillator()
+    error = CarriedError(scene, 0.02, options("rk4"))
+    run = run_fixed(scene, 0.02, 0.02, options("rk4"), [0.0, 0.02], own_step=True, error=error)
+    # From rest the error of x is of one order more than the method says.
+    np.testing.assert_allclose(error.x, run.x[-1] - exact(scene, 0.02, 10), rtol=0.2, atol=1e-14)
+    # Order 1: of a step's error two halves have a half themselves.
+    error = CarriedError(scene, 1.0, options("semi_implicit_euler"))
+    times = [0.0, 1.0]
+    run = run_fixed(scene, 1.0, 2e-3, options("semi_implicit_euler"), times, own_step=True, error=error)
+    true = rms(run.x[-1] - exact(scene, 1.0, 300))
+    assert true / 1.5 < rms(error.x) < 1.5 * true
+
+
+def test_derivatives_are_taken_half_way():
+    scene, duration = cs.scenes.paper_swing(), 4e-3
+    error = CarriedError(scene, 0.5, options())
+    core, seen = error._field.core, []
+
+    class Seen:
+        def carry(self, x, v, *rest):
+            seen.append((x, v))
+            core.carry(x, v, *rest)
+
+    begin = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, 1000)
+    middle, end = (cs.step(scene, *begin, 1e-4, steps) for steps in (20, 40))
+    error._field.core = Seen()
+    error._begin, error._passed = begin, duration
+    error._carry(end)
+    assert rms(seen[0][0] - middle[0]) < 1e-7
+    assert rms(seen[0][1] - middle[1]) < 1e-2 * rms(middle[1])
+
+
 @pytest.mark.parametrize(
     "name, tolerance, most",
     [("swing", 5e-7, FACTOR), ("swing with bend", 5e-9, FACTOR), ("swing with bend", 5e-6, LIMITED)],

@@ -71,6 +71,16 @@ def test_force_evaluations_of_the_paper_swing(asked, most):
     assert run.report["rejected_steps"] < run.report["steps"] / 10
 
 
+def test_companions_are_counted():
+    for scene, duration, asked in (
+        (scene_of("oscillator"), 1.0, 1e-8), (scene_of("swing"), 0.5, 1e-9),
+        (cs.scenes.paper_static(), 0.3, 1e-3),
+    ):  # fmt: skip
+        report = cs.simulate(scene, duration, rtol=asked).report
+        assert report["estimate_evaluations"] > 0.5 * report["solution_evaluations"]
+        assert report["estimate_wall_time"] > 0
+
+
 @pytest.mark.parametrize("asked", [1e-5, 1e-8])
 def test_the_cost_is_that_of_the_best_fixed_choice(asked):
     """... found by search over methods and steps, within a factor of 1.5."""
