@@ -83,11 +83,18 @@ public:
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
-protected:
-    // Continuous contact: whether a sphere asks for it; before a step; after it.
+    // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end. Whether a sphere
+    // changed the state. Where the spheres leave a point no place (contact_report), the state is that at t0.
+    bool accept_in_contact(double t0, double t1, int threads);
+    // Whether a sphere asks for continuous contact.
     virtual bool has_continuous() const = 0;
+
+protected:
+    // Continuous contact: before a step; after it.
     virtual void keep_state() = 0;
     virtual ContactReport answer_contacts(double t0, double t1, double dt, int threads) = 0;
+    // Whether the state is another than that of the last checkpoint.
+    virtual bool changed_since_checkpoint() const = 0;
     virtual double total_energy() const = 0;
 };
 

@@ -75,6 +75,7 @@ public:
     };
     struct AdaptiveOutcome : Outcome {
         std::int64_t rejected = 0, contacts = 0;  // steps tried in vain, and steps that ended in contact
+        double error = 0;                         // estimate of the last step, in units of the tolerance
     };
     AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
                                      const std::function<bool()>& interrupted);
@@ -83,6 +84,17 @@ public:
 
     // Of every member, see diagnostics.hpp; 0 for one without springs.
     std::vector<double> largest_stretch() const;
+
+    // A small perturbation (e, w) of the state (x, v) carried on by `duration`, by the forces linearised there; for one
+    // member. The member's own state is lost. Each substep evaluates the forces once, and (x, v) does.
+    struct CarryRequest {
+        double duration;      // [s]
+        int substeps;
+        double damping_part;  // of the damping that is applied, 0 to 1
+        double displacement;  // root mean square by which points are moved to see the change of the forces [m]
+        int threads;
+    };
+    void carry(const double* x, const double* v, double* e, double* w, const CarryRequest& request);
 
 private:
     void advance_members(std::int64_t steps, int threads);

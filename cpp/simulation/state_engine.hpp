@@ -73,6 +73,7 @@ public:
         acceleration_known_ = false;
         contact_pass_.forget();
     }
+    bool has_continuous() const final { return contact_pass_.needed(); }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;
@@ -80,12 +81,12 @@ protected:
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
         : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {}
 
-    bool has_continuous() const final { return contact_pass_.needed(); }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
         acceleration_known_ = false;
         return contact_pass_.answer(memory_, t0, t1, dt, threads);
     }
+    bool changed_since_checkpoint() const final { return memory_ != checkpoint_; }
     double total_energy() const final {
         Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
         store_any(x.data(), v.data());

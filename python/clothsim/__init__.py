@@ -20,7 +20,8 @@ from .measures import energy, largest_stretch, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
 from .scene_files import load_scene, save_scene
-from .simulation import Run, load_run, simulate
+from .run import Run, load_run
+from .simulation import simulate
 from .sphere import Sphere
 from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step

@@ -173,7 +173,10 @@ class State:
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         self._warn(dt)
-        outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+        self.judge(self.core.advance(steps, dt, self.threads, self.threads_optional), dt)
+
+    def judge(self, outcome: dict[str, Any], dt: float) -> None:
+        """Warn, and raise, of what the core met with."""
         if "pinned_inside" in outcome and not self._warned_of_pins:
             self._warned_of_pins = True
             member, point = outcome["pinned_inside"]

@@ -12,7 +12,8 @@ import pytest
 from clothsim.accuracy import _cache, peers, plots, tables
 from clothsim.accuracy.front import TARGETS, Front, Row, Target, cheapest, front, statement
 from clothsim.accuracy.methods import Outcome, own_methods
-from clothsim.accuracy.work import Measured, pareto
+from clothsim.accuracy.bench import Measured
+from clothsim.accuracy.dataset import pareto
 from clothsim.cli import main
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")

@@ -16,7 +16,9 @@ from ..scene import Scene
 from .methods import OWN, Method, own_methods
 from .order import solution_for
 from .solution import Reference
-from .work import Bench, Measured, label, progress_bar
+from .bench import Bench, Measured
+from .dataset import label
+from .work import progress_bar
 
 ERRORS = tuple(10.0**-k for k in range(4, 13))
 """Errors [m] that are asked for by default."""
