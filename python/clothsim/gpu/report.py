@@ -79,6 +79,24 @@ def crossovers(measurements: Sequence[Measurement]) -> list[str]:
     return lines
 
 
+def _frames(m: Measurement) -> float:
+    """Frames that a run's window holds, in the mean over the runs."""
+    return sum(m.steps) / (m.frame_steps * len(m.steps))
+
+
+def shortened(measurements: Sequence[Measurement]) -> list[str]:
+    """Which windows were ended early, in a sentence; empty if none was."""
+    some = [m for m in measurements if m.shortened]
+    if not some:
+        return []
+    limits = sorted({m.limit for m in some})
+    return [
+        f"* {len(some)} of {len(measurements)} measurements are means over fewer steps than asked: "
+        f"their windows were ended after {' or '.join(f'{limit:g}' for limit in limits)} s. "
+        f"The shortest held {min(min(m.steps) for m in some):,} of {some[0].asked:,} steps."
+    ]
+
+
 def _scene(m: Measurement) -> str:
     return f"{m.size} x {m.size}" + (f", {m.members} cloths" if m.members > 1 else "")
 
@@ -106,7 +124,10 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
                 "members": m.members,
                 "mass_points": m.points,
                 "runs": len(m.rates),
-                "steps_timed": m.steps,
+                "steps_asked": m.asked * len(m.rates),
+                "steps_timed": sum(m.steps),
+                "frames_per_run": _frames(m),
+                "shortened": m.shortened,
                 "steps_per_second": m.rate,
                 "lower_quartile": low,
                 "upper_quartile": high,
@@ -153,16 +174,20 @@ def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
 def text(measurements: Sequence[Measurement]) -> str:
     """The table, the crossovers and the first frames, to read."""
     lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9}  by"
+    head = (
+        f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9} "
+        f"{'frames':>8}  by"
+    )
     for (precision, method), group in _by_table(measurements).items():
         lines += ["", f"{precision}, method {method}", head]
         for m in group:
             gain = against_cpu(m, measurements)
             lines.append(
                 f"{_scene(m):>20} {1e6 / m.rate:11.4g} {m.rate:11.4g} "
-                f"{m.rate * m.points / 1e6:10.4g} {'' if gain is None else f'{gain:.3g}':>9}  "
-                f"{m.target.name}"
+                f"{m.rate * m.points / 1e6:10.4g} {'' if gain is None else f'{gain:.3g}':>9} "
+                f"{f'{_frames(m):.3g}' + '*' * m.shortened:>8}  {m.target.name}"
             )
+    lines += ["", *shortened(measurements)]
     lines += ["", "Where the shader becomes faster:", *crossovers(measurements)]
     lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]
     for m in measurements:
@@ -252,13 +277,18 @@ def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
     panel.grid(alpha=0.3)
 
 
-def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
-    """`name`.csv, `name`_first_frames.csv and, with matplotlib, `name`.png in `folder`."""
+def write_tables(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
+    """`name`.csv and `name`_first_frames.csv in `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [
+    return [
         write_csv(folder / f"{name}.csv", rows(measurements)),
         write_csv(folder / f"{name}_first_frames.csv", first_frames(measurements)),
     ]
+
+
+def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
+    """The tables and, with matplotlib, `name`.png in `folder`."""
+    files = write_tables(measurements, folder, name)
     try:
         files.append(draw(measurements, folder / f"{name}.png"))
     except ImportError:

@@ -32,6 +32,7 @@ def settings_of(settings: Settings) -> experiment.Settings:
         window_frames=settings.window_frames,
         runs=settings.runs,
         seconds=settings.gpu_seconds,
+        paper_seconds=4 * settings.gpu_seconds,
         first_seconds=settings.gpu_seconds / 4,
     )
 
