@@ -11,7 +11,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.gpu import AdapterLostError
-from clothsim.gpu import simulation as gpu_simulation
+from clothsim.gpu import safe
 from clothsim.gpu.device import Device
 from clothsim.gpu.simulation import Simulation
 
@@ -137,7 +137,7 @@ def test_one_stepper_in_two_threads_is_refused():
 
 
 def test_a_lost_adapter_leaves_the_last_state_that_was_copied_back(device, same_bits, monkeypatch):
-    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 3600.0)
+    monkeypatch.setattr(safe, "SECONDS_BETWEEN_COPIES", 3600.0)
     scene, dt = cs.scenes.paper_static(), 1e-4
     stepper = cs.Stepper(scene, t=0.1, **GPU)
     stepper.advance(20, dt)
@@ -183,8 +183,8 @@ def test_a_forked_process_is_told_to_be_spawned(monkeypatch):
 
 
 def test_the_state_is_copied_back_while_it_advances(monkeypatch):
-    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 0.0)
-    monkeypatch.setattr(gpu_simulation, "PART_OF_TIME_FOR_COPIES", 1e9)
+    monkeypatch.setattr(safe, "SECONDS_BETWEEN_COPIES", 0.0)
+    monkeypatch.setattr(safe, "PART_OF_TIME_FOR_COPIES", 1e9)
     stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
     stepper.advance(5, 1e-4)
     stepper._state.core.device.handle.destroy()

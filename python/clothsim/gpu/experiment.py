@@ -10,21 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
+from clothsim.benchmark.timing import StepTimer
 
 from .device import Adapter, adapters, using
+from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 METHODS = {1: "reflect", 2: "ray"}
-SCALAR, SIMD, GPU = "scalar", "SIMD", "GPU"
 PAPER_DT = 5e-6  # s
 PAPER_SIZE = 32  # points along a side
-_LONGEST_PART = 0.1  # s of steps between two looks at the clock
 
 
 @dataclass(frozen=True)
@@ -81,57 +81,6 @@ QUICK = Settings(
     sizes=(32, 128), batches=(16,), precisions=("single",), runs=2, seconds=0.2, paper_seconds=0.2,
     first_frames=4, first_seconds=0.05,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Target:
-    """Who computes."""
-
-    kind: str
-    name: str
-    threads: int = 1
-    adapter: Adapter | None = None
-
-    @property
-    def software(self) -> bool:
-        """Whether it is a graphics adapter that is a CPU."""
-        return self.adapter is not None and self.adapter.software
-
-
-@dataclass
-class Measurement:
-    """What one target did with one scene."""
-
-    target: Target
-    method: int
-    precision: str
-    size: int
-    members: int
-    setup: list[float] = field(default_factory=list)  # s, per run
-    first_frames: list[list[float]] = field(default_factory=list)  # s a step, per run and frame
-    rates: list[float] = field(default_factory=list)  # steps/s, per run
-    steps: list[int] = field(default_factory=list)  # in the window, per run
-    frame_steps: int = 1
-    asked: int = 0  # steps of a window that is not ended early
-    limit: float = 0.0  # s after which one is
-
-    @property
-    def points(self) -> int:
-        return self.size * self.size * self.members
-
-    @property
-    def rate(self) -> float:
-        """Median steps/s of the runs."""
-        return float(np.median(self.rates))
-
-    @property
-    def shortened(self) -> bool:
-        """Whether windows were ended early."""
-        return min(self.steps) < self.asked
-
-    def quartiles(self) -> tuple[float, float]:
-        low, high = np.quantile(self.rates, (0.25, 0.75))
-        return float(low), float(high)
 
 
 def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
@@ -191,25 +140,6 @@ def _stepping(target: Target, scene: cs.Scene, members: int, precision: str, dt:
     return lambda steps: stepper.advance(steps, dt)
 
 
-class _Clock:
-    """Times steps in parts that are short enough to end in time."""
-
-    def __init__(self, advance: Callable[[int], None]) -> None:
-        self._advance, self._part = advance, 1
-
-    def timed(self, steps: int, seconds: float) -> tuple[int, float]:
-        """Steps done, at most `steps`, and how long they took [s]."""
-        start, done, elapsed = perf_counter(), 0, 0.0
-        while done < steps and (elapsed < seconds or done == 0):
-            part = min(self._part, steps - done)
-            begin = perf_counter()
-            self._advance(part)
-            took = perf_counter() - begin
-            done, elapsed = done + part, perf_counter() - start
-            self._part = max(1, min(2 * part, int(part * _LONGEST_PART / max(took, 1e-9))))
-        return done, elapsed
-
-
 def measure(
     measurement: Measurement, scene: cs.Scene, dt: float, settings: Settings
 ) -> Measurement:
@@ -219,15 +149,15 @@ def measure(
         start = perf_counter()
         advance = _stepping(m.target, scene, m.members, m.precision, dt)
         m.setup.append(perf_counter() - start)
-        clock, first, spent = _Clock(advance), [], 0.0
+        timer, first, spent = StepTimer(advance), [], 0.0
         while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:
-            done, elapsed = clock.timed(settings.frame_steps, settings.first_seconds)
+            done, elapsed = timer.timed(settings.frame_steps, settings.first_seconds)
             first.append(elapsed / done)
             spent += elapsed
         m.first_frames.append(first)
         m.frame_steps, m.asked = settings.frame_steps, settings.window_steps
         m.limit = settings.limit(m.size, m.members)
-        done, elapsed = clock.timed(m.asked, m.limit)
+        done, elapsed = timer.timed(m.asked, m.limit)
     m.rates.append(done / elapsed)
     m.steps.append(done)
     return m

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from clothsim.gpu import adapters, experiment, report
+from clothsim.gpu import adapters, comparison, experiment, report
 from clothsim.gpu.device import Adapter
 
 from .settings import Settings
@@ -52,8 +52,8 @@ def over_sizes(
     files = report.write(measurements, folder, "figure10_sizes")
     return {
         "rows": report.rows(measurements),
-        "crossovers": report.crossovers(measurements),
-        "warnings": report.warnings(measurements),
+        "crossovers": comparison.crossovers(measurements),
+        "warnings": comparison.warnings(measurements),
         "csv": [file.name for file in files if file.suffix == ".csv"],
         "plot": "figure10_sizes.png",
     }
