@@ -47,19 +47,27 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
                 [m.points for m in part], [m.rate * m.points for m in part], marker=marker,
                 mfc="white" if batch else _COLORS[kind], **look, label=None if batch else name,
             )  # fmt: skip
-        first = crossover(everything, name, group[0].precision, group[0].method, False)
-        if kind == GPU and first:
-            panel.axvline(first.points, color=_COLORS[GPU], lw=0.8)
-            panel.annotate(
-                f"faster from {first.size} x {first.size} on", (first.points, 0.03), rotation=90,
-                xycoords=("data", "axes fraction"), fontsize="x-small", ha="right",
-            )  # fmt: skip
+        if kind == GPU:
+            for batch in (False, True):
+                first = crossover(everything, name, group[0].precision, group[0].method, batch)
+                if first:
+                    _mark(panel, first)
     panel.set(
         xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)",
         ylabel="mass points x steps / s",
     )  # fmt: skip
     panel.grid(alpha=0.3)
     panel.legend(fontsize="x-small")
+
+
+def _mark(panel: Any, first: Measurement) -> None:
+    """Where the shader becomes faster."""
+    where = f"{first.members} cloths" if first.members > 1 else f"{first.size} x {first.size}"
+    panel.axvline(first.points, color=_COLORS[GPU], lw=0.8, ls="--" if first.members > 1 else "-")
+    panel.annotate(
+        f"faster from {where} on", (first.points, 0.03), rotation=90,
+        xycoords=("data", "axes fraction"), fontsize="x-small", ha="right",
+    )  # fmt: skip
 
 
 def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:

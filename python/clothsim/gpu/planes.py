@@ -1,4 +1,4 @@
-"""The state as the shader keeps it: six planes a member, split in two float32 where it is single."""
+"""The state as the shader keeps it: six planes a member, in single split in two float32."""
 
 from __future__ import annotations
 

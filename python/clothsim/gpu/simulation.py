@@ -219,7 +219,7 @@ class Simulation:
             self._step_set = dt
 
     def _try(self, steps: int) -> dict[str, Any] | None:
-        """`steps` steps that can be taken back; the first member in trouble, its point and which."""
+        """`steps` steps that can be taken back; the first member in trouble and its point."""
         told = self._blocks.run([self._clock.at(k) for k in range(steps + 1)])
         self._pinned_inside = self._pinned_inside or told.pinned_inside
         found = [told.bad] if told.bad else []
