@@ -50,8 +50,8 @@ class Settings:
     first_frames : int
         Frames of a run that are timed one by one.
     first_seconds : float
-        Wall time after which such a frame ends early [s]; no further one begins after four times
-        as long.
+        Wall time after which such a frame ends early [s]; no further one begins when those after
+        the first have taken four times as long.
     """
 
     sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
@@ -152,8 +152,8 @@ def measure(
         timer, first, spent = StepTimer(advance), [], 0.0
         while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:
             done, elapsed = timer.timed(settings.frame_steps, settings.first_seconds)
+            spent += elapsed if first else 0.0  # the first one may be compiling for seconds
             first.append(elapsed / done)
-            spent += elapsed
         m.first_frames.append(first)
         m.frame_steps, m.asked = settings.frame_steps, settings.window_steps
         m.limit = settings.limit(m.size, m.members)

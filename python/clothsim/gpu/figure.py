@@ -82,6 +82,7 @@ def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
             color=_COLORS[m.target.kind], label=m.target.name,
         )  # fmt: skip
     panel.axhline(1, color="0.5", lw=0.8)
+    panel.xaxis.get_major_locator().set_params(integer=True)
     panel.set(
         yscale="log", xlabel="frame of the first run (smallest scene)",
         ylabel="time of a step / its median later",
