@@ -5,22 +5,11 @@ import numpy as np
 import pytest
 from clothsim.contact.table import scene_of
 from clothsim.contact.triangles import distance
-from clothsim.gpu import arithmetic
 
 pytestmark = pytest.mark.usefixtures("needs_float64")
 
 # Where an adapter rounds in another way than the core [m]; on lavapipe the bits are the same.
 BOUND = {"double": 1e-11, "single": 1e-7}
-
-
-@pytest.fixture(scope="module")
-def exact():
-    return all(
-        error == 0
-        for found in arithmetic().values()
-        for operation, error in found.items()
-        if operation not in ("compensation", "product and sum")
-    )
 
 
 @pytest.fixture
