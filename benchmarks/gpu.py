@@ -1,7 +1,7 @@
 """Experiment 4 of Kim et al.: CPU against GPU over cloth sizes and batches. Runs unattended.
 
     pip install 'clothsim[gpu,plot]'
-    python benchmarks/gpu.py                    # all adapters, about an hour
+    python benchmarks/gpu.py                    # all adapters, an hour or two
     python benchmarks/gpu.py --quick            # a minute
     python benchmarks/gpu.py --adapter NVIDIA --sizes 32 256 --batches 64 --precision single
 
