@@ -1,5 +1,5 @@
-// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, for a
-// band of rows, by the kernel's `evaluate` stage.
+// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, row by
+// row of a band, by the kernel's `evaluate` stage.
 //
 // That stage writes an acceleration where a work record holds the first one. So the records of four stages
 // share the place of one work record, a quarter each, and nothing lies unused between them.
@@ -32,23 +32,32 @@ FieldLayout EdgeEngine<Real>::field() const {
 }
 
 template <class Real>
-void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch) {
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
+                                   FieldScratch<Real>& scratch) {
     scratch.values.resize(std::size_t(scratch_size()));
-    scratch.rows.resize(std::size_t(end - begin));
-    const FieldLayout f = field();
-    for (int r = begin; r < end; ++r)
-        scratch.rows[std::size_t(r - begin)] = {
-            nullptr, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
-            inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
-            is_special(r)};
+    scratch.band = band;
+    scratch.state = state;
+    scratch.acceleration = acceleration;
+    EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
+    e.rows = &scratch.row;
 
-    EdgeArguments<Real> e = arguments(Stage::evaluate, 0, scratch.values.data());
-    e.rows = scratch.rows.data();
+    const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
+    const int before = band.row(-1);
+    if (before < 0 || before >= rows()) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    else halo_kernel_(e, {source(-2), nullptr, source(0)}, {source(-1), source(0), source(1)});
+}
 
-    const auto row = [&](int r) { return r < rows() ? state + r * f.row : nullptr; };
-    if (begin == 0) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
-    else halo_kernel_(e, {row(begin - 2), nullptr, row(begin)}, {row(begin - 1), row(begin), row(begin + 1)});
-    for (int r = begin; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
+template <class Real>
+void EdgeEngine<Real>::sweep_row(int i, FieldScratch<Real>& scratch) {
+    const int r = scratch.band.row(i);
+    const auto source = [&](int at) -> const Real* {
+        const int row = scratch.band.row(at);
+        return row >= 0 && row < rows() ? scratch.state + row * layout_.row_size() : nullptr;
+    };
+    const std::ptrdiff_t acceleration_row = layout_.vectors * WorkRecord::count * layout_.lanes;
+    scratch.row = {nullptr, scratch.acceleration + r * acceleration_row, free_.data() + r * layout_.width(),
+                   inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(), is_special(r)};
+    stage_kernel_(scratch.edge, 0, {source(i), source(i + 1), source(i + 2)});
 }
 
 template <class Real>
@@ -78,8 +87,10 @@ bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contac
 
 template FieldLayout EdgeEngine<float>::field() const;
 template FieldLayout EdgeEngine<double>::field() const;
-template void EdgeEngine<float>::evaluate(const float*, float*, int, int, FieldScratch<float>&);
-template void EdgeEngine<double>::evaluate(const double*, double*, int, int, FieldScratch<double>&);
+template void EdgeEngine<float>::begin_sweep(const float*, float*, const RowBand&, FieldScratch<float>&);
+template void EdgeEngine<double>::begin_sweep(const double*, double*, const RowBand&, FieldScratch<double>&);
+template void EdgeEngine<float>::sweep_row(int, FieldScratch<float>&);
+template void EdgeEngine<double>::sweep_row(int, FieldScratch<double>&);
 template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
 template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
 
