@@ -38,7 +38,8 @@ protected:  // for cpp/dynamics; see EdgeEngine
     using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
-    void evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch);
+    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
+    int sweep_row(int i, FieldScratch<Real>& scratch);
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:

@@ -10,6 +10,7 @@
 #include <limits>
 
 #include "collision/response.hpp"
+#include "dynamics/field.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
@@ -24,8 +25,11 @@ inline constexpr double extents_that_are_far = 8;
 // What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
 template <class Real>
 struct FieldScratch {
-    AlignedVector<Real> values;
+    RowBand band;
+    EdgeArguments<Real> edge{};
     std::vector<EdgeRowPointers<Real>> rows;
+    AlignedVector<Real> values;
+    GatherArguments<Real> gather{};
 };
 
 template <class Real, class Layout>
