@@ -30,6 +30,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
     AdaptiveOutcome outcome;
+    steps_kept_ = none_kept;
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     auto last_poll = steady_clock::now();
@@ -74,7 +75,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.rejected += 1;
         }
         const double seconds = seconds_since(start);
-        if (request.optional && request.threads > 1) choice_.observe(seconds, seconds);
+        if (request.optional && request.threads > 1) choice_.observe(1, seconds);
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {
                 outcome.interrupted = true;

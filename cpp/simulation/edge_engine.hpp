@@ -13,11 +13,12 @@ namespace clothsim {
 // The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
 // records one after the other.
 struct LiftedLayout {
-    int rows, lanes, vectors;
+    int rows, columns, lanes, vectors;
     std::ptrdiff_t stride;  // elements from vector to vector
 
     LiftedLayout(const Cloth& cloth, int lanes, bool compensated)
         : rows(cloth.rows),
+          columns(cloth.columns),
           lanes(lanes),
           vectors(std::max(2, (cloth.columns + lanes - 1) / lanes)),
           stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {}
@@ -27,8 +28,19 @@ struct LiftedLayout {
     }
     std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
     std::ptrdiff_t first() const { return 0; }
+    // Where the state stands, without its compensation.
+    Blocks state_blocks() const { return {std::ptrdiff_t(rows) * vectors, StateRecord::compensation * lanes, stride}; }
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
+    // (x, y, z) of the columns of a row into and out of three components of it.
+    template <class Real>
+    void put_row(const Real* row, Real* to) const {
+        to_lanes(row, to, {columns, lanes, vectors, stride});
+    }
+    template <class Real>
+    void take_row(const Real* from, Real* row) const {
+        from_lanes(from, row, {columns, lanes, vectors, stride});
+    }
     // Where a point stands among values of which there is one a point.
     std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
     std::ptrdiff_t width() const { return vectors * lanes; }
