@@ -15,13 +15,17 @@ namespace clothsim {
 struct LiftedLayout {
     int rows, columns, lanes, vectors;
     std::ptrdiff_t stride;  // elements from vector to vector
+    std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
 
     LiftedLayout(const Cloth& cloth, int lanes, bool compensated)
         : rows(cloth.rows),
           columns(cloth.columns),
           lanes(lanes),
           vectors(std::max(2, (cloth.columns + lanes - 1) / lanes)),
-          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {}
+          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {
+        for (int k = 0; k < vectors; ++k)
+            for (int component = 0; component < 3; ++component) place.push_back(k * stride + component * lanes);
+    }
     std::ptrdiff_t row_size() const { return vectors * stride; }
     std::ptrdiff_t at(int row, int column, int k = 0) const {
         return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
@@ -35,11 +39,11 @@ struct LiftedLayout {
     // (x, y, z) of the columns of a row into and out of three components of it.
     template <class Real>
     void put_row(const Real* row, Real* to) const {
-        to_lanes(row, to, {columns, lanes, vectors, stride});
+        to_lanes(row, to, {columns, lanes, vectors, place.data()});
     }
     template <class Real>
     void take_row(const Real* from, Real* row) const {
-        from_lanes(from, row, {columns, lanes, vectors, stride});
+        from_lanes(from, row, {columns, lanes, vectors, place.data()});
     }
     // Where a point stands among values of which there is one a point.
     std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }

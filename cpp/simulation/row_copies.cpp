@@ -148,33 +148,33 @@ void from_planes(const Real* planes, std::ptrdiff_t plane, Real* __restrict row,
 template <class Real>
 void to_lanes(const Real* row, Real* records, const LiftedRow& lifted) {
     constexpr int size = Square<Real>::size;
-    const std::ptrdiff_t width = 3 * lifted.vectors, lanes = lifted.lanes;
-    const auto place = [&](int element) { return element / 3 * lifted.stride + element % 3 * lanes; };
+    const std::ptrdiff_t width = 3 * lifted.vectors;
+    const std::ptrdiff_t* const place = lifted.place;
     for_each_lane<size>(
         lifted,
         [&](int lane, int element) {
             Square<Real> s;
             for (int i = 0; i < size; ++i) s.load(i, row + (lane + i) * width + element);
             s.transpose();
-            for (int i = 0; i < size; ++i) s.store(i, records + place(element + i) + lane);
+            for (int i = 0; i < size; ++i) s.store(i, records + place[element + i] + lane);
         },
-        [&](int lane, int element) { records[place(element) + lane] = row[lane * width + element]; });
+        [&](int lane, int element) { records[place[element] + lane] = row[lane * width + element]; });
 }
 
 template <class Real>
 void from_lanes(const Real* records, Real* row, const LiftedRow& lifted) {
     constexpr int size = Square<Real>::size;
-    const std::ptrdiff_t width = 3 * lifted.vectors, lanes = lifted.lanes;
-    const auto place = [&](int element) { return element / 3 * lifted.stride + element % 3 * lanes; };
+    const std::ptrdiff_t width = 3 * lifted.vectors;
+    const std::ptrdiff_t* const place = lifted.place;
     for_each_lane<size>(
         lifted,
         [&](int lane, int element) {
             Square<Real> s;
-            for (int i = 0; i < size; ++i) s.load(i, records + place(element + i) + lane);
+            for (int i = 0; i < size; ++i) s.load(i, records + place[element + i] + lane);
             s.transpose();
             for (int i = 0; i < size; ++i) s.store(i, row + (lane + i) * width + element);
         },
-        [&](int lane, int element) { row[lane * width + element] = records[place(element) + lane]; });
+        [&](int lane, int element) { row[lane * width + element] = records[place[element] + lane]; });
 }
 
 template void to_planes(const float*, float*, std::ptrdiff_t, int);

@@ -25,10 +25,10 @@ template <class Real>
 void from_planes(const Real* planes, std::ptrdiff_t plane, Real* row, int columns);
 
 // Where the elements of a row stand in row-lifted records (see cpp/kernels/edge_impl.hpp): component c of column
-// l vectors + k is lane l of the vector at k stride + c lanes.
+// l vectors + k is lane l of the vector at place[3 k + c].
 struct LiftedRow {
     int columns, lanes, vectors;
-    std::ptrdiff_t stride;
+    const std::ptrdiff_t* place;
 };
 template <class Real>
 void to_lanes(const Real* row, Real* records, const LiftedRow& lifted);

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "collision/response.hpp"
 #include "simulation/aligned_vector.hpp"
@@ -83,7 +84,10 @@ protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {}
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {
+        for (int i = 0; i < plan_.cloth.points(); ++i)
+            if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
+    }
 
     bool has_continuous() const final { return contact_pass_.needed(); }
     void keep_state() final { contact_pass_.keep(memory_); }
@@ -186,8 +190,9 @@ private:
     };
     RowBuffer row_buffer(const Vec3& shift) const {
         RowBuffer row(columns());
-        for (std::size_t i = 0; i < row.shift.size(); ++i)
-            if (shift[Eigen::Index(i % 3)] != 0) row.shift[i] = shift[Eigen::Index(i % 3)];
+        for (int k = 0; k < 3; ++k)
+            if (shift[k] != 0)
+                for (std::size_t i = std::size_t(k); i < row.shift.size(); i += 3) row.shift[i] = shift[k];
         return row;
     }
 
@@ -200,16 +205,18 @@ private:
         RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());
         for (int r = 0; r < rows(); ++r, x += count, v += count)
             for (const int k : {0, 3}) {
+                Real* const to = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<In, Real>) {
+                    layout_.put_row(k == 0 ? x : v, to);
+                    continue;
+                }
                 RowBuffer& row = k == 0 ? positions : velocities;
                 split(k == 0 ? x : v, row.shift.data(), row.high.data(), row.compensation(), count);
-                Real* const to = memory_.data() + layout_.at(r, 0, k);
                 layout_.put_row(row.high.data(), to);
                 if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
             }
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c)
-                if (plan_.cloth.pinned[std::size_t(r * columns() + c)])
-                    for (int k = 3; k < 6; ++k) set_value(layout_.at(r, c, k), 0.0);
+        for (const int point : pinned_points_)
+            for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
@@ -217,8 +224,12 @@ private:
         RowBuffer positions = row_buffer(origin_), velocities = row_buffer(Vec3::Zero());
         for (int r = 0; r < rows(); ++r, x += count, v += count)
             for (const int k : {0, 3}) {
-                RowBuffer& row = k == 0 ? positions : velocities;
                 const Real* const from = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<Out, Real>) {
+                    layout_.take_row(from, k == 0 ? x : v);
+                    continue;
+                }
+                RowBuffer& row = k == 0 ? positions : velocities;
                 layout_.take_row(from, row.high.data());
                 if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
                 join(row.high.data(), row.compensation(), row.shift.data(), k == 0 ? x : v, count);
@@ -257,6 +268,7 @@ private:
                                        [this](int j) { return point_state(j / columns(), j % columns()).position; });
     }
 
+    std::vector<int> pinned_points_;
     AlignedVector<Real> checkpoint_;
     double energy_at_checkpoint_ = 0;
     std::int64_t contacts_at_checkpoint_ = 0;
