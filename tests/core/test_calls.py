@@ -149,12 +149,17 @@ def test_what_is_no_plain_number_is_checked_in_full(steps, dt):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_processor_is_left_alone_once_a_call_has_returned(kernel, threads):
-    """Threads that wait for a next call must sleep."""
+    """Threads that wait for a next call must sleep; libgomp's would spin for some 8 ms by default.
+
+    The best of up to eight tries counts: a thread may be held up on its way to sleep.
+    """
     import time
 
     stepper = cs.Stepper(cs.scenes.paper_swing(), threads=threads, kernel=kernel)
-    stepper.advance(200, 1e-5)
-    time.sleep(0.05)  # what a thread may take to fall asleep
-    used = time.process_time()
-    time.sleep(0.3)
-    assert time.process_time() - used < 0.01
+    used = []
+    while not used or (min(used) > 1e-3 and len(used) < 8):
+        stepper.advance(50, 1e-5)
+        before = time.process_time()
+        time.sleep(0.05)
+        used.append(time.process_time() - before)
+    assert min(used) < 1e-3
