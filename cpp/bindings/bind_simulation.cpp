@@ -68,7 +68,8 @@ void tell(const Outcome& outcome, py::dict& result) {
     result["shut_in"] = unstable->shut_in;
 }
 
-py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
+// None where all steps were done and there is nothing to tell: a call may be shorter than the making of a dict.
+std::optional<py::dict> advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
     Outcome outcome;
     {
@@ -76,8 +77,8 @@ py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int th
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
     if (outcome.interrupted) throw py::error_already_set();
+    if (!outcome.unstable && !outcome.pinned_inside) return std::nullopt;
     py::dict result;
-    result["steps"] = outcome.steps;
     tell(outcome, result);
     return result;
 }
@@ -213,7 +214,10 @@ void bind_simulation(py::module_& m) {
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {
             auto simulation = s.use();
-            for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).track_contact_energy = on;
+            for (std::size_t i = 0; i < simulation->size(); ++i) {
+                simulation->member(i).track_contact_energy = on;
+                simulation->restart(i);
+            }
         })
         .def_property_readonly("contact_energy", [](S& s) {
             auto simulation = s.use();

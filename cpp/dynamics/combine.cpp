@@ -1,11 +1,7 @@
 #include "dynamics/combine.hpp"
 
-// One version of each function for every instruction set, chosen when the library is loaded.
-#if defined(__x86_64__) && defined(__linux__)
-#define CLOTHSIM_VERSIONS __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define CLOTHSIM_VERSIONS
-#endif
+#include "simulation/versions.hpp"
+
 #define CLOTHSIM_INLINE inline __attribute__((always_inline))
 
 namespace clothsim {

@@ -34,6 +34,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     AdaptiveOutcome outcome;
     const bool continuous = engine.has_continuous();
     const double end = continuous ? request.until : request.end;
+    steps_kept_ = none_kept;
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     auto last_poll = steady_clock::now();
@@ -87,7 +88,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.rejected += 1;
         }
         const double seconds = seconds_since(start);
-        if (request.optional && request.threads > 1) choice_.observe(seconds, seconds);
+        if (request.optional && request.threads > 1) choice_.observe(1, seconds);
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {
                 outcome.interrupted = true;

@@ -13,22 +13,38 @@ namespace clothsim {
 // The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
 // records one after the other.
 struct LiftedLayout {
-    int rows, lanes, vectors;
+    int rows, columns, lanes, vectors;
     std::ptrdiff_t stride;  // elements from vector to vector
+    std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
 
     LiftedLayout(const Cloth& cloth, int lanes, bool compensated)
         : rows(cloth.rows),
+          columns(cloth.columns),
           lanes(lanes),
           vectors(std::max(2, (cloth.columns + lanes - 1) / lanes)),
-          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {}
+          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {
+        for (int k = 0; k < vectors; ++k)
+            for (int component = 0; component < 3; ++component) place.push_back(k * stride + component * lanes);
+    }
     std::ptrdiff_t row_size() const { return vectors * stride; }
     std::ptrdiff_t at(int row, int column, int k = 0) const {
         return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
     }
     std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
     std::ptrdiff_t first() const { return 0; }
+    // Where the state stands, without its compensation.
+    Blocks state_blocks() const { return {std::ptrdiff_t(rows) * vectors, StateRecord::compensation * lanes, stride}; }
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
+    // (x, y, z) of the columns of a row into and out of three components of it.
+    template <class Real>
+    void put_row(const Real* row, Real* to) const {
+        to_lanes(row, to, {columns, lanes, vectors, place.data()});
+    }
+    template <class Real>
+    void take_row(const Real* from, Real* row) const {
+        from_lanes(from, row, {columns, lanes, vectors, place.data()});
+    }
     // Where a point stands among values of which there is one a point.
     std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
     std::ptrdiff_t width() const { return vectors * lanes; }

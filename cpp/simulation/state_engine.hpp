@@ -8,12 +8,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "collision/response.hpp"
 #include "dynamics/field.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
+#include "simulation/finite.hpp"
+#include "simulation/row_copies.hpp"
 
 namespace clothsim {
 
@@ -43,11 +46,8 @@ public:
     std::int64_t first_bad_point(double speed_limit) const final {
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
-        if (limit == largest) {  // the usual case, fast: all of memory, padding is finite; no NaN is <= anything
-            int bad = 0;
-            for (const Real value : memory_) bad |= !(std::abs(value) <= largest);
-            if (!bad) return -1;
-        }
+        // The usual case, fast; padding is finite.
+        if (limit == largest && all_finite(memory_.data() + layout_.first(), layout_.state_blocks())) return -1;
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
                 for (int k = 0; k < 6; ++k)
@@ -57,10 +57,10 @@ public:
     }
 
     std::vector<double> raw_state() const final {
-        std::vector<double> raw;
-        raw.reserve(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
-        for_each_place([&](std::ptrdiff_t place) { raw.push_back(double(memory_[place])); });
-        raw.insert(raw.end(), origin_.begin(), origin_.end());
+        std::vector<double> raw(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
+        double* next = raw.data();
+        for_each_place([&](std::ptrdiff_t place) { *next++ = double(memory_[std::size_t(place)]); });
+        std::copy(origin_.begin(), origin_.end(), next);
         return raw;
     }
     void set_raw_state(const std::vector<double>& raw) final {
@@ -71,9 +71,15 @@ public:
         acceleration_known_ = false;
     }
 
-    void save_checkpoint() final { checkpoint_ = memory_; }
+    void save_checkpoint() final {
+        checkpoint_ = memory_;
+        energy_at_checkpoint_ = contact_energy;
+        contacts_at_checkpoint_ = contacts_answered;
+    }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
+        contact_energy = energy_at_checkpoint_;
+        contacts_answered = contacts_at_checkpoint_;
         acceleration_known_ = false;
         contact_pass_.forget();
     }
@@ -83,7 +89,10 @@ protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {}
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {
+        for (int i = 0; i < plan_.cloth.points(); ++i)
+            if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
+    }
 
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
@@ -176,49 +185,80 @@ protected:
     ContactPass<Real, Layout> contact_pass_;
 
 private:
+    // An element of memory for every one of a row of the outside's (rows, columns, 3).
+    struct RowBuffer {
+        explicit RowBuffer(int columns)
+            : high(std::size_t(3 * columns)), low(compensated ? std::size_t(3 * columns) : 0), shift(high.size(), -0.0) {}
+        Real* compensation() { return compensated ? low.data() : nullptr; }
+        AlignedVector<Real> high, low;
+        std::vector<double> shift;  // of positions; -0 changes nothing, not even the sign of 0
+    };
+    RowBuffer row_buffer(const Vec3& shift) const {
+        RowBuffer row(columns());
+        for (int k = 0; k < 3; ++k)
+            if (shift[k] != 0)
+                for (std::size_t i = std::size_t(k); i < row.shift.size(); i += 3) row.shift[i] = shift[k];
+        return row;
+    }
+
     template <class In>
     void load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
         acceleration_known_ = false;
         contact_pass_.forget();
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
-                const bool pinned = plan_.cloth.pinned[r * columns() + c];
-                for (int k = 0; k < 3; ++k) {
-                    set_value(layout_.at(r, c, k), double(x[k]) - origin_[k]);
-                    set_value(layout_.at(r, c, 3 + k), pinned ? In(0) : v[k]);
+        const int count = 3 * columns();
+        RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());
+        for (int r = 0; r < rows(); ++r, x += count, v += count)
+            for (const int k : {0, 3}) {
+                Real* const to = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<In, Real>) {
+                    layout_.put_row(k == 0 ? x : v, to);
+                    continue;
                 }
+                RowBuffer& row = k == 0 ? positions : velocities;
+                split(k == 0 ? x : v, row.shift.data(), row.high.data(), row.compensation(), count);
+                layout_.put_row(row.high.data(), to);
+                if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
             }
+        for (const int point : pinned_points_)
+            for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c, x += 3, v += 3)
-                for (int k = 0; k < 3; ++k) {
-                    const double here = value(layout_.at(r, c, k));
-                    x[k] = Out(origin_[k] != 0 ? here + origin_[k] : here);  // -0 stays -0
-                    v[k] = Out(value(layout_.at(r, c, 3 + k)));
+        const int count = 3 * columns();
+        RowBuffer positions = row_buffer(origin_), velocities = row_buffer(Vec3::Zero());
+        for (int r = 0; r < rows(); ++r, x += count, v += count)
+            for (const int k : {0, 3}) {
+                const Real* const from = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<Out, Real>) {
+                    layout_.take_row(from, k == 0 ? x : v);
+                    continue;
                 }
+                RowBuffer& row = k == 0 ? positions : velocities;
+                layout_.take_row(from, row.high.data());
+                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
+                join(row.high.data(), row.compensation(), row.shift.data(), k == 0 ? x : v, count);
+            }
     }
     template <class Visit>
     void for_each_place(Visit visit) const {
+        std::vector<std::ptrdiff_t> column(static_cast<std::size_t>(columns()));  // from the first
+        for (int c = 0; c < columns(); ++c) column[std::size_t(c)] = layout_.at(0, c) - layout_.at(0, 0);
         for (int part = 0; part < (compensated ? 2 : 1); ++part)
             for (int k = 0; k < 6; ++k)
-                for (int r = 0; r < rows(); ++r)
-                    for (int c = 0; c < columns(); ++c)
-                        visit(layout_.at(r, c, k) + part * layout_.compensation());
+                for (int r = 0; r < rows(); ++r) {
+                    const std::ptrdiff_t first = layout_.at(r, 0, k) + part * layout_.compensation();
+                    for (const std::ptrdiff_t further : column) visit(first + further);
+                }
     }
 
     // float32 tells points of a cloth that is far from 0 apart no better than by 6e-8 of that distance. So in
     // single memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
     template <class In>
     Vec3 far_origin(const In* x) const {
-        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-        for (int i = 0; i < plan_.cloth.points(); ++i)
-            for (int k = 0; k < 3; ++k) {
-                low[k] = std::min(low[k], double(x[3 * i + k]));
-                high[k] = std::max(high[k], double(x[3 * i + k]));
-            }
+        double least[3], most[3];
+        extent(x, plan_.cloth.points(), least, most);
+        const Vec3 low(least[0], least[1], least[2]), high(most[0], most[1], most[2]);
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
         return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
@@ -233,7 +273,10 @@ private:
                                        [this](int j) { return point_state(j / columns(), j % columns()).position; });
     }
 
+    std::vector<int> pinned_points_;
     AlignedVector<Real> checkpoint_;
+    double energy_at_checkpoint_ = 0;
+    std::int64_t contacts_at_checkpoint_ = 0;
     Vec3 origin_ = Vec3::Zero();
 };
 

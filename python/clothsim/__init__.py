@@ -9,6 +9,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 (32, 32, 3)
 """
 
+from . import _openmp  # noqa: F401  # before anything that loads the core
 from . import scenes
 from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
