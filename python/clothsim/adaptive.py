@@ -58,6 +58,10 @@ _LOOSER = 30.0
 # Below this part of the size the floor of rounding may matter, and the growth is computed.
 _MAY_BE_FLOOR = 1e-9
 
+# Estimates are taken times this, for they may be too small: carried ones and those of a looser
+# companion, which go by an order that short runs need not show; those of a finer companion.
+_DOUBT, _DOUBT_OF_FINER = 1.4, 1.1
+
 _ATTEMPTS = 8
 
 
@@ -106,7 +110,8 @@ def solve(
         if carried:
             spent += carried.evaluations
             wall_time += carried.wall_time
-            difference, error, part = carried.x, rms(carried.x), method.finer
+            difference, part = _DOUBT * carried.x, method.finer
+            error = rms(difference)
         # A carried error may be too large where stability limits the steps: a companion decides.
         if solution.contacts or not carried or (error > goal and not rest):
             part = method.finer if solution.contacts else part
@@ -117,7 +122,8 @@ def solve(
                 return Controlled(
                     solution, companion, asked, floor, growth, None, spent, wall_time
                 )
-            difference = method.extrapolated(solution, companion, part)
+            doubt = _DOUBT if part > 1 else _DOUBT_OF_FINER
+            difference = doubt * method.extrapolated(solution, companion, part)
             error = rms(difference)
         gain = max(method.gain(part), _CAUTIOUS)
         if companion and part < 1 and error > goal >= 2 * gain * error:

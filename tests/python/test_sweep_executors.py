@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import time
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -103,6 +104,8 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
             if len(recorded) >= 4 and not killed:
                 killed.append(next(iter(pool._processes)))
                 os.kill(killed[0], signal.SIGKILL)
+                while not pool._broken:  # or the other process might do what is left before it is noticed
+                    time.sleep(0.01)
 
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
             patch.setattr(Planner, "learn", killing)
