@@ -6,7 +6,7 @@ function(clothsim_add_kernels isa)
   target_include_directories(clothsim_kernels_${isa} PRIVATE cpp)
   target_link_libraries(clothsim_kernels_${isa} PRIVATE clothsim_options xsimd)
   target_compile_options(clothsim_kernels_${isa} PRIVATE ${ARGN}
-    -Wno-maybe-uninitialized)  # g++ 12 warns about its own _mm512_undefined_ps
+    -Wno-maybe-uninitialized -Wno-uninitialized)  # g++ 12 warns about its own _mm512_undefined_ps
   string(JOIN " " flags ${ARGN})
   target_compile_definitions(clothsim_kernels_${isa} PRIVATE "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
   set_target_properties(clothsim_kernels_${isa} PROPERTIES POSITION_INDEPENDENT_CODE ON)

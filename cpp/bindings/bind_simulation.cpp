@@ -118,6 +118,12 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     simulation->dense(t, px, pv, threads);
 }
 
+std::vector<double> largest_stretch_of(SharedSimulation& shared) {
+    auto simulation = shared.use();
+    py::gil_scoped_release release;
+    return simulation->largest_stretch();
+}
+
 py::tuple snapshot(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::list members;
@@ -187,6 +193,7 @@ void bind_simulation(py::module_& m) {
             for (std::size_t i = 0; i < simulation->size(); ++i) evaluations.push_back(simulation->member(i).evaluations);
             return evaluations;
         })
+        .def("largest_stretch", &largest_stretch_of)
         .def("snapshot", &snapshot)
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {

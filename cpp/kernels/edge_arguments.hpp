@@ -32,7 +32,7 @@ struct SphereOutline {
 struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n; in single the same of their compensation
     static constexpr int compensation = 6, count = 6, count_compensated = 12;
 };
-struct WorkRecord {  // the state at the stage, a1, a2 + a3
+struct WorkRecord {  // the state at the stage, a1, a2 and then a1 + 2 (a2 + a3)
     static constexpr int first = 6, sum = 9, count = 12;
 };
 
@@ -57,7 +57,10 @@ struct EdgeArguments : StepConstants<Real> {
     // current row has received and what it hands to the next one (they take turns), and to the row after that.
     Real* received[2];
     Real* received_2;
-    Real* force;  // on the first two vectors, and on one that is finished out of line
+    // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
+    int pending;
+    const Real* pending_source;
+    Real* force;       // on the pending row
     Real force_scale;  // of the sums of spring forces: accelerations
     bool complete;     // rows end with a whole vector and all families are damped alike
     const SphereOutline<Real>* spheres;

@@ -12,8 +12,9 @@
 // A sweep goes from row to row. A row adds the force of each of its springs to its own points and hands the
 // opposite force on: within the row in registers, to the next row in `received`, to the row after it in
 // `received_2`; what passes the row's end belongs to its first vectors, a lane further, and reaches them last.
-// When the force on a vector is complete, its Runge-Kutta stage is finished at once. Nothing needs the row's
-// old stage state any more: the new one replaces it.
+// A row's forces are complete at its end; its Runge-Kutta stage is finished vector by vector while the next row's
+// springs are summed, between operations that wait for each other. Nothing needs the row's old stage state any
+// more: the new one replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //
@@ -44,124 +45,164 @@ struct Points {
     Vector3<V> x, v;
 };
 
-// One vector of springs from points in registers to points in memory at `b`: force / mass on the points at b.
-// `complete`: no lane lacks its spring and all families are damped alike, so that the damping constant is folded
-// into `force_scale`.
-template <bool damped, bool complete, class V, class Real>
-CLOTHSIM_INLINE Vector3<V> spring_force(const Points<V>& a, const Real* b, const Real* coefficients) {
+// A vector of springs on its way to a force. One takes some sixty cycles from its first operation to the last, and each
+// of them waits for the one before; so a row is written with three springs under way, one in each of the steps
+// `stretch`, `root` and `force`.
+template <class V>
+struct Spring {
+    Vector3<V> d;  // difference of positions
+    V rate;        // its product with the difference of velocities
+    V root;        // squared length, then root_scale / length
+};
+
+// From points in registers to points in memory at `b`.
+template <bool damped, class V, class Real>
+CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b) {
     constexpr int W = int(V::size);
-    const Vector3<V> d = a.x - load3<V>(b, W);
-    V l2 = xsimd::fma(d.x, d.x, V(smallest_squared_length<Real>));
-    l2 = xsimd::fma(d.y, d.y, l2);
-    l2 = xsimd::fma(d.z, d.z, l2);
-    const V r = scaled_reciprocal_root(l2);
+    Spring<V> s;
+    s.d = a.x - load3<V>(b, W);
+    s.root = xsimd::fma(s.d.x, s.d.x, V(smallest_squared_length<Real>));
+    s.root = xsimd::fma(s.d.y, s.d.y, s.root);
+    s.root = xsimd::fma(s.d.z, s.d.z, s.root);
+    if constexpr (damped) {
+        const Vector3<V> w = a.v - load3<V>(b + 3 * W, W);
+        s.rate = w.x * s.d.x;
+        s.rate = xsimd::fma(w.y, s.d.y, s.rate);
+        s.rate = xsimd::fma(w.z, s.d.z, s.rate);
+    }
+    return s;
+}
+
+template <class V>
+CLOTHSIM_INLINE void root(Spring<V>& s) {
+    s.root = scaled_reciprocal_root(s.root);
+}
+
+// Force / mass on the points at b. `complete`: no lane lacks its spring and all families are damped alike, so that
+// the damping constant is folded into `force_scale`.
+template <bool damped, bool complete, class V, class Real>
+CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
+    constexpr int W = int(V::size);
     const V stiffness = V::load_aligned(coefficients + EdgeCoefficientIndex::stiffness * W);
     const V tension = V::load_aligned(coefficients + EdgeCoefficientIndex::tension * W);
     V scale;
     if constexpr (damped) {
-        const Vector3<V> w = a.v - load3<V>(b + 3 * W, W);
-        scale = w.x * d.x;
-        scale = xsimd::fma(w.y, d.y, scale);
-        scale = xsimd::fma(w.z, d.z, scale);
+        scale = s.rate;
         if constexpr (!complete) scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
-        scale = xsimd::fms(scale, r, tension);
-        scale = exact_at_rest<Real> ? scale * r + stiffness : xsimd::fma(scale, r, stiffness);
+        scale = xsimd::fms(scale, s.root, tension);
+        scale = exact_at_rest<Real> ? scale * s.root + stiffness : xsimd::fma(scale, s.root, stiffness);
     } else {
-        scale = exact_at_rest<Real> ? stiffness - r * tension : xsimd::fnma(r, tension, stiffness);
+        scale = exact_at_rest<Real> ? stiffness - s.root * tension : xsimd::fnma(s.root, tension, stiffness);
     }
-    return {scale * d.x, scale * d.y, scale * d.z};
+    return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
+
+// Of code that serves all stages and asks which one it is.
+constexpr Stage any_stage = Stage(-1);
+
+// Whether a stage looks at x_n and v_n, in state records, or at what the stage before left in work records.
+constexpr bool source_is_state(Stage stage) { return stage == Stage::first || stage == Stage::evaluate; }
 
 // Elements from vector to vector of the rows at which a stage looks.
-template <class V, class Real>
-CLOTHSIM_INLINE std::ptrdiff_t source_stride(const EdgeArguments<Real>& e) {
-    constexpr int state = sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count;
-    return (e.stage == Stage::first || e.stage == Stage::evaluate ? state : WorkRecord::count) * int(V::size);
+template <class V>
+CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
+    constexpr int state = sizeof(typename V::value_type) == 4 ? StateRecord::count_compensated : StateRecord::count;
+    return (source_is_state(stage) ? state : WorkRecord::count) * int(V::size);
 }
 
-// Finish the stage for one vector whose force is complete.
+// The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
+template <class Real>
+struct PendingRow {
+    bool there = false;
+    Real* state;
+    Real* work;
+    const Real* source;
+    const Real* force;
+};
+
+// Finish the stage of one vector.
 template <class V, class Real, bool special, Stage stage>
-CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const EdgeRowPointers<Real>& row, int k, const Real* source,
-                                  const V (&force)[3]) {
+CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
     constexpr int state_stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * W;
+    const Real* const force = row.force + k * 3 * W;
+    const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * state_stride;
     Real* const work = row.work + k * (WorkRecord::count * W);
     each<3>(CLOTHSIM_EACH(j) {
-        const V vs = V::load_aligned(source + (3 + j) * W);
-        V a = force[j];
-        const V gravity(e.gravity[j]);
-        if constexpr (special) {
-            if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), vs, a);
-            const V scale = row.inverse_mass ? V::load_aligned(row.inverse_mass + k * W) : V(e.force_scale);
-            const V zero(Real(0));
-            a = xsimd::select(V::load_aligned(row.free + k * W) != zero, xsimd::fma(a, scale, gravity), zero);
-        } else {
-            a = xsimd::fma(a, V(e.force_scale), gravity);
-        }
         Real* const first = work + (WorkRecord::first + j) * W;
         Real* const sum = work + (WorkRecord::sum + j) * W;
         Real* const x = state + j * W;
         Real* const v = state + (3 + j) * W;
+        V a = V::load_aligned(force + j * W);
+        const V gravity(e.gravity[j]);
+        if constexpr (special) {
+            const EdgeRowPointers<Real>& pointers = e.rows[e.pending];
+            if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), a);
+            const V scale = pointers.inverse_mass ? V::load_aligned(pointers.inverse_mass + k * W) : V(e.force_scale);
+            const V zero(Real(0));
+            a = xsimd::select(V::load_aligned(pointers.free + k * W) != zero, xsimd::fma(a, scale, gravity), zero);
+        } else {
+            a = xsimd::fma(a, V(e.force_scale), gravity);
+        }
         if constexpr (stage == Stage::evaluate) {
             a.store_aligned(first);
         } else if constexpr (stage == Stage::fourth) {
-            const V a1 = V::load_aligned(first);
-            const V middle = V::load_aligned(sum);
-            const V dx = xsimd::fma(V(e.h), V::load_aligned(v), V(e.h2_6) * (a1 + middle));
-            const V dv = V(e.h_6) * ((a1 + a) + (middle + middle));
-            add_increment<compensated>(x, x + StateRecord::compensation * W, dx);
-            add_increment<compensated>(v, v + StateRecord::compensation * W, dv);
+            add_increment<compensated>(v, v + StateRecord::compensation * W, V(e.h_6) * (V::load_aligned(sum) + a));
         } else {
             const V step(stage == Stage::third ? e.h : e.half_h);
+            const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
+            xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
+            xsimd::fma(step, a, v0).store_aligned(work + (3 + j) * W);
             if constexpr (stage == Stage::first) a.store_aligned(first);
             if constexpr (stage == Stage::second) a.store_aligned(sum);
-            if constexpr (stage == Stage::third) (V::load_aligned(sum) + a).store_aligned(sum);
-            xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
-            xsimd::fma(step, a, V::load_aligned(v)).store_aligned(work + (3 + j) * W);
+            if constexpr (stage == Stage::third) {
+                const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
+                (three + middle).store_aligned(sum);
+                add_increment<compensated>(x, x + StateRecord::compensation * W, xsimd::fma(V(e.h), v0, V(e.h2_6) * three));
+            }
         }
     });
 }
 
-// Rows with something that most do without: mass or damping per point, pinned points or padding.
-template <class V, class Real>
-__attribute__((noinline)) void finish_special(const EdgeArguments<Real>& e, const EdgeRowPointers<Real>& row, int k, const Real* source) {
-    const Real* const force = e.force + 6 * int(V::size);
-    const V f[3] = {V::load_aligned(force), V::load_aligned(force + int(V::size)), V::load_aligned(force + 2 * int(V::size))};
+template <class V, class Real, bool special, Stage stage>
+CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    if constexpr (stage != any_stage) return finish_stage<V, Real, special, stage>(e, row, k);
     switch (e.stage) {
-        case Stage::first: return finish_stage<V, Real, true, Stage::first>(e, row, k, source, f);
-        case Stage::second: return finish_stage<V, Real, true, Stage::second>(e, row, k, source, f);
-        case Stage::third: return finish_stage<V, Real, true, Stage::third>(e, row, k, source, f);
-        case Stage::fourth: return finish_stage<V, Real, true, Stage::fourth>(e, row, k, source, f);
-        case Stage::evaluate: return finish_stage<V, Real, true, Stage::evaluate>(e, row, k, source, f);
+        case Stage::first: return finish_stage<V, Real, special, Stage::first>(e, row, k);
+        case Stage::second: return finish_stage<V, Real, special, Stage::second>(e, row, k);
+        case Stage::third: return finish_stage<V, Real, special, Stage::third>(e, row, k);
+        case Stage::fourth: return finish_stage<V, Real, special, Stage::fourth>(e, row, k);
+        case Stage::evaluate: return finish_stage<V, Real, special, Stage::evaluate>(e, row, k);
     }
 }
 
+// Rows with something that most do without: mass or damping per point, pinned points or padding.
 template <class V, class Real>
-CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const EdgeRowPointers<Real>& row, int k, const Real* source,
-                            const Vector3<V>& force) {
-    if (__builtin_expect(row.special, 0)) {
-        store3(e.force + 6 * int(V::size), int(V::size), force);
-        finish_special<V, Real>(e, row, k, source);
-        return;
-    }
-    const V f[3] = {force.x, force.y, force.z};
-    switch (e.stage) {
-        case Stage::first: return finish_stage<V, Real, false, Stage::first>(e, row, k, source, f);
-        case Stage::second: return finish_stage<V, Real, false, Stage::second>(e, row, k, source, f);
-        case Stage::third: return finish_stage<V, Real, false, Stage::third>(e, row, k, source, f);
-        case Stage::fourth: return finish_stage<V, Real, false, Stage::fourth>(e, row, k, source, f);
-        case Stage::evaluate: return finish_stage<V, Real, false, Stage::evaluate>(e, row, k, source, f);
-    }
+__attribute__((noinline)) void finish_special(const EdgeArguments<Real>& e, const PendingRow<Real>& row) {
+    for (int k = 0; k < e.vectors; ++k) finish<V, Real, true, any_stage>(e, row, k);
+}
+
+// The pending row. A special one is finished at once.
+template <class V, class Real>
+CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
+    if (e.pending < 0) return {};
+    const EdgeRowPointers<Real>& row = e.rows[e.pending];
+    const PendingRow<Real> pending{true, row.state, row.work, e.pending_source, e.force};
+    if (__builtin_expect(!row.special, 1)) return pending;
+    finish_special<V>(e, pending);
+    return {};
 }
 
 // Where a vector stands among those of its row: how many of its springs along the row lead past the last vector.
 enum class Place { inner, second_last, last, any };
 
-// All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band).
-template <class Arch, class Real, int index, bool own, bool has_below, bool has_below_2>
-CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, int row_index, const EdgeSources<Real>& source) {
+// All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band). `fixed` is
+// the number of vectors of a row, 0 if it is not known here.
+template <class Arch, class Real, int index, Stage stage, int fixed, bool own, bool has_below, bool has_below_2>
+CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, const Real* __restrict received,
+                              Real* __restrict hand_down, const PendingRow<Real>& pending) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     constexpr Features features = Features::from_index(index);
@@ -169,11 +210,15 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, int row_index, const
     constexpr bool vertical = features.structural && has_below;
     constexpr bool shear = features.shear && has_below;
     constexpr bool bend_down = features.bend && has_below_2;
-    const std::ptrdiff_t stride = source_stride<V>(e);
-    const int m = e.vectors;
-    const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
-    const Real* const received = e.received[0];
-    Real* const hand_down = e.received[1];
+    constexpr bool along = features.structural && own;
+    constexpr bool along_2 = features.bend && own;
+    const std::ptrdiff_t stride = source_stride<V>(stage == any_stage ? e.stage : stage);
+    const int m = fixed ? fixed : e.vectors;
+    const Real* const here = source.here;
+    const Real* const below = source.below;
+    const Real* const below_2 = source.below_2;
+    Real* const __restrict received_2 = e.received_2;
+    Real* const __restrict forces = e.force;
     const auto points = [&](const Real* p) __attribute__((always_inline)) -> Points<V> {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
@@ -181,93 +226,105 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, int row_index, const
     // Behind the last vector stands the first, a lane on.
     const auto place_of = [&](int k) __attribute__((always_inline)) { return k < m ? k * stride : (k - m) * stride + 1; };
 
+    const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
     Vector3<V> falling = none, rising = none;     // the half of a diagonal pair that the vector before has
 
-    const auto column = [&]<Place place>(int k) __attribute__((always_inline)) {
+    // `cut`: coefficients of springs that some lanes lack.
+    const auto column = [&]<Place place>(int k, const Real* cut) __attribute__((always_inline)) {
         const std::ptrdiff_t at = k * stride;
         const std::ptrdiff_t next = place == Place::any ? place_of(k + 1) : place == Place::last ? 1 : at + stride;
         const std::ptrdiff_t next_2 = place == Place::any           ? place_of(k + 2)
                                       : place == Place::last        ? stride + 1
                                       : place == Place::second_last ? 1
                                                                     : at + 2 * stride;
-        constexpr bool down_complete = place != Place::any;
-        constexpr bool next_complete = place == Place::inner || place == Place::second_last;
-        constexpr bool next_2_complete = place == Place::inner;
-        const Real* const table = e.coefficients + (place == Place::any ? std::ptrdiff_t(e.coefficient_class[k]) : 0) * (edge_kind_count * EdgeCoefficientIndex::count * W);
-        const Real* const cut = place == Place::any ? table : e.coefficients + std::ptrdiff_t(e.coefficient_class[k]) * (edge_kind_count * EdgeCoefficientIndex::count * W);
+        constexpr bool whole = place != Place::any;
+        constexpr bool whole_next = place == Place::inner || place == Place::second_last;
+        constexpr bool whole_next_2 = place == Place::inner;
         const auto coefficients = [&](EdgeKind kind, bool complete) __attribute__((always_inline)) {
-            return (complete ? table : cut) + kind * (EdgeCoefficientIndex::count * W);
+            return (complete ? e.coefficients : cut) + kind * (EdgeCoefficientIndex::count * W);
         };
         const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
 
         Vector3<V> handed = falling, pair = rising, behind = none;
+        Spring<V> to_up, to_down, to_far, to_down_2, to_side, to_side_2;
+        if constexpr (shear) to_up = stretch<damped>(points(here + next), below + at);
+        const Points<V> point = points(here + at);
+        if constexpr (vertical) to_down = stretch<damped>(point, below + at);
+        if constexpr (shear) root(to_up);
+        if constexpr (shear) to_far = stretch<damped>(point, below + next);
+        if constexpr (vertical) root(to_down);
         if constexpr (shear) {
-            const Vector3<V> force = spring_force<damped, next_complete>(points(source.here + next), source.below + at, coefficients(to_diagonal, next_complete));
-            handed = falling + force;
-            rising = force;
+            rising = force<damped, whole_next>(to_up, coefficients(to_diagonal, whole_next));
+            handed = falling + rising;
         }
-        const Points<V> here = points(source.here + at);
+        if constexpr (bend_down) to_down_2 = stretch<damped>(point, below_2 + at);
+        if constexpr (shear) root(to_far);
         if constexpr (vertical) {
-            const Vector3<V> force = spring_force<damped, down_complete>(here, source.below + at, coefficients(to_below, down_complete));
-            behind = force;
-            const Vector3<V> straight = features.bend ? force + load3<V>(e.received_2 + vector, W) : force;
+            behind = force<damped, whole>(to_down, coefficients(to_below, whole));
+            const Vector3<V> straight = features.bend ? behind + load3<V>(received_2 + vector, W) : behind;
             handed = shear ? straight + handed : straight;
         } else if constexpr (has_below && features.bend) {
-            const Vector3<V> straight = load3<V>(e.received_2 + vector, W);
+            const Vector3<V> straight = load3<V>(received_2 + vector, W);
             handed = shear ? straight + handed : straight;
         }
         if constexpr (has_below) store3(hand_down + vector, W, handed);
+        if constexpr (along) to_side = stretch<damped>(point, here + next);
+        if constexpr (bend_down) root(to_down_2);
         if constexpr (shear) {
-            falling = spring_force<damped, next_complete>(here, source.below + next, coefficients(to_diagonal, next_complete));
+            falling = force<damped, whole_next>(to_far, coefficients(to_diagonal, whole_next));
             pair = pair + falling;
         }
+        if constexpr (along_2) to_side_2 = stretch<damped>(point, here + next_2);
+        if constexpr (along) root(to_side);
         if constexpr (bend_down) {
-            const Vector3<V> force = spring_force<damped, down_complete>(here, source.below_2 + at, coefficients(to_below_2, down_complete));
-            store3(e.received_2 + vector, W, force);
-            behind = vertical ? behind + force : force;
+            const Vector3<V> down_2 = force<damped, whole>(to_down_2, coefficients(to_below_2, whole));
+            store3(received_2 + vector, W, down_2);
+            behind = vertical ? behind + down_2 : down_2;
         }
         if constexpr (own) {
             if constexpr (shear) behind = vertical || bend_down ? behind + pair : pair;
             Vector3<V> before = load3<V>(received + vector, W);
             if constexpr (vertical || shear || bend_down) before = before - behind;
+            if (__builtin_expect(pending.there, 1)) finish<V, Real, false, stage>(e, pending, k);
+            if constexpr (along_2) root(to_side_2);
             Vector3<V> within = to_next;
             to_next = to_next_2;
-            if constexpr (features.structural) {
-                const Vector3<V> force = spring_force<damped, next_complete>(here, source.here + next, coefficients(to_right, next_complete));
-                within = within - force;
-                to_next = features.bend ? to_next + force : force;
+            if constexpr (along) {
+                const Vector3<V> side = force<damped, whole_next>(to_side, coefficients(to_right, whole_next));
+                within = within - side;
+                to_next = along_2 ? to_next + side : side;
             }
-            if constexpr (features.bend) {
-                to_next_2 = spring_force<damped, next_2_complete>(here, source.here + next_2, coefficients(to_right_2, next_2_complete));
+            if constexpr (along_2) {
+                to_next_2 = force<damped, whole_next_2>(to_side_2, coefficients(to_right_2, whole_next_2));
                 within = within - to_next_2;
             }
-            const Vector3<V> force = within + before;
-            // What is handed on past the last vector belongs to the first ones, a lane further: they wait for it.
-            if (k < (features.bend ? 2 : 1)) store3(e.force + vector, W, force);
-            else finish<V>(e, e.rows[row_index], k, source.here + at, force);
+            store3(forces + vector, W, within + before);
         }
     };
-    if (e.complete) {
-        for (int k = 0; k < m - 2; ++k) column.template operator()<Place::inner>(k);
-        column.template operator()<Place::second_last>(m - 2);
-        column.template operator()<Place::last>(m - 1);
+    constexpr int class_size = edge_kind_count * EdgeCoefficientIndex::count * W;
+    if (fixed || e.complete) {
+        if constexpr (fixed) each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner>(k, nullptr); });
+        else for (int k = 0; k < m - 2; ++k) column.template operator()<Place::inner>(k, nullptr);
+        // The first class has all springs; so the last two vectors have the second and the third.
+        column.template operator()<Place::second_last>(m - 2, e.coefficients + class_size);
+        column.template operator()<Place::last>(m - 1, e.coefficients + 2 * class_size);
     } else {
-        for (int k = 0; k < m; ++k) column.template operator()<Place::any>(k);
+        for (int k = 0; k < m; ++k)
+            column.template operator()<Place::any>(k, e.coefficients + e.coefficient_class[k] * class_size);
     }
 
     const std::ptrdiff_t past = std::ptrdiff_t(m) * 3 * W;
     if constexpr (shear) store3(hand_down + past, W, falling);
     if constexpr (own) {
-        const EdgeRowPointers<Real>& row = e.rows[row_index];
         Vector3<V> past_last = to_next;
         if constexpr (features.shear) {
             const Vector3<V> before = load3<V>(received + past, W);
             past_last = (shear ? before - rising : before) + past_last;
         }
-        finish<V>(e, row, 0, source.here, load3<V>(e.force, W) + shifted_lanes(past_last));
-        if constexpr (features.bend)
-            finish<V>(e, row, 1, source.here + stride, load3<V>(e.force + 3 * W, W) + shifted_lanes(to_next_2));
+        // What is handed on past the last vector belongs to the first ones, a lane further.
+        store3(forces, W, load3<V>(forces, W) + shifted_lanes(past_last));
+        if constexpr (along_2) store3(forces + 3 * W, W, load3<V>(forces + 3 * W, W) + shifted_lanes(to_next_2));
     }
 }
 
@@ -286,28 +343,78 @@ CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
     }
 }
 
-// One stage of one row.
+// What is left to do when the vectors of the pending row are finished.
+template <class V, class Real>
+CLOTHSIM_INLINE void end_pending(EdgeArguments<Real>& e) {
+    if (e.stage == Stage::fourth && e.sphere_count > 0 && e.pending >= 0) edge_spheres<V>(e, e.pending);
+}
+
+// The forces on one row, and the end of the stage of the row before.
 template <class Arch, class Real, int index>
 void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    using V = Lanes<Real, Arch>;
-    if (source.below_2) edge_row<Arch, Real, index, true, true, true>(e, row, source);
-    else if (source.below) edge_row<Arch, Real, index, true, true, false>(e, row, source);
-    else edge_row<Arch, Real, index, true, false, false>(e, row, source);
+    const auto run = [&]<bool has_below, bool has_below_2>() {
+        edge_row<Arch, Real, index, any_stage, 0, true, has_below, has_below_2>(e, source, e.received[0], e.received[1],
+                                                                                  pending_row<Lanes<Real, Arch>>(e));
+    };
+    if (source.below_2) run.template operator()<true, true>();
+    else if (source.below) run.template operator()<true, false>();
+    else run.template operator()<false, false>();
     std::swap(e.received[0], e.received[1]);
-    if (e.stage == Stage::fourth && e.sphere_count > 0) edge_spheres<V>(e, row);
+    end_pending<Lanes<Real, Arch>>(e);
+    e.pending = row;
+    e.pending_source = source.here;
 }
+
+// The end of the stage of the row that is pending.
+template <class Arch, class Real>
+void edge_finish(EdgeArguments<Real>& e) {
+    using V = Lanes<Real, Arch>;
+    const PendingRow<Real> pending = pending_row<V>(e);
+    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, false, any_stage>(e, pending, k);
+    end_pending<V>(e);
+    e.pending = -1;
+}
+
+// One stage of rows [begin, end), of which all have two more behind them in the band.
+template <class Arch, class Real, int index, Stage stage, int fixed>
+__attribute__((noinline)) void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
+    const bool of_state = source_is_state(stage == any_stage ? e.stage : stage);
+    const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
+    Real* received = e.received[0];
+    Real* hand_down = e.received[1];
+    for (int row = begin; row < end; ++row) {
+        const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
+        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, pending_row<Lanes<Real, Arch>>(e));
+        std::swap(received, hand_down);
+        end_pending<Lanes<Real, Arch>>(e);
+        e.pending = row;
+        e.pending_source = sources.here;
+    }
+    e.received[0] = received;
+    e.received[1] = hand_down;
+}
+
+// Rows of 32 points in the paper's cloth are short enough to be written out vector by vector.
+template <class Arch, class Real>
+constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
 
 // The stages of `stages`, each `lag` rows behind the one before, the first of them over rows [begin, end); all
 // rows that are met have two more behind them in the band.
 template <class Arch, class Real, int index>
 void edge_waves(EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end) {
-    for (int front = begin; front < end; ++front)
-        for (int s = 0; s < stage_count; ++s) {
-            EdgeArguments<Real>& e = stages[s];
-            const int row = front - s * lag;
-            const auto source = [&](int r) { return e.stage == Stage::first ? e.rows[r].state : e.rows[r].work; };
-            edge_stage<Arch, Real, index>(e, row, {source(row), source(row + 1), source(row + 2)});
+    constexpr int fixed = written_out<Arch, Real>;
+    if (fixed && stage_count == 1 && stages->complete && stages->vectors == fixed)
+        switch (stages->stage) {
+            case Stage::first: return edge_rows<Arch, Real, index, Stage::first, fixed>(*stages, begin, end);
+            case Stage::second: return edge_rows<Arch, Real, index, Stage::second, fixed>(*stages, begin, end);
+            case Stage::third: return edge_rows<Arch, Real, index, Stage::third, fixed>(*stages, begin, end);
+            case Stage::fourth: return edge_rows<Arch, Real, index, Stage::fourth, fixed>(*stages, begin, end);
+            case Stage::evaluate: return edge_rows<Arch, Real, index, Stage::evaluate, fixed>(*stages, begin, end);
         }
+    if (stage_count == 1) return edge_rows<Arch, Real, index, any_stage, 0>(*stages, begin, end);
+    for (int front = begin; front < end; ++front)
+        for (int s = 0; s < stage_count; ++s)
+            edge_rows<Arch, Real, index, any_stage, 0>(stages[s], front - s * lag, front - s * lag + 1);
 }
 
 // What the two rows before a band hand on to its first two.
@@ -317,21 +424,23 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
     constexpr Features features = Features::from_index(index);
     constexpr int W = int(V::size);
     if constexpr (features.bend) {
-        const std::ptrdiff_t stride = source_stride<V>(e);
+        constexpr bool damped = features.spring_damping;
+        const std::ptrdiff_t stride = source_stride<V>(e.stage);
         for (int k = 0; k < e.vectors; ++k) {
             const Real* const p = before_2.here + k * stride;
             Points<V> points{load3<V>(p, W), {}};
-            if constexpr (features.spring_damping) points.v = load3<V>(p + 3 * W, W);
-            const Real* const below_2 = before_2.below_2 + k * stride;
-            const auto force = [&]<bool complete>(int which) {
+            if constexpr (damped) points.v = load3<V>(p + 3 * W, W);
+            Spring<V> spring = stretch<damped>(points, before_2.below_2 + k * stride);
+            root(spring);
+            const auto hand = [&]<bool complete>(int which) {
                 const Real* const c = e.coefficients + (which * edge_kind_count + to_below_2) * (EdgeCoefficientIndex::count * W);
-                store3(e.received_2 + k * 3 * W, W, spring_force<features.spring_damping, complete>(points, below_2, c));
+                store3(e.received_2 + k * 3 * W, W, force<damped, complete>(spring, c));
             };
-            if (e.complete) force.template operator()<true>(0);
-            else force.template operator()<false>(e.coefficient_class[k]);
+            if (e.complete) hand.template operator()<true>(0);
+            else hand.template operator()<false>(e.coefficient_class[k]);
         }
     }
-    edge_row<Arch, Real, index, false, true, true>(e, 0, before);
+    edge_row<Arch, Real, index, any_stage, 0, false, true, true>(e, before, e.received[0], e.received[1], {});
     std::swap(e.received[0], e.received[1]);
 }
 

@@ -28,9 +28,12 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// The edge kernel: one row, several stages over many rows, and what the two rows before a band hand on to it.
+// The edge kernel: one row, the end of its stage, several stages over many rows, and what the two rows before a band
+// hand on to it.
 template <class Real>
 using EdgeStageKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
+template <class Real>
+using EdgeFinishKernel = void (*)(EdgeArguments<Real>&);
 template <class Real>
 using EdgeWavesKernel = void (*)(EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end);
 template <class Real>
@@ -52,6 +55,7 @@ struct RealKernels {
     std::array<EdgeStageKernel<Real>, Features::count> edge_stage;
     std::array<EdgeWavesKernel<Real>, Features::count> edge_waves;
     std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
+    EdgeFinishKernel<Real> edge_finish;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;

@@ -24,6 +24,7 @@ constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
             {&edge_stage<Arch, Real, index>...},
             {&edge_waves<Arch, Real, index>...},
             {&edge_halo<Arch, Real, index>...},
+            &edge_finish<Arch, Real>,
             root_scale<Real, Arch>(),
             &fused_rest_length<Arch, Real>,
             int(Lanes<Real, Arch>::size),

@@ -29,8 +29,8 @@ constexpr int fewest_rows_per_band = 8;
 // A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
 constexpr int spins_before_sleep = 500;
 
-// Rows between two stages that follow each other: a row needs the two after it.
-constexpr int rows_between_stages = 2;
+// Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the next.
+constexpr int rows_between_stages = 3;
 
 // A band whose state and work fit into this many bytes is swept stage by stage.
 constexpr std::ptrdiff_t bytes_kept_in_cache = 768 * 1024;
@@ -136,6 +136,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan)
     stage_kernel_ = kernels.edge_stage[features];
     waves_kernel_ = kernels.edge_waves[features];
     halo_kernel_ = kernels.edge_halo[features];
+    finish_kernel_ = kernels.edge_finish;
 
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(cloth.rows * layout_.row_size() + layout_.lanes, Real(0));
@@ -253,6 +254,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();
     e.received_2 = scratch + 2 * handed_size();
+    e.pending = -1;
     e.force = scratch + 3 * handed_size();
     return e;
 }
@@ -305,13 +307,13 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
     for (int s = 0; s < 4; ++s) stages[s] = arguments(band, Stage(s), clock.dt);
     std::int64_t number = 0;  // of the step's first stage in this call
 
-    const auto begin_stage = [&](int s) {
+    // A stage begins with what the rows before the band hand on.
+    const auto begin_at_edge = [&](int s) {
+        std::fill_n(stages[s].received[0], handed_size(), Real(0));
+        std::fill_n(stages[s].received_2, handed_size(), Real(0));
+    };
+    const auto begin_at_border = [&](int s) {
         EdgeArguments<Real>& e = stages[s];
-        if (!band.near) {
-            std::fill_n(e.received[0], handed_size(), Real(0));
-            std::fill_n(e.received_2, handed_size(), Real(0));
-            return;
-        }
         band.from_near.wait(number + s);
         const Real* const first = band.source(e.stage, 0);
         halo_kernel_(e, {band.from_near.row(number + s, 1), nullptr, first},
@@ -319,7 +321,7 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
     };
     const auto run_row = [&](int s, int row) {
         EdgeArguments<Real>& e = stages[s];
-        if (row == 0) begin_stage(s);
+        if (row == 0 && band.near) begin_at_border(s);
         const auto source = [&](int r) -> const Real* {
             if (r < n) return band.source(e.stage, r);
             if (!band.far) return nullptr;
@@ -327,13 +329,14 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
             return band.from_far.row(number + s, r - n);
         };
         stage_kernel_(e, row, {source(row), source(row + 1), source(row + 2)});
-        if (row == 1 && band.near)
+        if (row == 2 && band.near)
             band.hand(band.near->from_near, number + s + 1, e.stage, 0, 1);
-        if (row == n - 1 && band.far)
-            band.hand(band.far->from_far, number + s + 1, e.stage, n - 1, n - 2);
+        if (row < n - 1) return;
+        finish_kernel_(e);
+        if (band.far) band.hand(band.far->from_far, number + s + 1, e.stage, n - 1, n - 2);
     };
     // Rows that need neither neighbour are left to the kernel in one go.
-    const int first_inner = std::min(2, n), end_inner = std::max(first_inner, n - 2);
+    const int first_inner = band.near ? std::min(3, n) : 0, end_inner = std::max(first_inner, n - 2);
 
     for (std::int64_t k = 1; k <= steps; ++k, number += 4) {
         if (!plan_.spheres.empty() && !tracked) {
@@ -341,6 +344,8 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
             stages[3].spheres = band.outlines.data();
             stages[3].sphere_count = int(band.outlines.size());
         }
+        if (!band.near)
+            for (int s = 0; s < 4; ++s) begin_at_edge(s);
         if (band.lag >= n) {
             for (int s = 0; s < 4; ++s) {
                 for (int row = 0; row < first_inner; ++row) run_row(s, row);
@@ -401,6 +406,7 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
             return row < rows() ? band.rows[std::size_t(row)].state : nullptr;
         };
         stage_kernel_(e, r, {state(r), state(r + 1), state(r + 2)});
+        finish_kernel_(e);
         const Real* const work = band.rows[std::size_t(r)].work;
         for (int c = 0; c < columns(); ++c)
             for (int k = 0; k < 3; ++k) *a++ = double(work[c % layout_.vectors * band.work_stride() + (WorkRecord::first + k) * layout_.lanes + c / layout_.vectors]);

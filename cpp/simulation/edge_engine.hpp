@@ -81,13 +81,14 @@ private:
     bool is_special(int row) const {
         return row_has_fixed_[std::size_t(row)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0;
     }
-    // What a row hands on: a force for each point and one vector more; three of it and three single vectors a stage.
+    // What a row hands on: a force for each point and one vector more. A stage has three of it, and the pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
-    std::ptrdiff_t scratch_size() const { return 3 * handed_size() + 9 * layout_.lanes; }
+    std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 
     EdgeStageKernel<Real> stage_kernel_;
     EdgeWavesKernel<Real> waves_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
+    EdgeFinishKernel<Real> finish_kernel_;
     AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
     double force_scale_ = 1;  // what the forces the kernel sums are to be multiplied by

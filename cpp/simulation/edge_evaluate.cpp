@@ -34,11 +34,13 @@ FieldLayout EdgeEngine<Real>::field() const {
 template <class Real>
 void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch) {
     scratch.values.resize(std::size_t(scratch_size()));
-    scratch.rows.resize(std::size_t(end - begin));
+    // The band and the two rows after it, at which its last ones look. That stage only reads their state.
+    const int known = std::min(end + 2, rows());
+    scratch.rows.resize(std::size_t(known - begin));
     const FieldLayout f = field();
-    for (int r = begin; r < end; ++r)
+    for (int r = begin; r < known; ++r)
         scratch.rows[std::size_t(r - begin)] = {
-            nullptr, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
+            const_cast<Real*>(state) + r * f.row, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
             inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
             is_special(r)};
 
@@ -48,7 +50,10 @@ void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin
     const auto row = [&](int r) { return r < rows() ? state + r * f.row : nullptr; };
     if (begin == 0) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     else halo_kernel_(e, {row(begin - 2), nullptr, row(begin)}, {row(begin - 1), row(begin), row(begin + 1)});
-    for (int r = begin; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
+    const int inner = std::max(begin, known - 2);
+    waves_kernel_(&e, 1, 0, 0, inner - begin);
+    for (int r = inner; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
+    finish_kernel_(e);
 }
 
 template <class Real>

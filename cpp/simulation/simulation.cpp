@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "simulation/diagnostics.hpp"
+
 namespace clothsim {
 namespace {
 
@@ -236,6 +238,19 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         if (steps_kept_ >= most_steps_unchecked || (watched && n == to_look)) steps_kept_ = none_kept;
     }
     return outcome;
+}
+
+std::vector<double> Simulation::largest_stretch() const {
+    std::vector<double> result(members_.size()), x, v;
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        const Cloth& cloth = plans_[i].cloth;
+        x.resize(std::size_t(cloth.points()) * 3);
+        v.resize(x.size());
+        members_[i]->store(x.data(), v.data());
+        const double largest = clothsim::largest_stretch(cloth, {x.data(), cloth.points(), 3});
+        result[i] = largest < -1 ? 0 : largest;  // no length is below 0
+    }
+    return result;
 }
 
 }  // namespace clothsim

@@ -88,6 +88,9 @@ public:
     // The state at a time within the last step of `advance_adaptive`.
     void dense(double t, double* x, double* v, int threads);
 
+    // Of every member, see diagnostics.hpp; 0 for one without springs.
+    std::vector<double> largest_stretch() const;
+
 private:
     // Steps of all members, with what goes before and after them.
     struct Block {

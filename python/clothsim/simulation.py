@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._extras import needed
 from .adaptive import (
     Controlled, Options, Progress, Solution, automatic, frame_times, rms, run_fixed, size_of, solve,
 )  # fmt: skip
@@ -72,10 +73,7 @@ class Run:
         ImportError
             Without xarray, naming the extra that brings it.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError("to_xarray needs xarray: pip install 'clothsim[sweep]'") from error
+        xarray = needed("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")
         return xarray.Dataset(
             {

@@ -172,6 +172,29 @@ def _close():
     plt.close("all")
 
 
+def test_zipped_tolerances_and_steps_are_told_by_their_values(capsys, scene):
+    command = ["sweep", str(scene), "--zip", "dt,rtol", "--dt", "1e-3,none", "--rtol", "none,1e-6",
+               "--duration", "0.05", "--metric", "stable"]  # fmt: skip
+    assert main(command) == 0
+    out = capsys.readouterr().out
+    assert "dt=0.001 rtol=none    True" in out and "dt=none rtol=1e-06    True" in out
+    assert main([*command[:2], "--rtol", "1e-3", "--dt", "1e-3"]) != 0
+    assert "dt must be None with rtol" in capsys.readouterr().err
+
+
+def test_a_fan_over_tolerances():
+    scene = cs.Scene(cs.Cloth((5, 5), mass=1.0, stiffness=200.0, damping=0.2))
+    over = {"rtol": [1e-3, 1e-5, 1e-12], "stiffness": [100.0, 200.0]}
+    swept = cs.sweep(scene, over, duration=0.1, metrics="error", progress=False)
+    axes = swept.clothsim.plot()
+    assert axes.get_xlabel() == "rtol" and axes.get_xscale() == axes.get_yscale() == "log"
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    assert np.array_equal(lines["200"].get_ydata(), swept.error.sel(stiffness=200.0).sortby("rtol"))
+    assert "order 4" not in lines
+    unsure = (swept.error < swept.reference_error).values.sum()
+    assert unsure > 0 and "below the\nreference's own" in lines
+
+
 def test_the_convergence_fan(swept):
     axes = swept.clothsim.plot()
     lines = {line.get_label(): line for line in axes.get_lines()}

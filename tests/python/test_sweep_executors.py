@@ -3,6 +3,7 @@
 import itertools
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from clothsim.sweep import batch, engine, planning, results
 from clothsim.sweep.grid import make_grid
-from clothsim.sweep.member import Settings
+from clothsim.sweep.member import Members, Settings
 from clothsim.sweep.metrics import choose_metrics
 from clothsim.sweep.planning import Planner
 from clothsim.sweep.task import Task, TaskResult, run_task
@@ -42,6 +43,7 @@ def expected():
 def small_tasks(monkeypatch):
     """A task for about every member, so that there are enough of them to go wrong."""
     monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(planning, "SHORTEST_HERE", 1e-9)
     monkeypatch.setattr(planning, "LONGEST", 1e-9)
 
 
@@ -93,13 +95,14 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
 ):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
-    learn = Planner.learn
+    learn, killed = Planner.learn, []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as pool:
 
         def killing(self, result):
             learn(self, result)
-            if len(recorded) >= 4:
-                os.kill(next(iter(pool._processes)), signal.SIGKILL)
+            if len(recorded) >= 4 and not killed:
+                killed.append(next(iter(pool._processes)))
+                os.kill(killed[0], signal.SIGKILL)
 
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
             patch.setattr(Planner, "learn", killing)
@@ -203,13 +206,13 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 PLAIN = cs.Scene(cs.Cloth((6, 7), mass=2.5, stiffness=1e3, damping=0.1))
 
 
-def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0):
+def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0, shortest=None):
     settings = Settings(duration, 1e-3, "rk4", "double", "auto", False, None, False, 32,
                         choose_metrics(metrics))  # fmt: skip
     grid = make_grid(over)
-    made = Planner(PLAIN, grid, settings, np.arange(grid.size), workers)
+    members = Members(PLAIN, grid, settings)
+    made = Planner(members, np.arange(grid.size), workers, shortest=shortest)
     made.seconds_per_weight = seconds_per_weight
-    made.target = planning.LONGEST
     return made
 
 
@@ -248,6 +251,42 @@ def cost(made, task):
             solved.add(made.grid.physics[index])
             steps += 1.5 * 2 * np.ceil(32 / limit / 2)
         yield steps * scene.cloth.rows * scene.cloth.columns
+
+
+@pytest.mark.parametrize("workers", [2, 3])
+def test_tasks_get_shorter_so_that_all_workers_end_together(workers):
+    over = {"stiffness": np.geomspace(100, 1000, 800)}
+    made = planner(over, "stable", 1e-7, workers, shortest=0.05)
+    tasks = [task.weight * 1e-7 for task in made.tasks()]
+    assert sum(tasks) == pytest.approx(800 * 1000 * 42 * 1e-7, rel=1e-9, abs=0)
+    assert tasks[0] == pytest.approx(sum(tasks) / (2 * workers), rel=0.02, abs=0)
+    assert tasks[:-1] == sorted(tasks[:-1], reverse=True) and min(tasks) > 0.05
+    assert tasks[-1] < 0.11 and len(tasks) < 12 * workers
+    busy = [0.0] * workers
+    for seconds in tasks:
+        busy[busy.index(min(busy))] += seconds
+    assert max(busy) - min(busy) < 0.11
+
+
+def test_a_task_that_leaves_the_process_takes_no_made_members():
+    made = planner({"stiffness": [100.0, 200.0]}, "stable", 1e-7)
+    (task,) = made.tasks()
+    assert sorted(task.made) == [0, 1] and pickle.loads(pickle.dumps(task)).made == {}
+    assert pickle.loads(pickle.dumps(task)).members == task.members
+    with ThreadPoolExecutor(1) as pool:
+        assert engine.Workers(pool, None).shortest_task == planning.SHORTEST > 0.2
+
+
+def test_few_made_members_are_kept():
+    grid = make_grid({"stiffness": np.geomspace(100, 1000, 5), "shape": [(4, 4), (1100, 1000)]})
+    settings = Settings(1.0, 1e-3, "rk4", "double", "auto", False, None, False, 32, ())
+    members = Members(PLAIN, grid, settings)
+    for index in range(grid.size):
+        assert members.make(index).index == index
+    kept = [index for index in range(grid.size) if members.take(index) is not None]
+    assert kept == [0, 1, 2, 4, 6, 8]  # two large ones would be more than there is room for
+    assert members.take(0) is None
+    assert members.make(3) is members.make(3)  # there is room again
 
 
 def test_tasks_learn_from_how_long_they_took():

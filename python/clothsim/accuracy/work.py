@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
+from .._extras import needed
 from ..build import build_config
 from ..errors import UnstableError
 from ..measures import energy
@@ -208,10 +209,7 @@ def work_precision(
     >>> data.sizes["level"], bool(data.rms_error[0, 1] < data.rms_error[0, 0] / 10)
     (2, True)
     """
-    try:
-        import xarray
-    except ImportError as error:
-        raise ImportError("work_precision needs xarray: pip install 'clothsim[sweep]'") from error
+    xarray = needed("xarray", "work_precision")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
     chosen = _methods(scene, methods, precisions, check.boolean("peers", peers), threads)

@@ -51,10 +51,10 @@ def _table(dataset: Any, name: str) -> list[str]:
     rows, *columns = variable.dims
     head = [[rows, title]]
     if columns:
-        head = [[rows, *(f"{columns[0]} {_text(v)}" for v in variable[columns[0]].values)]]
+        head = [[rows, *(f"{columns[0]} {text}" for text in _labels(dataset, columns[0]))]]
     body = [
-        [_text(at), *(_cell(v, s) for v, s in zip(_row(values), _row(states), strict=True))]
-        for at, values, states in zip(variable[rows].values, variable.values, status, strict=True)
+        [at, *(_cell(v, s) for v, s in zip(_row(values), _row(states), strict=True))]
+        for at, values, states in zip(_labels(dataset, rows), variable.values, status, strict=True)
     ]
     widths = [max(map(len, column)) for column in zip(*head, *body, strict=True)]
     table = [
@@ -62,6 +62,16 @@ def _table(dataset: Any, name: str) -> list[str]:
         for line in [*head, *body]
     ]
     return [title, *table]
+
+
+def _labels(dataset: Any, dimension: str) -> list[str]:
+    """What stands for places along a dimension; of zipped lists and samples all their values."""
+    own = dataset[dimension]
+    if own.attrs:  # else they are mere numbers
+        return [_text(value) for value in own.values]
+    names = [n for n, c in dataset.coords.items() if c.dims == (dimension,) and n != dimension]
+    columns = [[f"{name}={_text(value)}" for value in dataset[name].values] for name in names]
+    return [" ".join(texts) for texts in zip(*columns, strict=True)]
 
 
 def _row(values: Any) -> Sequence[Any]:
@@ -75,6 +85,8 @@ def _cell(value: Any, status: int) -> str:
 
 
 def _text(value: Any) -> str:
+    if value != value:
+        return "none"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

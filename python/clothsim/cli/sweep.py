@@ -18,7 +18,8 @@ from .run import ready_scenes, scene_of
 
 _SPEC = (
     "VALUES: numbers or names with commas between, and ranges first:last:log9 (nine values, equal "
-    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z. One "
+    "ratios) or first:last:lin9 (equal steps); a shape is ROWSxCOLUMNS or N, a vector X;Y;Z, "
+    "and none a dt, rtol or atol that is not given. One "
     "value is a setting, several make a dimension of the result."
 )
 
@@ -33,6 +34,7 @@ _NOT_OPTIONS = (
     "sphere_centers",
 )
 _VECTORS = ("shape", "size", "gravity", "sphere_center", "sphere_velocity", "sphere_direction")
+_MAY_BE_NONE = ("dt", "rtol", "atol")
 _BOOLEANS = ("strict", "sphere_literal")
 
 
@@ -192,6 +194,8 @@ def _value(name: str, item: str) -> Any:
         except ValueError:
             example = "32x32" if name == "shape" else "0;-9.8;0"
             raise ValueError(f"{_option(name)} must be like {example}, got {item!r}") from None
+    if name in _MAY_BE_NONE and item == "none":
+        return None
     try:
         return float(item)
     except ValueError:

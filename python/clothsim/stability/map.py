@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from .. import _core
 from .. import _validate as check
+from .._extras import needed
 from ..measures import max_stable_dt
 from ..plan import check_options
 from ..scene import Scene
@@ -61,10 +62,7 @@ class StabilityMap:
         ImportError
             Without xarray, naming the extra that brings it.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError("stability_map needs xarray: pip install 'clothsim[sweep]'") from error
+        xarray = needed("xarray", "stability_map")
         both = ("stiffness", "dt")
         return xarray.Dataset(
             {

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import _validate as check
+from .._extras import needed
 from ..build import build_config
 from ..scene import Scene
 from .dataset import open_sweep, to_dataset
 from .engine import Workers, run_all
-from .extras import needed
 from .grid import Grid, make_grid
-from .member import Member, Settings
+from .member import Members, Settings
 from .metrics import choose_metrics, describe
 from .plain import plain
 from .planning import SHORTEST, Planner
@@ -37,8 +37,10 @@ def sweep(
     duration: float = 1.0,
     metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any] = DEFAULT_METRICS,
     dt: float | None = None,
-    integrator: str = "rk4",
+    integrator: str | None = None,
     precision: str = "double",
+    rtol: float | None = None,
+    atol: float | None = None,
     every: int | float | None = None,
     frames: bool = False,
     store: str | os.PathLike[str] | None = None,
@@ -69,8 +71,9 @@ def sweep(
         Names are the arguments of `Cloth` and `Scene`; those of `Sphere` with "sphere_" in front
         (of every sphere) or "sphere1_" (of the one with index 1); parts of them such as
         "stiffness_shear", "damping_bend", "gravity_y", "sphere_center_x"; "sphere_speed" [m/s] and
-        the other arguments of a sphere's motion; "scene"; and "dt", "duration", "integrator",
-        "precision", "kernel" and "strict". ``clothsim.sweep.fields.NAMES`` has them all.
+        the other arguments of a sphere's motion; "scene"; and "dt", "rtol", "atol", "duration",
+        "integrator", "precision", "kernel" and "strict". ``clothsim.sweep.fields.NAMES`` has them
+        all.
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
@@ -82,7 +85,11 @@ def sweep(
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
     integrator, precision, kernel, strict
-        As for `step`, where they are not swept.
+        As for `step`, where they are not swept. The default of `integrator` is "rk4"; "auto", the
+        default with `rtol` or `atol`, chooses as `simulate` does.
+    rtol, atol : float, optional
+        Error control in place of `dt`, as for `simulate`, where it is not swept. Where one is
+        swept beside dt (zipped, or as samples), None stands for what a member does without.
     every : int or float, optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False
@@ -112,8 +119,8 @@ def sweep(
         Dimensions are what is swept, with coordinates that carry their units. Beside the metrics:
         "status" (0 pending, 1 done, 2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step",
         "unstable_time" [s] and "message". Of a member that diverged or failed, metrics are NaN
-        ("stable" False). ``ds.clothsim.provenance`` tells where the results come from. With a
-        `store` it is the store opened, values being read as they are used.
+        ("stable" False). ``ds.clothsim.provenance`` tells where the results come from. Frames
+        in a `store` are read from it as they are used.
 
     Raises
     ------
@@ -145,6 +152,8 @@ def sweep(
         dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
         integrator=integrator,
         precision=precision,
+        rtol=rtol,
+        atol=atol,
         kernel=kernel,
         strict=check.boolean("strict", strict),
         every=_every(every),
@@ -154,7 +163,7 @@ def sweep(
     )
     progress = check.boolean("progress", progress)
     _check_frames(grid, settings)
-    _check_members(scene, grid, settings)
+    members = _checked_members(scene, grid, settings)
     if task_seconds is not None:
         task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
     workers = Workers(executor, threads)
@@ -167,17 +176,19 @@ def sweep(
         else:
             where = Path(store)
             results = Store(where, grid, settings, scene, identity, session, resume)
-        _run(workers, results, session, progress, task_seconds)
+        _run(workers, members, results, session, progress, task_seconds)
     finally:
         workers.close()
     _warn_of_failures(results)
-    if store is not None:
+    if store is not None and settings.frames:
         return open_sweep(store)
-    return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": [session]})
+    sessions = results.attrs["sessions"] if isinstance(results, Store) else [session]
+    return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": sessions})
 
 
 def _run(
     workers: Workers,
+    members: Members,
     results: Results,
     session: dict[str, Any],
     progress: bool,
@@ -185,8 +196,8 @@ def _run(
 ) -> None:
     start = time.perf_counter()
     pending = results.pending
-    grid, settings = results.grid, results.settings
-    planner = Planner(results.scene, grid, settings, pending, workers.count, task_seconds)
+    grid = results.grid
+    planner = Planner(members, pending, workers.count, task_seconds, workers.shortest_task)
     planner.threads = workers.threads_of(planner.expected_tasks)
     weights = planner.weights
     bar = Bar(progress, grid.size, grid.size - len(pending), float(weights[pending].sum()))
@@ -207,7 +218,7 @@ def _run(
         bar.advance(len(result.records), unstable, cost)
 
     try:
-        run_all(workers, planner, record)
+        run_all(workers, planner, record, results.prepare)
     finally:
         session["wall_time"] = time.perf_counter() - start
         bar.close()
@@ -238,8 +249,10 @@ def _check_frames(grid: Grid, settings: Settings) -> None:
         )
 
 
-def _check_members(scene: Scene, grid: Grid, settings: Settings) -> None:
-    """Make members, all or those that between them have every value, to find what is refused."""
+def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
+    """The members; all or those that between them have every value are made, to find what is
+    refused."""
+    members = Members(scene, grid, settings)
     if grid.size <= _CHECKED:
         indices = range(grid.size)
     else:
@@ -250,14 +263,15 @@ def _check_members(scene: Scene, grid: Grid, settings: Settings) -> None:
             strides[k] = strides[k + 1] * grid.shape[k + 1]
         indices = [sum(p * strides[k] for k, p in place.items()) for place in places[:_CHECKED]]
     for index in indices:
-        values = grid.member(index)
         try:
-            Member.make(index, scene, values, settings)
+            members.make(index)
         except (ValueError, TypeError) as error:
+            values = grid.member(index)
             if not values:
                 raise
             which = ", ".join(f"{name}={value!r}" for name, value in values.items())
             raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+    return members
 
 
 def _identity(scene: Scene, grid: Grid, settings: Settings) -> dict[str, Any]:

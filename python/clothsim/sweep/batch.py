@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
-from .. import _core
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..measures import penetration
-from ..plan import core_cloth
 from ..stepping import Stepper
 from .contact import ContactWatch
 from .member import Floats, Member, Outcome
@@ -19,6 +15,9 @@ from .timing import frame_times, pieces
 
 _SECONDS_BETWEEN_LOOKS = 0.1  # at whether the sweep is to stop
 _FIRST_STEPS = 64
+
+
+_OF_ERRORS = ("time", "point", "x", "v")
 
 
 class Stopped(Exception):
@@ -30,17 +29,12 @@ class _Watched:
 
     def __init__(self, member: Member, needs: frozenset[str]) -> None:
         self.outcome = Outcome(member)
-        self.needs = needs
-        self.cloth = core_cloth(member.scene)
-        self.has_springs = member.scene.cloth.spring_count() > 0
+        self.penetrates = "penetration" in needs and bool(member.scene.spheres)
         self.contact = ContactWatch(member) if "contact" in needs else None
 
     def look(self, t: float, x: Floats, v: Floats, dt: float, steps: int) -> None:
         outcome = self.outcome
-        if "stretch" in self.needs:
-            stretch = _core.largest_stretch(self.cloth, x) if self.has_springs else 0.0
-            outcome.largest_stretch = max(outcome.largest_stretch, stretch)
-        if "penetration" in self.needs:
+        if self.penetrates:
             for sphere in outcome.scene.spheres:
                 depth = penetration(x, sphere, t)
                 points, triangles = outcome.penetration
@@ -103,12 +97,13 @@ class _Batch:
     ) -> None:
         first = members[0]
         self.all = [_Watched(member, needs) for member in members]
-        self.live = list(self.all)
+        self.live = dict(enumerate(self.all))  # by the index into the batch
         self.stopped = stopped
         self.dt = first.dt
         self.times = frame_times(first.duration, first.dt, every)
         self.keep_frames = "frames" in needs
-        self.watches = bool(needs & {"stretch", "penetration", "contact"})
+        self.stretches = "stretch" in needs
+        self.sees_states = bool(needs & {"penetration", "contact"})
         self.stride = max(1, math.ceil(first.duration / first.dt) // sampling)
         self.stepper = Stepper([m.scene for m in members], threads=threads, **first.numerics)
         self.stepper._state.warned = True  # a sweep tells of each member's limit in its results
@@ -140,12 +135,12 @@ class _Batch:
             if self.stopped():
                 raise Stopped
             count = min(self.chunk, steps - done)
-            if self.watches:
+            if self.stretches or self.sees_states:
                 count = min(count, self.stride - self.total % self.stride)
             start = time.perf_counter()
             try:
                 self.stepper.advance(count, dt)
-            except UnstableError as error:
+            except (UnstableError, ContactError) as error:
                 count = error.step - 1
                 self._account(count, time.perf_counter() - start)
                 self._drop(error)
@@ -160,52 +155,35 @@ class _Batch:
     def _account(self, steps: int, seconds: float) -> None:
         self.total += steps
         self.since_look += steps
-        for watched in self.live:
+        share = seconds / len(self.live)
+        for watched in self.live.values():
             watched.outcome.steps += steps
-            watched.outcome.seconds += seconds / len(self.live)
+            watched.outcome.seconds += share
 
-    def _drop(self, error: UnstableError) -> None:
+    def _drop(self, error: UnstableError | ContactError) -> None:
         """Take the member that diverged out; all stand at the last good step."""
         assert error.member is not None
+        self.stepper.freeze(error.member)
         outcome = self.live.pop(error.member).outcome
-        if self.live:
-            self.stepper = without(self.stepper, error.member)
         # As the member alone would have raised it: of a run, not of a call or a batch.
-        outcome.error = UnstableError(step=self.total + 1, **_values(error))
+        names = _OF_ERRORS + (("dt", "max_stable_dt") if isinstance(error, UnstableError) else ())
+        values = {name: getattr(error, name) for name in names}
+        outcome.error = type(error)(step=self.total + 1, **values)
 
     def _store(self, t: float) -> None:
         if self.live:
-            x, v = self.stepper.positions, self.stepper.velocities
-            for k, watched in enumerate(self.live):
+            x, v = self.stepper._arrays()
+            for k, watched in self.live.items():
                 watched.store(t, x[k], v[k])
 
     def _look(self, dt: float) -> None:
-        if self.watches and self.live:
-            t, x, v = self.stepper.time, self.stepper.positions, self.stepper.velocities
-            for k, watched in enumerate(self.live):
+        if self.stretches:
+            largest = self.stepper._state.core.largest_stretch()
+            for k, watched in self.live.items():
+                outcome = watched.outcome
+                outcome.largest_stretch = max(outcome.largest_stretch, largest[k])
+        if self.sees_states and self.live:
+            t, (x, v) = self.stepper.time, self.stepper._arrays()
+            for k, watched in self.live.items():
                 watched.look(t, x[k], v[k], dt, self.since_look)
         self.since_look = 0
-
-
-def _values(error: UnstableError) -> dict[str, Any]:
-    names = ("time", "point", "dt", "max_stable_dt", "x", "v")
-    return {name: getattr(error, name) for name in names}
-
-
-def without(stepper: Stepper, member: int) -> Stepper:
-    """A stepper of the other members of a batch, from the same bits."""
-    snapshot = stepper.snapshot()
-
-    def others(entries: Sequence[Any]) -> list[Any]:
-        return [entry for k, entry in enumerate(entries) if k != member]
-
-    *clock, states = snapshot.core
-    scenes = others(snapshot.arguments["scene"])
-    return Stepper.restore(
-        dataclasses.replace(
-            snapshot,
-            arguments={**snapshot.arguments, "scene": scenes},
-            shape=(len(scenes), *snapshot.shape[1:]),
-            core=(*clock, others(states)),
-        )
-    )

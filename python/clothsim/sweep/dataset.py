@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .extras import needed
+from .._extras import needed
 from .results import Results
 from .store import read_attrs
 
@@ -64,18 +64,20 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")
     attrs = read_attrs(path)
-    if "variables" not in attrs:
+    variables = attrs.pop("variables", None)
+    if variables is None:
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
     _register()
     dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
     labels = [name for name in dataset.variables if name in _coordinate_names(attrs)]
-    dataset = dataset.set_coords(labels)[attrs["variables"]]
+    dataset = dataset.set_coords(labels)[variables]
     # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.
     for name, array in dataset.variables.items():
         if array.dtype.kind == "T":
             texts = array.values.astype(object)
             texts = texts if name == "message" else np.array(texts.tolist())
             dataset[name] = (array.dims, texts, array.attrs)
+    dataset.attrs["clothsim"] = json.dumps(attrs)
     return dataset
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _core
 from .. import _validate as check
+from . import planning
 from .planning import Planner
 from .task import TaskResult, run_task
 
@@ -55,6 +56,11 @@ class Workers:
     def _cluster_threads(self) -> int:
         return max(1, sum(self._client.nthreads().values()))
 
+    @property
+    def shortest_task(self) -> float:
+        """Seconds that a task should take at least."""
+        return planning.SHORTEST if self.stop is None else planning.SHORTEST_HERE
+
     def threads_of(self, tasks: int) -> int | None:
         """Threads of each of so many tasks: one, but what there is (None) if there is one task."""
         if self.stop is None:
@@ -75,8 +81,15 @@ class Workers:
         self._close()
 
 
-def run_all(workers: Workers, planner: Planner, record: Callable[[TaskResult], None]) -> None:
+def run_all(
+    workers: Workers,
+    planner: Planner,
+    record: Callable[[TaskResult], None],
+    meanwhile: Callable[[], None] = lambda: None,
+) -> None:
     """Do all tasks; `record` is called, in this thread, with each result as it comes.
+
+    `meanwhile` is called once, before that, when the first tasks are under way.
 
     When anything ends this early (Ctrl-C, a broken pool), tasks that wait are cancelled, and what
     has been finished by then is recorded before the error goes on.
@@ -85,6 +98,8 @@ def run_all(workers: Workers, planner: Planner, record: Callable[[TaskResult], N
     waiting: set[Future[TaskResult]] = set()
     with _cleared(workers, waiting, finished, record):
         tasks = planner.tasks()
+        _fill(workers, tasks, waiting, finished)
+        meanwhile()
         while True:
             _fill(workers, tasks, waiting, finished)
             if not waiting:

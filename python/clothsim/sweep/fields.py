@@ -20,7 +20,7 @@ from ..motion import MOTIONS, Linear, Reciprocate
 from ..scene import Scene
 from ..sphere import Sphere
 
-NUMERICS = ("dt", "integrator", "precision", "kernel", "strict")
+NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
 """Names that change how a cloth is computed, not which cloth."""
 
 RUN = (*NUMERICS, "duration")
@@ -30,6 +30,7 @@ _UNITS = {
     "position": "m", "velocity": "m/s", "center": "m", "radius": "m", "offset": "m", "speed": "m/s",
     "direction": "1", "distance": "m", "period": "s", "deceleration": "1", "phase": "1",
     "times": "s", "centers": "m", "restitution": "1", "friction": "1", "dt": "s", "duration": "s",
+    "rtol": "1", "atol": "m",
 }  # fmt: skip
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}

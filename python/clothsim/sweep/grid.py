@@ -123,13 +123,15 @@ def _coordinates(
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return [Coordinate(name, dimension, np.array(values), attrs)]
+    given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
     numbers = labels is None and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in values
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in given
     )
-    if numbers:
+    if numbers and given:
         if unit := units(name):
             attrs["units"] = unit
-        return [Coordinate(name, dimension, np.array(values), attrs)]
+        array = np.array([np.nan if v is None else v for v in values])
+        return [Coordinate(name, dimension, array, attrs)]
     texts = list(labels or map(label, values))
     if dimension == name and len(set(texts)) < len(texts):
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]

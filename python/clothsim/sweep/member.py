@@ -12,16 +12,23 @@ import numpy.typing as npt
 
 from .. import _validate as check
 from ..build import build_config
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..measures import energy, max_stable_dt, penetration
 from ..plan import check_options
 from ..scene import Scene
 from ..simulation import Run
 from .fields import change_scene, split
+from .grid import Grid
 
 Floats = npt.NDArray[np.float64]
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
+
+# Of a run with error control and its companion, beside one of RK4 at its guaranteed step; that of a
+# large tolerance is less, of a small one more.
+_COST_OF_CONTROL = 3.0
+
+_POINTS_KEPT = 1 << 21  # mass points in all members that are kept; some 10 bytes each
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -34,7 +41,7 @@ class Settings:
 
     duration: float
     dt: float | None
-    integrator: str
+    integrator: str | None
     precision: str
     kernel: str
     strict: bool
@@ -42,6 +49,8 @@ class Settings:
     frames: bool
     sampling: int
     metrics: tuple[Any, ...]
+    rtol: float | None = None
+    atol: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,12 +60,14 @@ class Member:
     index: int
     scene: Scene
     duration: float
-    dt: float
+    dt: float  # NaN with error control
     max_stable_dt: float
     integrator: str
     precision: str
     kernel: str
     strict: bool
+    rtol: float | None = None
+    atol: float | None = None
 
     @classmethod
     def make(cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings) -> Member:
@@ -67,14 +78,19 @@ class Member:
             name: run.get(name, getattr(settings, name))
             for name in ("integrator", "precision", "kernel", "strict")
         }
-        check_options(
-            numerics["precision"], numerics["kernel"], numerics["strict"], numerics["integrator"]
-        )
+        dt, rtol, atol = (run.get(name, getattr(settings, name)) for name in ("dt", "rtol", "atol"))
+        if numerics["integrator"] is None:
+            numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
+        automatic = numerics["integrator"] == "auto"
+        named = "rk4" if automatic else numerics["integrator"]
+        check_options(numerics["precision"], numerics["kernel"], numerics["strict"], named)
         duration = check.number(
             "duration", run.get("duration", settings.duration), minimum=0, exclusive=True
         )
-        limit = float(max_stable_dt(scene, numerics["integrator"]))
-        dt = run.get("dt", settings.dt)
+        limit = float(max_stable_dt(scene, named))
+        if automatic or rtol is not None or atol is not None:
+            rtol, atol = _tolerances(dt, rtol, atol)
+            return cls(index, scene, duration, math.nan, limit, **numerics, rtol=rtol, atol=atol)
         if dt is None:
             # A method without a limit of its own takes what follows the motion as well.
             follows = limit if math.isfinite(limit) else float(max_stable_dt(scene))
@@ -91,8 +107,20 @@ class Member:
         }  # fmt: skip
 
     @property
+    def controlled(self) -> bool:
+        """Whether tolerances choose the step; see `run_controlled`."""
+        return math.isnan(self.dt)
+
+    @property
     def likely_unstable(self) -> bool:
         return self.dt > self.max_stable_dt
+
+    @property
+    def expected_steps(self) -> float:
+        """About; of one with error control in steps of RK4 that cost as much."""
+        if not self.controlled:
+            return self.duration / self.dt
+        return max(4.0, _COST_OF_CONTROL * self.duration / self.max_stable_dt)
 
     @property
     def batch_key(self) -> tuple[Any, ...]:
@@ -102,6 +130,51 @@ class Member:
         return (*shared, alone)
 
 
+class Members:
+    """The members of a sweep, made by their index; some are kept until they are asked for again.
+
+    A member is made when the sweep is checked, when it is weighed, and when it is run; in one
+    process, and while they are small, it is the same object.
+    """
+
+    def __init__(self, scene: Scene, grid: Grid, settings: Settings) -> None:
+        self.scene, self.grid, self.settings = scene, grid, settings
+        self._kept: dict[int, Member] = {}
+        self._room = _POINTS_KEPT
+
+    def make(self, index: int) -> Member:
+        """The member, kept if there is room; errors are those of its arguments."""
+        if index in self._kept:
+            return self._kept[index]
+        member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+        points = math.prod(member.scene.cloth.shape)
+        if points <= self._room:
+            self._room -= points
+            self._kept[index] = member
+        return member
+
+    def take(self, index: int) -> Member | None:
+        """The member if it is kept; no longer kept then."""
+        member = self._kept.pop(index, None)
+        if member is not None:
+            self._room += math.prod(member.scene.cloth.shape)
+        return member
+
+
+def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
+    if dt is not None:
+        raise ValueError(
+            f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {dt!r}"
+        )
+    rtol, atol = (
+        None if value is None else check.number(name, value, minimum=0)
+        for name, value in (("rtol", rtol), ("atol", atol))
+    )
+    if not rtol and not atol and (rtol, atol) != (None, None):
+        raise ValueError("rtol or atol must be > 0, got 0 for both")
+    return rtol, atol
+
+
 @dataclass
 class Outcome:
     """What a run of a member gave; a metric is a function of it."""
@@ -109,7 +182,7 @@ class Outcome:
     member: Member
     steps: int = 0
     seconds: float = 0.0  # its share of the time in which its batch was stepped
-    error: UnstableError | None = None
+    error: UnstableError | ContactError | None = None
     t: list[float] = field(default_factory=list)
     x: list[Floats] = field(default_factory=list)
     v: list[Floats] = field(default_factory=list)
@@ -119,6 +192,7 @@ class Outcome:
     reference: Any = None
     threads: int = 1
     instruction_set: str = ""
+    itself: Run | None = None  # of a member with error control
 
     @property
     def scene(self) -> Scene:
@@ -126,6 +200,8 @@ class Outcome:
 
     def run(self) -> Run:
         """As `simulate` returns it, for metrics that are functions of a run."""
+        if self.itself is not None:
+            return self.itself
         scene, member = self.scene, self.member
         x, v = np.array(self.x), np.array(self.v)
         depths = [

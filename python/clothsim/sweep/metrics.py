@@ -41,7 +41,8 @@ def _error(outcome: Outcome) -> dict[str, float]:
 
 
 def _energy_drift(outcome: Outcome) -> dict[str, float]:
-    start, end = (energy(outcome.scene, outcome.x[k], outcome.v[k])["total"] for k in (0, -1))
+    states = ([outcome.x[0], outcome.x[-1]], [outcome.v[0], outcome.v[-1]])
+    start, end = energy(outcome.scene, *states)["total"]
     return {"energy_drift": float(end - start)}
 
 

@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..measures import max_stable_dt
-from ..scene import Scene
 from ..stepping import Stepper
 from .grid import Grid
-from .member import Member, Settings
+from .member import Members
 from .reference import reference_steps
 from .task import Task, TaskResult
 
 SHORTEST = 0.3  # s that a task should take: 0.2, and a margin for what is estimated
+SHORTEST_HERE = 0.05  # s, on threads of this process, to which it costs nothing to send a task
 LONGEST = 1.0  # s, unless `sweep` is told otherwise: results are written as tasks end
-_TASKS_PER_WORKER = 8  # where there is work enough, so that no worker waits long for the last
+_TASKS_LEFT = 2  # a worker, of the size of the next: tasks get shorter, so that all end together
 _STEPS_TIMED = 16
 _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 
@@ -33,13 +34,14 @@ class Planner:
 
     def __init__(
         self,
-        scene: Scene,
-        grid: Grid,
-        settings: Settings,
+        members: Members,
         pending: np.ndarray,
         workers: int,
         longest: float | None = None,
+        shortest: float | None = None,
     ) -> None:
+        self.members = members
+        scene, grid, settings = members.scene, members.grid, members.settings
         self.scene, self.grid, self.settings = scene, grid, settings
         self.threads: int | None = 1
         self.references = any("reference" in metric.needs for metric in settings.metrics)
@@ -54,17 +56,32 @@ class Planner:
         # Two workers must not wait for one reference, unless there is nothing else to do.
         self.whole_physics = self.references and len(np.unique(physics)) >= 2 * workers
         self.seconds_per_weight = self._try_out() if len(pending) else 1.0
-        total = self.seconds_per_weight * float(self.weights[pending].sum())
-        longest = LONGEST if longest is None else longest
-        self.target = min(longest, max(SHORTEST, total / (_TASKS_PER_WORKER * workers)))
-        self.expected_tasks = max(1, int(total / self.target))
+        # Of this and all later members, by its place in the order.
+        self._left = np.cumsum(self.weights[self.order][::-1])[::-1]
+        self.workers = workers
+        self.longest = LONGEST if longest is None else longest
+        self.shortest = SHORTEST if shortest is None else shortest
+
+    @property
+    def expected_tasks(self) -> int:
+        """About as many as there will be."""
+        if not len(self.order):
+            return 1
+        return max(1, int(self._left[0] * self.seconds_per_weight / self._target(0)))
+
+    def _target(self, place: int) -> float:
+        """Seconds that a task should take that begins at a place in the order."""
+        left = float(self._left[place]) * self.seconds_per_weight
+        return min(self.longest, max(self.shortest, left / (_TASKS_LEFT * self.workers)))
 
     def _steps(self, limit: float) -> np.ndarray:
         """Steps per member, those of a reference shared by all that it serves."""
         settings = self.settings
         duration = _numbers(self.grid, "duration", settings.duration, float)
         default = settings.dt or (limit / 2 if math.isfinite(limit) else settings.duration)
-        steps = duration / _numbers(self.grid, "dt", default, float)
+        steps = duration / _numbers(
+            self.grid, "dt", default, lambda dt: default if dt is None else float(dt)
+        )
         if self.references:
             shared = np.bincount(self.grid.physics)[self.grid.physics]
             steps = steps + 1.5 * reference_steps(settings.duration, limit) / shared
@@ -74,9 +91,11 @@ class Planner:
         """Seconds per unit of weight, of the first member that can be made."""
         index = int(self.order[0])
         try:
-            member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+            member = self.members.make(index)
         except (ValueError, TypeError):
             return 2e-8
+        if member.controlled:
+            member = replace(member, dt=member.duration, integrator="rk4")
         stepper = Stepper(member.scene, threads=1, **member.numerics)
         dt = min(member.dt, member.max_stable_dt / 4)
         best = math.inf
@@ -98,7 +117,7 @@ class Planner:
         for indices, weight in self._groups():
             if held is None:
                 held = indices, weight
-            elif weight * self.seconds_per_weight < SHORTEST:
+            elif weight * self.seconds_per_weight < self.shortest:
                 held = held[0] + indices, held[1] + weight
             else:
                 yield self._task(*held)
@@ -110,12 +129,14 @@ class Planner:
         """Indices that make a task long enough, and what they cost."""
         physics = self.grid.physics
         indices: list[int] = []
-        weight = 0.0
+        weight = target = 0.0
         for k, index in enumerate(self.order):
             new = k == 0 or physics[index] != physics[self.order[k - 1]]
-            if weight * self.seconds_per_weight >= self.target and (new or not self.whole_physics):
+            if not indices:
+                target = self._target(k)
+            elif weight * self.seconds_per_weight >= target and (new or not self.whole_physics):
                 yield indices, weight
-                indices, weight = [], 0.0
+                indices, weight, target = [], 0.0, self._target(k)
             indices.append(int(index))
             weight += self._weight(int(index), new)
         if indices:
@@ -124,10 +145,10 @@ class Planner:
     def _weight(self, index: int, new_physics: bool) -> float:
         """What a member costs, in steps of a mass point."""
         try:
-            member = Member.make(index, self.scene, self.grid.member(index), self.settings)
+            member = self.members.make(index)
         except (ValueError, TypeError):
             return 0.0
-        steps = member.duration / member.dt
+        steps = member.expected_steps
         if member.likely_unstable:
             steps = min(steps, _STEPS_TO_DIVERGE)
         if self.references and new_physics:
@@ -136,7 +157,8 @@ class Planner:
 
     def _task(self, indices: list[int], weight: float) -> Task:
         members = tuple((k, self.grid.member(k)) for k in indices)
-        return Task(self.scene, self.settings, members, weight, self.threads)
+        made = {k: member for k in indices if (member := self.members.take(k)) is not None}
+        return Task(self.scene, self.settings, members, weight, self.threads, made)
 
 
 def _numbers(grid: Grid, name: str, default: Any, number: Any) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import _validate as check
-from .extras import needed
+from .._extras import needed
 from .member import STATUS
 
 KINDS = ("convergence", "stability", "heatmap")
@@ -26,11 +26,19 @@ def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
 
 def suggested(dataset: Any) -> str:
     """The kind that shows most of this sweep."""
-    if "error" in dataset and "dt" in dataset.dims:
+    if "error" in dataset and _steered_by(dataset):
         return "convergence"
     if "dt" in dataset.dims and len(_long(dataset)) > 1:
         return "stability"
     return "heatmap"
+
+
+_STEERS = ("dt", "rtol", "atol")
+
+
+def _steered_by(dataset: Any) -> str | None:
+    """The dimension that is to make the error smaller."""
+    return next((name for name in _STEERS if name in dataset.dims), None)
 
 
 def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
@@ -39,8 +47,8 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     Parameters
     ----------
     dataset : xarray.Dataset
-        With "error" and the dimension "dt"; of any further dimension that is longer than one, a
-        value has to be selected.
+        With "error" and the dimension "dt", or else "rtol" or "atol"; of any further dimension
+        that is longer than one, a value has to be selected.
     along : str, optional
         The dimension that makes the lines. Default: the one there is beside dt.
     ax : matplotlib.axes.Axes, optional
@@ -49,37 +57,48 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     Returns
     -------
     matplotlib.axes.Axes
-        Crosses at the top mark steps that diverged, the dotted line is the slope of order 4, and
-        hollow circles are errors below the bound of the reference's own.
+        Crosses at the top mark steps that diverged, the dotted line (over dt) is the slope of
+        order 4, and hollow circles are errors below the bound of the reference's own.
     """
-    _require(dataset, "error", "dt")
-    others = [d for d in _long(dataset) if d != "dt"]
+    by = _steered_by(dataset) or "dt"
+    _require(dataset, "error", by)
+    others = [d for d in _long(dataset) if d != by]
     along = _other(dataset, along, others)
-    dataset = dataset.squeeze([d for d in dataset.dims if d not in ("dt", along)]).sortby("dt")
+    dataset = dataset.squeeze([d for d in dataset.dims if d not in (by, along)]).sortby(by)
     ax = _axes(ax)
-    dt = dataset["dt"].values
+    x = dataset[by].values
     lines = (
         [dataset]
         if along is None
         else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
     )
     colors = _pyplot().colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
-    crosses = np.zeros(len(dt))  # per dt; they are put below each other
+    crosses = np.zeros(len(x))  # per place; they are put below each other
+    hollow = False
     for line, color in zip(lines, colors, strict=True):
         label = None if along is None else _tick(line[along])
         error = line["error"].values
-        ax.loglog(dt, np.where(error > 0, error, np.nan), "o-", ms=4, color=color, label=label)
+        ax.loglog(x, np.where(error > 0, error, np.nan), "o-", ms=4, color=color, label=label)
         unsure = error < line["reference_error"].values
-        ax.loglog(dt[unsure], error[unsure], "o", ms=4, mec=color, mfc="white", zorder=3)
+        ax.loglog(x[unsure], error[unsure], "o", ms=4, mec=color, mfc="white", zorder=3)
+        hollow |= bool(unsure.any())
         diverged = line["status"].values == _UNSTABLE
         height = 0.97 - 0.03 * crosses[diverged]
-        ax.plot(dt[diverged], height, "x", ms=5, color=color, transform=ax.get_xaxis_transform())
+        ax.plot(x[diverged], height, "x", ms=5, color=color, transform=ax.get_xaxis_transform())
         crosses += diverged
-    _slope(ax, dt, dataset["error"].transpose(..., "dt").values)
-    ax.set_xlabel(_title(dataset["dt"]))
+    if by == "dt":
+        _slope(ax, x, dataset["error"].transpose(..., "dt").values)
+    if hollow:
+        ax.plot([], [], "o", ms=4, mec="0.5", mfc="white", label="below the\nreference's own")
+    ax.set_xlabel(_title(dataset[by]))
     ax.set_ylabel("largest error at the end [m]")
-    if along is not None:
-        ax.legend(title=_title(dataset[along]), fontsize="small")
+    if ax.get_legend_handles_labels()[0]:
+        title = None if along is None else _title(dataset[along])
+        # Beside the axes: inside, some line would always be under it.
+        ax.legend(
+            title=title, fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0),
+            borderaxespad=0.0,
+        )  # fmt: skip
     return ax
 
 
@@ -243,7 +262,7 @@ def _first_metric(dataset: Any) -> str:
 
 
 def _logarithmic(values: np.ndarray) -> bool:
-    return values.dtype.kind in "iuf" and values.min() > 0 and values.max() > 20 * values.min()
+    return values.dtype.kind in "iuf" and values.min() > 0 and values.max() > 5 * values.min()
 
 
 def _places(values: np.ndarray) -> np.ndarray:

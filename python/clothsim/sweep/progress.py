@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from .extras import needed
+from .._extras import needed
+
 
 
 class Bar:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,13 @@ from .member import FAILED, PENDING, STATUS, Record, Settings
 from .timing import frame_times
 
 
+FRAMES = ("position", "velocity")
+"""The variables that have the frames of every member."""
+
+SESSIONS = "sessions"
+"""Beside the variables a store has this: where they come from."""
+
+
 @dataclass
 class Variable:
     """A variable of the result over the grid, with further dimensions of its own at the end."""
@@ -22,6 +31,13 @@ class Variable:
     values: np.ndarray
     attrs: dict[str, Any] = field(default_factory=dict)
     more: tuple[str, ...] = ()
+    fill: Any = np.nan  # of members that have no value
+
+    @cached_property
+    def by_member(self) -> np.ndarray:
+        """`values` by the member's index, the same memory; not of frames that are on disk."""
+        own = self.values.ndim - len(self.more)
+        return self.values.reshape(math.prod(self.values.shape[:own]), *self.values.shape[own:])
 
 
 class Results:
@@ -56,7 +72,7 @@ class Results:
         times = np.array(frame_times(settings.duration, settings.dt or np.inf, settings.every))
         rows, columns = self._largest_shape()
         dims = ("time", "row", "column", "component")
-        for name, unit in (("position", "m"), ("velocity", "m/s")):
+        for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):
             shape = (len(times), rows, columns, 3)
             self._add(name, float, np.nan, _attrs(f"{name} of the mass points", unit), dims, shape)
         self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
@@ -82,14 +98,14 @@ class Results:
         more_shape: tuple[int, ...] = (),
     ) -> None:
         taken = {*self.grid.dimensions, *(c.name for c in self.coordinates)}
+        if name == SESSIONS:
+            raise ValueError(f"metrics: a function must not be named {name!r}, a store has that")
         if name in taken:
             raise ValueError(f"metrics: {name!r} is the name of something that is swept")
-        values = self._allocate(name, (*self.grid.shape, *more_shape), dtype, fill, more)
-        self.variables[name] = Variable(name, values, dict(attrs), more)
+        values = self._allocate(name, (*self.grid.shape, *more_shape), dtype, fill)
+        self.variables[name] = Variable(name, values, dict(attrs), more, fill)
 
-    def _allocate(
-        self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any, more: tuple[str, ...]
-    ) -> np.ndarray:
+    def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
         return np.full(shape, fill, dtype)
 
     @property
@@ -103,34 +119,43 @@ class Results:
 
     def record(self, record: Record) -> None:
         """Take in what came out of a member."""
-        place = tuple(int(k) for k in np.unravel_index(record.index, self.grid.shape))
         for name, value in record.values.items():
             if name not in self.variables:
                 self._add_function(name, np.asarray(value))
-            self._set(name, place, value)
+            self._set(name, record.index, value)
         if record.frames is not None:
-            for name, frames in zip(("position", "velocity"), record.frames, strict=True):
+            place = tuple(int(k) for k in np.unravel_index(record.index, self.grid.shape))
+            for name, frames in zip(FRAMES, record.frames, strict=True):
                 self._set_frames(name, place, frames)
         for name in ("max_stable_dt", "unstable_step", "unstable_time", "message"):
-            self._set(name, place, getattr(record, name))
-        self._set("status", place, record.status)
+            self._set(name, record.index, getattr(record, name))
+        self._set("status", record.index, record.status)
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         dims = tuple(f"{name}_{k}" for k in range(value.ndim))
         self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, dims, value.shape)
 
-    def _set(self, name: str, place: tuple[int, ...], value: Any) -> None:
-        target = self.variables[name].values
-        if np.shape(value) != target.shape[len(place) :]:
+    def _set(self, name: str, index: int, value: Any) -> None:
+        places = self.variables[name].by_member
+        if np.shape(value) != places.shape[1:]:
             raise ValueError(
                 f"metric {name!r} must give every member an array of one shape, got "
-                f"{np.shape(value)} and {target.shape[len(place) :]}"
+                f"{np.shape(value)} and {places.shape[1:]}"
             )
-        target[place] = value
+        before = places[index]
+        if places.ndim > 1 or (value != before and not (value != value and before != before)):
+            places[index] = value
+            self._changed(name, index)
+
+    def _changed(self, name: str, index: int) -> None:
+        """A variable has another value of a member than before; in memory that is all."""
 
     def _set_frames(self, name: str, place: tuple[int, ...], frames: np.ndarray) -> None:
         rows, columns = frames.shape[1:3]
         self.variables[name].values[(*place, slice(None), slice(rows), slice(columns))] = frames
+
+    def prepare(self) -> None:
+        """Make what is needed before the first result comes, while the first are computed."""
 
     def flush(self, final: bool = False) -> None:
         """Write what is not yet written; nothing to do in memory."""

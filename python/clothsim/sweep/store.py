@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from .._extras import needed
 from ..scene import Scene
-from .extras import needed
-from .grid import Grid
-from .member import PENDING, Settings
+from .grid import Coordinate, Grid
+from .member import PENDING, Record, Settings
 from .plain import differences
-from .results import Results, Variable
+from .results import FRAMES, SESSIONS, Results, Variable
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the layout of a store."""
 
 _CHUNK = 16_384  # members
@@ -32,6 +32,9 @@ _SECONDS_BETWEEN_WRITES = 1.0
 
 class Store(Results):
     """Results that are also in a zarr group.
+
+    The group's attributes say which sweep it is and never change; the array "sessions" says where
+    its results come from, as text that is replaced with every write.
 
     Parameters
     ----------
@@ -64,94 +67,122 @@ class Store(Results):
             raise ValueError(f"store must be a folder, got the file {str(path)!r}")
         self.zarr = needed("zarr", "store=...")
         self.path = path
+        self.group: Any = None
         self._arrays: dict[str, Any] = {}  # looking one up in the group reads a file
+        self._chunks: dict[str, tuple[int, ...]] = {}
         self._touched: dict[str, set[tuple[int, ...]]] = {}
         self._last_write = time.monotonic()
+        self._prepared = False
+        self.attrs: dict[str, Any] = {"schema": SCHEMA, "identity": identity, "sessions": []}
         exists = path.exists() and any(path.iterdir())
         if exists:
-            attrs = _check(self.zarr, path, identity, resume)
+            self.attrs |= _check(path, identity, resume)
         path.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(path)
         try:
             if exists:
                 self.group = self.zarr.open_group(path, mode="r+", use_consolidated=False)
-            else:
-                attrs = {"schema": SCHEMA, "identity": identity, "sessions": []}
-                self.group = self.zarr.create_group(
-                    path, zarr_format=3, attributes={"clothsim": json.dumps(attrs)}
-                )
-            # Whatever an earlier process was killed before making is made now.
+                self._arrays = dict(self.group.arrays())
             super().__init__(grid, settings, scene)
             self._reopen_functions()
-            self._write_coordinates()
-            attrs["sessions"].append(provenance)
-            self.attrs, self.session = attrs, provenance
-            self._write_attrs()
+            self.session = provenance
+            self.attrs["sessions"].append(provenance)
         except BaseException:
             self._release()
             raise
 
-    def _allocate(
-        self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any, more: tuple[str, ...]
-    ) -> np.ndarray:
-        if name in self.group:
-            array = self.group[name]
-        else:
-            own = len(shape) - len(more)
-            chunks = (*_chunks(shape[:own]), *shape[own:])
-            if more == ("time", "row", "column", "component"):
-                chunks = (*(1,) * own, *shape[own:])  # a member's frames are written once
-            array = self.group.create_array(
-                name,
-                shape=shape,
-                chunks=chunks,
-                dtype="str" if dtype is object else dtype,
-                fill_value=fill,
-                dimension_names=(*self.grid.dimensions, *more),
-            )
-        self._arrays[name] = array
-        if "time" in more:
-            return array  # frames stay on disk
-        return np.asarray(array[...], dtype=dtype).reshape(shape)
-
-    def _add(self, name: str, *args: Any, **kwargs: Any) -> None:
-        super()._add(name, *args, **kwargs)
+    def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
+        if name not in self._arrays:
+            # Frames stay on disk, where `prepare` makes room for them; this takes no memory.
+            return np.broadcast_to(np.full((), fill, dtype), shape) if name in FRAMES else (
+                super()._allocate(name, shape, dtype, fill)
+            )  # fmt: skip
         array = self._arrays[name]
-        if dict(array.attrs) != self.variables[name].attrs:
-            array.attrs.update(self.variables[name].attrs)
+        return array if name in FRAMES else np.asarray(array[...], dtype=dtype).reshape(shape)
 
     def _reopen_functions(self) -> None:
         """Variables of user's functions, whose shape the first result has told."""
-        known = {*self.variables, *(c.name for c in self.coordinates)}
-        for name, array in self.group.arrays():
+        known = {*self.variables, *(c.name for c in self.coordinates), SESSIONS}
+        for name, array in self._arrays.items():
             if name not in known:
-                self._arrays[name] = array
                 more = array.metadata.dimension_names[len(self.grid.shape) :]
                 self.variables[name] = Variable(name, array[...], dict(array.attrs), tuple(more))
 
-    def _write_coordinates(self) -> None:
-        for coordinate in self.coordinates:
-            if coordinate.name in self.group:
-                continue
-            text = coordinate.values.dtype.kind == "U"
-            array = self.group.create_array(
-                coordinate.name,
-                shape=coordinate.values.shape,
-                dtype="str" if text else coordinate.values.dtype,
-                dimension_names=(coordinate.dimension,),
-                attributes=coordinate.attrs,
+    def prepare(self) -> None:
+        """Make the arrays that are not there: all, or what an earlier process was killed before."""
+        if self.group is None:
+            which = json.dumps({name: self.attrs[name] for name in ("schema", "identity")})
+            self.group = self.zarr.create_group(
+                self.path, zarr_format=3, attributes={"clothsim": which}
             )
-            array[...] = coordinate.values.astype(object) if text else coordinate.values
+        missing = [v for v in self.variables.values() if v.name not in self._arrays]
+        for variable in missing:
+            self._create(variable)
+        for coordinate in self.coordinates:
+            if coordinate.name not in self._arrays:
+                self._create_coordinate(coordinate)
+        if SESSIONS not in self._arrays:
+            self._arrays[SESSIONS] = self.group.create_array(SESSIONS, shape=(), dtype="str")
+        self._write_sessions()
+        if missing:
+            self._summarise()
+        self._prepared = True
 
-    def _set(self, name: str, place: tuple[int, ...], value: Any) -> None:
-        super()._set(name, place, value)
-        chunks = self._arrays[name].chunks[: len(place)]
-        self._touched.setdefault(name, set()).add(
-            tuple(p // c for p, c in zip(place, chunks, strict=True))
+    def _create(self, variable: Variable) -> None:
+        values = variable.values
+        own = values.ndim - len(variable.more)
+        # A member's frames are written once and are a chunk each.
+        chunks = (1,) * own if variable.name in FRAMES else _chunks(values.shape[:own])
+        array = self._arrays[variable.name] = self.group.create_array(
+            variable.name,
+            shape=values.shape,
+            chunks=(*chunks, *values.shape[own:]),
+            dtype="str" if values.dtype.kind == "O" else values.dtype,
+            fill_value=variable.fill,
+            dimension_names=(*self.grid.dimensions, *variable.more),
+            attributes=variable.attrs,
         )
+        if variable.name in FRAMES:
+            variable.values = array
+
+    def _create_coordinate(self, coordinate: Coordinate) -> None:
+        text = coordinate.values.dtype.kind == "U"
+        array = self._arrays[coordinate.name] = self.group.create_array(
+            coordinate.name,
+            shape=coordinate.values.shape,
+            dtype="str" if text else coordinate.values.dtype,
+            dimension_names=(coordinate.dimension,),
+            attributes=coordinate.attrs,
+        )
+        array[...] = coordinate.values.astype(object) if text else coordinate.values
+
+    def _summarise(self) -> None:
+        """Copy all metadata to one place, by which others open the store faster."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # zarr calls consolidated metadata not yet standard
+            self.zarr.consolidate_metadata(self.path)
+
+    def _add_function(self, name: str, value: np.ndarray) -> None:
+        super()._add_function(name, value)
+        self._create(self.variables[name])
+        self._summarise()
+
+    def record(self, record: Record) -> None:
+        """Take in what came out of a member, if there is something to keep it in."""
+        if self._prepared:
+            super().record(record)
+
+    def _changed(self, name: str, index: int) -> None:
+        if name not in self._chunks:  # zarr makes them of the metadata each time they are asked for
+            self._chunks[name] = self._arrays[name].chunks
+        place = np.unravel_index(index, self.grid.shape)
+        chunk = tuple(int(p) // c for p, c in zip(place, self._chunks[name], strict=False))
+        self._touched.setdefault(name, set()).add(chunk)
 
     def flush(self, final: bool = False) -> None:
         """Write the chunks that have changed, at most once a second unless `final`."""
+        if not self._prepared:  # stopped before there was anything
+            return
         if not final and time.monotonic() - self._last_write < _SECONDS_BETWEEN_WRITES:
             return
         order = sorted(self._touched, key=lambda name: name == "status")
@@ -162,23 +193,18 @@ class Store(Results):
                 part = tuple(slice(k * n, (k + 1) * n) for k, n in zip(chunk, sizes, strict=True))
                 array[part] = values[part] if part else values
         self._touched.clear()
-        self._write_attrs()
+        self._write_sessions()
         self._last_write = time.monotonic()
 
-    def _write_attrs(self) -> None:
+    def _write_sessions(self) -> None:
         status = self.variables["status"].values
         self.session["members_finished"] = int((status != PENDING).sum())
-        self.attrs["variables"] = list(self.variables)
-        self.group.attrs["clothsim"] = json.dumps(self.attrs)
+        about = {"sessions": self.attrs["sessions"], "variables": list(self.variables)}
+        self._arrays[SESSIONS][...] = json.dumps(about)
 
     def close(self) -> None:
-        """Let the store go; its metadata in one place make it quick to open."""
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # zarr calls consolidated metadata not yet standard
-                self.zarr.consolidate_metadata(self.path)
-        finally:
-            self._release()
+        """Let the store go."""
+        self._release()
 
     def _release(self) -> None:
         if self._lock is not None:
@@ -196,8 +222,8 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(reversed(chunks))
 
 
-def _check(zarr: Any, path: Path, identity: dict[str, Any], resume: bool) -> dict[str, Any]:
-    """The attributes of the store at `path`, if it is of the sweep `identity`."""
+def _check(path: Path, identity: dict[str, Any], resume: bool) -> dict[str, Any]:
+    """What the store at `path` says of itself, if it is of the sweep `identity`."""
     attrs = read_attrs(path)
     if not resume:
         raise ValueError(f"store {str(path)!r} exists; resume=True continues it")
@@ -209,10 +235,14 @@ def _check(zarr: Any, path: Path, identity: dict[str, Any], resume: bool) -> dic
 
 
 def read_attrs(path: Path) -> dict[str, Any]:
-    """What the store at `path` says of itself; a ValueError if it is none."""
+    """What the store at `path` says of itself; a ValueError if it is none.
+
+    "schema", "identity" and "sessions", and "variables" unless it was stopped before it had any.
+    """
     zarr = needed("zarr", "a sweep's store")
     try:
-        attrs = json.loads(zarr.open_group(path, mode="r").attrs["clothsim"])
+        group = zarr.open_group(path, mode="r", use_consolidated=False)
+        attrs = json.loads(group.attrs["clothsim"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
     if attrs.get("schema") != SCHEMA:
@@ -220,7 +250,8 @@ def read_attrs(path: Path) -> dict[str, Any]:
             f"store {str(path)!r} has schema {attrs.get('schema')}, "
             f"the version read here is {SCHEMA}"
         )
-    return dict(attrs)
+    text = str(group[SESSIONS][()]) if SESSIONS in group else ""
+    return {**attrs, "sessions": [], **json.loads(text or "{}")}
 
 
 def _locked(path: Path) -> int | None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..build import build_config
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..scene import Scene
 from .batch import Stopped, run_batch
+from .controlled import run_controlled
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Record, Settings
 from .reference import references
 
@@ -23,13 +24,21 @@ _LARGEST_BATCH = 64
 
 @dataclass(frozen=True)
 class Task:
-    """Members by their index and swept values; it pickles."""
+    """Members by their index and swept values; it pickles.
+
+    `made` has members that are made already. Another process makes its own of their values, which
+    are the smaller to send.
+    """
 
     scene: Scene
     settings: Settings
     members: tuple[tuple[int, Mapping[str, Any]], ...]
     weight: float = 0.0  # what it costs, in the planner's unit
     threads: int | None = 1
+    made: Mapping[int, Member] = field(default_factory=dict)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "made": {}}
 
 
 @dataclass(frozen=True)
@@ -69,27 +78,38 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
     needs = frozenset(need for metric in settings.metrics for need in metric.needs)
     if settings.frames:
         needs |= {"frames"}
+    options = {
+        "every": settings.every, "sampling": settings.sampling, "threads": task.threads,
+        "stopped": stopped,
+    }  # fmt: skip
     batches: dict[Any, list[Member]] = {}
     for index, values in task.members:
         try:
-            member = Member.make(index, task.scene, values, settings)
+            member = task.made.get(index) or Member.make(index, task.scene, values, settings)
+            if member.controlled:
+                outcome = run_controlled(member, needs, **options)
+                yield from _measured([outcome], task, needs, stopped)
+                continue
         except (ValueError, TypeError) as error:
             yield Record(index, FAILED, message=f"{type(error).__name__}: {error}")
         else:
             batches.setdefault(member.batch_key, []).append(member)
     for members in batches.values():
         for first in range(0, len(members), _LARGEST_BATCH):
-            batch = members[first : first + _LARGEST_BATCH]
-            outcomes = run_batch(
-                batch, needs, every=settings.every, sampling=settings.sampling,
-                threads=task.threads, stopped=stopped,
-            )  # fmt: skip
-            if "reference" in needs:
-                finished = [outcome for outcome in outcomes if outcome.error is None]
-                solutions = references([o.member for o in finished], task.threads, stopped)
-                for outcome, solution in zip(finished, solutions, strict=True):
-                    outcome.reference = solution
-            yield from (_record(outcome, settings) for outcome in outcomes)
+            outcomes = run_batch(members[first : first + _LARGEST_BATCH], needs, **options)
+            yield from _measured(outcomes, task, needs, stopped)
+
+
+def _measured(
+    outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]
+) -> Iterable[Record]:
+    """The records of outcomes; of those that came to their end with a reference, if needed."""
+    if "reference" in needs:
+        finished = [outcome for outcome in outcomes if outcome.error is None]
+        solutions = references([o.member for o in finished], task.threads, stopped)
+        for outcome, solution in zip(finished, solutions, strict=True):
+            outcome.reference = solution
+    return (_record(outcome, task.settings) for outcome in outcomes)
 
 
 def _record(outcome: Outcome, settings: Settings) -> Record:
@@ -110,7 +130,7 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
     return record
 
 
-def _diverged(record: Record, error: UnstableError, settings: Settings) -> Record:
+def _diverged(record: Record, error: UnstableError | ContactError, settings: Settings) -> Record:
     record.status = UNSTABLE
     record.unstable_step, record.unstable_time = error.step, error.time
     record.message = str(error)

@@ -1,4 +1,4 @@
-"""The packages that a sweep needs beyond NumPy, imported when they are needed."""
+"""Packages beyond NumPy, imported when they are needed."""
 
 from __future__ import annotations
 
