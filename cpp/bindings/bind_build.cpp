@@ -34,12 +34,29 @@ py::dict build_facts() {
     return facts;
 }
 
+// Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths and for
+// 1/l, for the tests.
+template <class T>
+py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
+    const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
+    if (x.size() != z.size()) throw std::invalid_argument("x and z must be of one size");
+    Array<T> squared(x.size()), reciprocal(x.size());
+    for (py::ssize_t i = 0; i < x.size(); ++i) {
+        const RestLength<T> length = kernels.rest_length(x.data()[i], z.data()[i]);
+        squared.mutable_data()[i] = length.squared;
+        reciprocal.mutable_data()[i] = length.reciprocal / kernels.root_scale;
+    }
+    return py::make_tuple(squared, reciprocal);
+}
+
 }  // namespace
 
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
     m.def("choose_instruction_set",
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
+    m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
+    m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("available_threads", &available_threads);
     m.attr("most_threads") = most_threads;
 }

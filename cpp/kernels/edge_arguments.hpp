@@ -22,10 +22,15 @@ struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };
 
+// A sphere, and a plane across an axis beside it: a row that is altogether beyond the plane is not looked at further.
 template <class Real>
 struct SphereOutline {
     Real center[3];
     Real radius_squared;
+    int axis;    // -1: no plane
+    bool above;  // whether the rows are expected above it
+    Real plane;
+    bool crossed;  // set by the kernel when a row is not beyond the plane
 };
 
 // A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors:
@@ -63,7 +68,7 @@ struct EdgeArguments : StepConstants<Real> {
     Real* force;       // on the pending row
     Real force_scale;  // of the sums of spring forces: accelerations
     bool complete;     // rows end with a whole vector and all families are damped alike
-    const SphereOutline<Real>* spheres;
+    SphereOutline<Real>* spheres;
     int sphere_count;
     void (*hit)(void* context, int sphere, int row, int vector, std::uint64_t lanes);
     void* context;

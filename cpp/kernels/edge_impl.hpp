@@ -328,12 +328,28 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     }
 }
 
+// Whether all points of a row are beyond the sphere's plane; padding is above every plane.
+template <class V, class Real>
+CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride, const SphereOutline<Real>& sphere) {
+    if (sphere.axis < 0) return false;
+    const Real* const x = row + sphere.axis * int(V::size);
+    V nearest = V::load_unaligned(x);
+    if (sphere.above) {
+        for (int k = 1; k < e.vectors; ++k) nearest = xsimd::min(nearest, V::load_unaligned(x + k * stride));
+        return xsimd::all(nearest >= V(sphere.plane));
+    }
+    for (int k = 1; k < e.vectors; ++k) nearest = xsimd::max(nearest, V::load_unaligned(x + k * stride));
+    return xsimd::all(nearest <= V(sphere.plane));
+}
+
 template <class V, class Real>
 CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
     constexpr int W = int(V::size);
     constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
     for (int s = 0; s < e.sphere_count; ++s) {
-        const SphereOutline<Real>& sphere = e.spheres[s];
+        SphereOutline<Real>& sphere = e.spheres[s];
+        if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
+        sphere.crossed = true;
         const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
         for (int k = 0; k < e.vectors; ++k) {
             const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;

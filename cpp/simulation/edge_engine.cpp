@@ -26,6 +26,8 @@ namespace clothsim {
 namespace {
 
 constexpr int fewest_rows_per_band = 8;
+// Where a band comes near a sphere, planes between the two are looked for no more often than this.
+constexpr std::int64_t steps_between_planes = 64;
 // A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
 constexpr int spins_before_sleep = 500;
 
@@ -96,6 +98,7 @@ struct EdgeEngine<Real>::Band {
     int lag;                                  // rows between two stages; all rows: stage by stage
     std::vector<Contact> contacts;
     std::vector<SphereOutline<Real>> outlines;
+    std::int64_t steps_to_planes = 0;  // until planes are looked for again
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     int size() const { return end - begin; }
@@ -119,11 +122,66 @@ struct EdgeEngine<Real>::Band {
     }
 
     void place_spheres(double t) {
-        contacts = engine->contacts(t);
-        outlines.clear();
-        for (const Contact& contact : contacts)
-            outlines.push_back({{Real(contact.center[0]), Real(contact.center[1]), Real(contact.center[2])},
-                                Base::outer_radius_squared(contact.sphere)});
+        engine->contacts(t, contacts);
+        outlines.resize(contacts.size(), {{}, 0, -1, false, 0, true});
+        bool crossed = false;
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            const Contact& contact = contacts[i];
+            SphereOutline<Real>& outline = outlines[i];
+            for (int k = 0; k < 3; ++k) outline.center[k] = Real(contact.center[k]);
+            outline.radius_squared = Base::outer_radius_squared(contact.sphere);
+            crossed |= outline.crossed;
+        }
+        if (crossed && --steps_to_planes <= 0) find_planes();
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            SphereOutline<Real>& outline = outlines[i];
+            if (outline.axis < 0) continue;
+            const double center = contacts[i].center[outline.axis], reach = reach_of_plane(contacts[i]);
+            outline.plane = Real(outline.above ? center + reach : center - reach);
+        }
+    }
+
+    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is rounded.
+    static double reach_of_plane(const Contact& contact) {
+        const double radius = contact.sphere.contact_radius;
+        return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
+    }
+
+    // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is asked
+    // whether it is beyond.
+    void find_planes() {
+        steps_to_planes = steps_between_planes;
+        const LiftedLayout& layout = engine->layout_;
+        Real low[3], high[3];
+        std::fill_n(low, 3, std::numeric_limits<Real>::max());
+        std::fill_n(high, 3, std::numeric_limits<Real>::lowest());
+        for (const EdgeRowPointers<Real>& row : rows)
+            for (int k = 0; k < layout.vectors; ++k)
+                for (int c = 0; c < 3; ++c) {
+                    const Real* const x = row.state + k * layout.stride + c * layout.lanes;
+                    for (int l = 0; l < layout.lanes; ++l) {
+                        low[c] = std::min(low[c], x[l]);
+                        high[c] = std::max(high[c], x[l]);
+                    }
+                }
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            SphereOutline<Real>& outline = outlines[i];
+            outline.axis = -1;
+            outline.crossed = true;
+            double widest = 0;
+            const auto offer = [&](int axis, bool above, double gap) {
+                if (!(gap > widest)) return;
+                widest = gap;
+                outline.axis = axis;
+                outline.above = above;
+                outline.crossed = false;
+            };
+            const double reach = reach_of_plane(contacts[i]);
+            for (int c = 0; c < 3; ++c) {
+                offer(c, true, double(low[c]) - (contacts[i].center[c] + reach));
+                offer(c, false, contacts[i].center[c] - reach - double(high[c]));  // never where there is padding
+            }
+        }
     }
 };
 

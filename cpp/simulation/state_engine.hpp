@@ -133,11 +133,14 @@ protected:
     }
 
     // The spheres that are met at the end of a step; continuous ones have their own pass.
-    std::vector<Contact> contacts(double t) const {
-        std::vector<Contact> result;
-        result.reserve(plan_.spheres.size());
+    void contacts(double t, std::vector<Contact>& result) const {
+        result.clear();
         for (const Sphere& sphere : plan_.spheres)
             if (sphere.response != Response::continuous) result.emplace_back(sphere, t);
+    }
+    std::vector<Contact> contacts(double t) const {
+        std::vector<Contact> result;
+        contacts(t, result);
         return result;
     }
 
