@@ -61,14 +61,14 @@ public:
     virtual void accelerations(double* a, int threads) = 0;
 
     // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or -1.
-    virtual std::int64_t first_bad_point(double speed_limit) const = 0;
+    virtual std::int64_t first_bad_point(double speed_limit, int threads = 1) const = 0;
 
     // The whole state including what compensation holds; restoring it continues bit for bit.
     virtual std::vector<double> raw_state() const = 0;
     virtual void set_raw_state(const std::vector<double>& raw) = 0;
 
     // The same for the core's own use, without copies through double.
-    virtual void save_checkpoint() = 0;
+    virtual void save_checkpoint(int threads = 1) = 0;
     virtual void restore_checkpoint() = 0;
 
     // Energy that the collision passes have added so far [J]; counted only when asked for, because the

@@ -12,9 +12,10 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// Steps between two looks at the clock and at the state: the state of an unstable run is caught within
-// this many steps of its first non-finite value, then the exact step is found by going back.
-constexpr std::int64_t most_steps_unchecked = 64;
+// Steps between two looks at the state: an unstable run is caught within so many steps of its first non-finite
+// value, then the exact step is found by going back. Keeping the state to go back to and looking at it cost about as
+// much as a step of a cloth that does not fit in cache, so steps that take long are not looked at one by one either.
+constexpr std::int64_t fewest_steps_unchecked = 16, most_steps_unchecked = 64;
 // Above the guaranteed time step energies are compared too, after every so many steps of the clock.
 constexpr std::int64_t steps_between_energies = 16;
 constexpr double seconds_between_polls = 0.01;
@@ -74,15 +75,15 @@ bool Simulation::above_stable_dt() const {
     return false;
 }
 
-std::int64_t Simulation::bad_point(std::size_t i) {
+std::int64_t Simulation::bad_point(std::size_t i, int threads) {
     if (frozen_[i]) return -1;
-    const std::int64_t point = members_[i]->first_bad_point(speed_limits_[i]);
+    const std::int64_t point = members_[i]->first_bad_point(speed_limits_[i], threads);
     return point < 0 && clock.dt > stable_dt_[i] ? watches_[i].runaway_point(*members_[i]) : point;
 }
 
-std::int64_t Simulation::first_bad_member() {
+std::int64_t Simulation::first_bad_member(int threads) {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_point(i) >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
+        if (bad_point(i, threads) >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -100,11 +101,11 @@ Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int thread
         member->contact_report.shut_in = -1;
     }
     for (std::int64_t k = 0; k < steps; ++k) {
-        for (auto& member : members_) member->save_checkpoint();
+        for (auto& member : members_) member->save_checkpoint(threads);
         advance_members(1, threads);
-        const std::int64_t bad = first_bad_member();
+        const std::int64_t bad = first_bad_member(threads);
         if (bad >= 0) {
-            const std::int64_t point = bad_point(std::size_t(bad));
+            const std::int64_t point = bad_point(std::size_t(bad), threads);
             const std::int64_t shut_in = std::exchange(members_[std::size_t(bad)]->contact_report.shut_in, -1);
             for (auto& member : members_) member->restore_checkpoint();
             return {bad, point >= 0 ? point : shut_in, k + 1, clock.at(1), point < 0};
@@ -119,40 +120,47 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     set_step(dt);
     Outcome outcome;
     const bool watched = above_stable_dt();
-    if (watched && steps > 0) first_bad_member();  // notes the energies to begin with
+    if (watched && steps > 0) first_bad_member(threads);  // notes the energies to begin with
     auto last_poll = steady_clock::now();
     while (outcome.steps < steps) {
-        std::int64_t n = std::min(chunk_, steps - outcome.steps);
+        const auto team = [&] { return optional && !choice_.team() ? 1 : threads; };
+        std::int64_t n = std::min(std::max(chunk_, fewest_steps_unchecked), steps - outcome.steps);
         // At the same steps whatever the clock on the wall says.
         if (watched) n = std::min(steps_between_energies - clock.steps % steps_between_energies, steps - outcome.steps);
-        const int team = optional && !choice_.team() ? 1 : threads;
-        for (auto& member : members_) member->save_checkpoint();
-        const auto start = steady_clock::now();
-        advance_members(n, team);
-        for (std::size_t i = 0; i < members_.size(); ++i) {
-            const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
-            if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
+        for (auto& member : members_) member->save_checkpoint(team());
+        std::int64_t done = 0;
+        while (done < n && !outcome.interrupted) {
+            const std::int64_t part = watched ? n : std::min(chunk_, n - done);
+            const auto start = steady_clock::now();
+            advance_members(part, team());
+            clock.steps += part;
+            done += part;
+            bool shut_in = false;
+            for (std::size_t i = 0; i < members_.size(); ++i) {
+                const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
+                if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
+                shut_in |= members_[i]->contact_report.shut_in >= 0;
+            }
+            if (shut_in) break;
+            const double seconds = seconds_since(start);
+            const double per_step = seconds / double(part);
+            if (optional && threads > 1) choice_.observe(per_step, seconds);
+            chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
+                                most_steps_unchecked);
+            if (seconds_since(last_poll) > seconds_between_polls) {
+                outcome.interrupted = interrupted();
+                last_poll = steady_clock::now();
+            }
         }
-        if (first_bad_member() >= 0) {
-            outcome.unstable = rewind_to_last_good(n, threads);
+        if (first_bad_member(team()) >= 0) {
+            clock.steps -= done;
+            outcome.unstable = rewind_to_last_good(done, threads);
             outcome.unstable->step += outcome.steps;
             outcome.steps = outcome.unstable->step - 1;
             return outcome;
         }
-        clock.steps += n;
-        outcome.steps += n;
-        const double seconds = seconds_since(start);
-        const double per_step = seconds / double(n);
-        if (optional && threads > 1) choice_.observe(per_step, seconds);
-        chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
-                           most_steps_unchecked);
-        if (seconds_since(last_poll) > seconds_between_polls) {
-            if (interrupted()) {
-                outcome.interrupted = true;
-                return outcome;
-            }
-            last_poll = steady_clock::now();
-        }
+        outcome.steps += done;
+        if (outcome.interrupted) return outcome;
     }
     return outcome;
 }

@@ -88,12 +88,12 @@ private:
     void advance_members(std::int64_t steps, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
-    std::int64_t bad_point(std::size_t i);  // of a member that has no result, or -1
-    std::int64_t first_bad_member();
+    std::int64_t bad_point(std::size_t i, int threads);  // of a member that has no result, or -1
+    std::int64_t first_bad_member(int threads);
     Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
 
     TeamChoice choice_;
-    std::int64_t chunk_ = 1;  // steps between two looks at the clock
+    std::int64_t chunk_ = 1;  // steps between two looks at the clock on the wall
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;

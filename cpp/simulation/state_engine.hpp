@@ -6,6 +6,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -20,6 +21,15 @@ namespace clothsim {
 inline constexpr double far_away = 1e15;
 
 inline constexpr double extents_that_are_far = 8;
+
+// Calls `work(begin, end)` for shares of [0, size), each by a thread of its own where they are large.
+template <class Work>
+void in_shares(std::ptrdiff_t size, int threads, Work work) {
+    constexpr std::ptrdiff_t least = std::ptrdiff_t(1) << 18;
+    const std::ptrdiff_t shares = std::clamp<std::ptrdiff_t>(size / least, 1, threads);
+#pragma omp parallel for num_threads(int(shares)) if (shares > 1)
+    for (std::ptrdiff_t i = 0; i < shares; ++i) work(size * i / shares, size * (i + 1) / shares);
+}
 
 // What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
 template <class Real>
@@ -36,13 +46,17 @@ public:
     void store(float* x, float* v) const final { store_any(x, v); }
     void store(double* x, double* v) const final { store_any(x, v); }
 
-    std::int64_t first_bad_point(double speed_limit) const final {
+    std::int64_t first_bad_point(double speed_limit, int threads) const final {
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
         if (limit == largest) {  // the usual case, fast: all of memory, padding is finite; no NaN is <= anything
-            int bad = 0;
-            for (const Real value : memory_) bad |= !(std::abs(value) <= largest);
-            if (!bad) return -1;
+            std::atomic<int> any = 0;
+            in_shares(std::ptrdiff_t(memory_.size()), threads, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                int bad = 0;
+                for (const Real* p = memory_.data() + begin; p != memory_.data() + end; ++p) bad |= !(std::abs(*p) <= largest);
+                any |= bad;
+            });
+            if (!any) return -1;
         }
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
@@ -67,7 +81,12 @@ public:
         acceleration_known_ = false;
     }
 
-    void save_checkpoint() final { checkpoint_ = memory_; }
+    void save_checkpoint(int threads) final {
+        checkpoint_.resize(memory_.size());
+        in_shares(std::ptrdiff_t(memory_.size()), threads, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+            std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
+        });
+    }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
         acceleration_known_ = false;
@@ -166,7 +185,8 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
-    // An integrator holds the acceleration at the state in memory; false after every change from elsewhere.
+    // An integrator holds the acceleration at the state in memory, or strips their seams; false after every change from
+    // elsewhere.
     bool acceleration_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
 
