@@ -20,10 +20,10 @@
 //
 // so that a point at rest (u^2 = 2 press depth) is at rest afterwards, at any time step. It leaves with e uc.
 // A bounce that flies for longer than a step goes on to where the mirrored way leads, and its energy is
-// balanced exactly, springs included: that is `bounce` in collision/exact.hpp.
+// balanced exactly, springs included: that is `answer` in collision/exact.hpp.
 //
-// Without a branch, and written for a number type D that is a double or a SIMD vector of doubles; in an anonymous
-// namespace because files of several instruction sets include it.
+// Written for a number type D that is a double or a SIMD vector of doubles: branches only skip what no lane needs. In
+// an anonymous namespace because files of several instruction sets include it.
 #pragma once
 
 namespace clothsim {
@@ -48,6 +48,7 @@ namespace {
 template <class D>
 struct Number {
     using Mask = bool;
+    static CLOTHSIM_LANE bool any(bool c) { return c; }
     static CLOTHSIM_LANE D select(bool c, D a, D b) { return c ? a : b; }
     static CLOTHSIM_LANE D root(D a) { return __builtin_sqrt(a); }
 };
@@ -55,6 +56,8 @@ template <class D>
 using MaskOf = typename Number<D>::Mask;
 template <class D>
 CLOTHSIM_LANE D pick(const MaskOf<D>& c, const D& a, const D& b) { return Number<D>::select(c, a, b); }
+template <class D>
+CLOTHSIM_LANE bool any(const MaskOf<D>& c) { return Number<D>::any(c); }
 template <class D>
 CLOTHSIM_LANE D root(const D& a) { return Number<D>::root(a); }
 template <class D>
@@ -107,7 +110,7 @@ CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], 
     r.speed = dot3(v, r.normal);
     r.press = -dot3(gain, r.normal) / D(s.dt);
     const D arrival2 = r.speed * r.speed - D(2) * r.press * r.depth;
-    r.bounce = D(s.restitution) * root(larger(arrival2, zero));
+    r.bounce = s.restitution > 0 ? D(s.restitution) * root(larger(arrival2, zero)) : zero;
     return r;
 }
 
@@ -128,9 +131,14 @@ CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& heigh
     for (int k = 0; k < 3; ++k) tangential[k] = v[k] - t.speed * t.normal[k];
     D keep = one;
     if (s.friction > 0) {
-        const D slip = root(dot3(tangential, tangential));
+        constexpr double a_little_less = 1 - 0x1p-40;
+        const D slip2 = dot3(tangential, tangential);
         const D most = D(s.friction) * larger(normal_speed - t.speed, zero);
-        keep = pick<D>(slip > most, one - most / slip, zero);
+        keep = zero;
+        if (any<D>(t.hit & (slip2 > D(a_little_less) * most * most))) {
+            const D slip = root(slip2);
+            keep = pick<D>(slip > most, one - most / slip, zero);
+        }
     }
     for (int k = 0; k < 3; ++k) {
         p[k] = t.place[k] + keep * t.along[k] + height * t.normal[k];
@@ -143,6 +151,7 @@ template <class D>
 CLOTHSIM_LANE MaskOf<D> lift(D p[3], const D& limit, const D& surface) {
     const D zero(0), distance2 = dot3(p, p);
     const MaskOf<D> low = distance2 < limit * limit, away = distance2 > zero;
+    if (!any<D>(low)) return low;
     const D scale = pick<D>(away, surface / root(distance2), zero);
     for (int k = 0; k < 3; ++k) p[k] = pick<D>(low, p[k] * scale, p[k]);
     p[1] = pick<D>(low & !away, surface, p[1]);
@@ -187,16 +196,25 @@ CLOTHSIM_LANE Meeting<D> meet(const SweptSphere& s, const D x0[3], const D v0[3]
     const Touch<D> t = touch(s, p0, q, relative, gain);
     const MaskOf<D> in_the_air = flies(s, t);
 
-    D p[3], u[3], out[3], w[3];
-    for (int k = 0; k < 3; ++k) {
-        u[k] = w[k] = relative[k];
-        out[k] = p1[k];
-    }
+    D p[3], u[3];
+    for (int k = 0; k < 3; ++k) u[k] = relative[k];
     leave(s, t, D(0), larger(t.speed, t.bounce), p, u);
-    const MaskOf<D> pushed = t.inside & push_out(s, root(dot3(p0, p0)), out, w);
     for (int k = 0; k < 3; ++k) {
-        p[k] = pick<D>(t.hit, p[k], pick<D>(pushed, out[k], p1[k]));
-        u[k] = pick<D>(t.hit, u[k], pick<D>(pushed, w[k], relative[k]));
+        p[k] = pick<D>(t.hit, p[k], p1[k]);
+        u[k] = pick<D>(t.hit, u[k], relative[k]);
+    }
+    MaskOf<D> pushed = t.inside;
+    if (any<D>(t.inside)) {
+        D out[3], w[3];
+        for (int k = 0; k < 3; ++k) {
+            out[k] = p1[k];
+            w[k] = relative[k];
+        }
+        pushed = t.inside & push_out(s, root(dot3(p0, p0)), out, w);
+        for (int k = 0; k < 3; ++k) {
+            p[k] = pick<D>(pushed, out[k], p[k]);
+            u[k] = pick<D>(pushed, w[k], u[k]);
+        }
     }
     // Rounding: whoever was outside ends outside.
     const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, D(s.surface), D(s.surface - s.slop / 2)));

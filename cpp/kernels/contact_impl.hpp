@@ -1,5 +1,6 @@
 // Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step, and
-// the answer to those that do (collision/continuous.hpp).
+// the answer to those that do: kernels/contact_resting.hpp to the many that lie on it, collision/continuous.hpp to the
+// others.
 //
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
@@ -8,6 +9,7 @@
 #pragma once
 
 #include "kernels/contact_arguments.hpp"
+#include "kernels/contact_resting.hpp"
 #include "kernels/vector3.hpp"
 
 namespace clothsim {
@@ -46,6 +48,7 @@ struct Number<xsimd::batch<double, Arch>> {
     using Mask = xsimd::batch_bool<double, Arch>;
     static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
     static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
+    static CLOTHSIM_LANE bool any(const Mask& c) { return xsimd::any(c); }
 };
 
 // Vectors of doubles out of and into memory of Real.
@@ -92,16 +95,19 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Every lane of a vector that may touch the one sphere there is; the lanes that are left over.
+// Those of the `lanes` of a vector that touch the one sphere there is; the lanes that are left over.
 template <class Arch, class Real, int W>
-__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector) {
+__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector,
+                                                    std::uint64_t lanes) {
     using D = xsimd::batch<double, Arch>;
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
     const std::ptrdiff_t first = row * g.row + vector * g.vector;
-    const double* const free = a.free + (std::ptrdiff_t(row) * g.vectors + vector) * W;
+    const std::uint64_t free = a.free[std::ptrdiff_t(row) * g.vectors + vector];
+    constexpr std::uint64_t part = (std::uint64_t(1) << Memory::N) - 1;
     std::uint64_t left_over = 0;
     for (int l = 0; l < W; l += Memory::N) {
+        if ((lanes >> l & part) == 0) continue;
         Real* const state = a.state + first + l;
         const Real* const before = a.before + first + l;
         D x0[3], v0[3], x[3], v[3];
@@ -112,9 +118,9 @@ __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>
             v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
         });
         const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
-        const auto moves = D::load_unaligned(free + l) != D(0.0);
-        left_over |= std::uint64_t((m.in_the_air | (m.answered & !moves)).mask()) << l;
-        const auto answered = m.answered & moves;
+        const auto asked = MaskOf<D>::from_mask(lanes >> l & part), moves = MaskOf<D>::from_mask(free >> l & part);
+        left_over |= std::uint64_t((asked & (m.in_the_air | (m.answered & !moves))).mask()) << l;
+        const auto answered = asked & m.answered & moves;
         if (xsimd::none(answered)) continue;
         const D chosen = xsimd::select(answered, D(1.0), D(0.0));
         each<3>([&](auto k) __attribute__((always_inline)) {
@@ -125,7 +131,7 @@ __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>
     return left_over;
 }
 
-template <class Arch, class Real>
+template <class Arch, class Real, Arithmetic arithmetic>
 void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
@@ -135,6 +141,8 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
         const int count = a.sphere_count - first < most ? a.sphere_count - first : most;
         SphereNear<V, Real> spheres[most];
         for (int s = 0; s < count; ++s) spheres[s].prepare(a.spheres[first + s]);
+        OnSphere<Arch, Real> resting;
+        if constexpr (arithmetic == Arithmetic::fused) resting.prepare(a.spheres[0]);
         for (int row = begin; row < end; ++row)
             for (int vector = 0; vector < g.vectors; ++vector) {
                 const std::ptrdiff_t at = row * g.row + vector * g.vector;
@@ -142,11 +150,16 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 const Vector3<V> x0 = load3<V>(a.before + at, g.component);
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
-                const bool any = xsimd::any(near);
-                std::uint64_t left_over = any ? near.mask() : 0;
-                if (any && a.sphere_count == 1) left_over = meet_vector<Arch, Real, W>(a, row, vector);
+                const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
+                std::uint64_t left_over = near.mask();
+                if (left_over && a.sphere_count == 1) {
+                    if constexpr (arithmetic == Arithmetic::fused)
+                        left_over = resting.answer(g, a.state + at, a.before + at, near,
+                                                   xsimd::batch_bool<Real, Arch>::from_mask(a.free[index]));
+                    if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over);
+                }
                 if (left_over) a.left_over(a.context, row, vector, left_over);
-                std::uint8_t& open = a.open[std::ptrdiff_t(row) * g.vectors + vector];
+                std::uint8_t& open = a.open[index];
                 open = left_over != 0 || (first > 0 && open);
                 if (__builtin_expect(a.copy && !open && first + count == a.sphere_count, 1))
                     copy_vector<V>(a.state + at, a.before + at, g);

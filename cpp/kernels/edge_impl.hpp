@@ -113,20 +113,11 @@ CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
 // The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
 template <class Real>
 struct PendingRow {
+    bool there = false;
     Real* state;
     Real* work;
     const Real* source;
     const Real* force;
-    enum { none, plain, special } kind;
-
-    CLOTHSIM_INLINE explicit PendingRow(const EdgeArguments<Real>& e) : force(e.force), kind(none) {
-        if (e.pending < 0) return;
-        const EdgeRowPointers<Real>& row = e.rows[e.pending];
-        state = row.state;
-        work = row.work;
-        source = e.pending_source;
-        kind = row.special ? special : plain;
-    }
 };
 
 // Finish the stage of one vector.
@@ -175,8 +166,9 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     });
 }
 
-template <class V, class Real, bool special>
-CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+template <class V, class Real, bool special, Stage stage>
+CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    if constexpr (stage != any_stage) return finish_stage<V, Real, special, stage>(e, row, k);
     switch (e.stage) {
         case Stage::first: return finish_stage<V, Real, special, Stage::first>(e, row, k);
         case Stage::second: return finish_stage<V, Real, special, Stage::second>(e, row, k);
@@ -188,18 +180,19 @@ CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRo
 
 // Rows with something that most do without: mass or damping per point, pinned points or padding.
 template <class V, class Real>
-__attribute__((noinline)) void finish_special(const EdgeArguments<Real>& e, int k) {
-    finish_vector<V, Real, true>(e, PendingRow<Real>(e), k);
+__attribute__((noinline)) void finish_special(const EdgeArguments<Real>& e, const PendingRow<Real>& row) {
+    for (int k = 0; k < e.vectors; ++k) finish<V, Real, true, any_stage>(e, row, k);
 }
 
-template <class V, class Real, Stage stage>
-CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
-    if (__builtin_expect(row.kind == PendingRow<Real>::plain, 1)) {
-        if constexpr (stage == any_stage) finish_vector<V, Real, false>(e, row, k);
-        else finish_stage<V, Real, false, stage>(e, row, k);
-    } else if (row.kind == PendingRow<Real>::special) {
-        finish_special<V, Real>(e, k);
-    }
+// The pending row. A special one is finished at once.
+template <class V, class Real>
+CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
+    if (e.pending < 0) return {};
+    const EdgeRowPointers<Real>& row = e.rows[e.pending];
+    const PendingRow<Real> pending{true, row.state, row.work, e.pending_source, e.force};
+    if (__builtin_expect(!row.special, 1)) return pending;
+    finish_special<V>(e, pending);
+    return {};
 }
 
 // Where a vector stands among those of its row: how many of its springs along the row lead past the last vector.
@@ -293,7 +286,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             if constexpr (shear) behind = vertical || bend_down ? behind + pair : pair;
             Vector3<V> before = load3<V>(received + vector, W);
             if constexpr (vertical || shear || bend_down) before = before - behind;
-            finish<V, Real, stage>(e, pending, k);
+            if (__builtin_expect(pending.there, 1)) finish<V, Real, false, stage>(e, pending, k);
             if constexpr (along_2) root(to_side_2);
             Vector3<V> within = to_next;
             to_next = to_next_2;
@@ -361,7 +354,7 @@ template <class Arch, class Real, int index>
 void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
     const auto run = [&]<bool has_below, bool has_below_2>() {
         edge_row<Arch, Real, index, any_stage, 0, true, has_below, has_below_2>(e, source, e.received[0], e.received[1],
-                                                                                 PendingRow<Real>(e));
+                                                                                  pending_row<Lanes<Real, Arch>>(e));
     };
     if (source.below_2) run.template operator()<true, true>();
     else if (source.below) run.template operator()<true, false>();
@@ -376,8 +369,8 @@ void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source
 template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
-    const PendingRow<Real> pending(e);
-    for (int k = 0; k < e.vectors; ++k) finish<V, Real, any_stage>(e, pending, k);
+    const PendingRow<Real> pending = pending_row<V>(e);
+    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, false, any_stage>(e, pending, k);
     end_pending<V>(e);
     e.pending = -1;
 }
@@ -391,7 +384,7 @@ __attribute__((noinline)) void edge_rows(EdgeArguments<Real>& e, int begin, int 
     Real* hand_down = e.received[1];
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, PendingRow<Real>(e));
+        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, pending_row<Lanes<Real, Arch>>(e));
         std::swap(received, hand_down);
         end_pending<Lanes<Real, Arch>>(e);
         e.pending = row;
@@ -447,7 +440,7 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
             else hand.template operator()<false>(e.coefficient_class[k]);
         }
     }
-    edge_row<Arch, Real, index, any_stage, 0, false, true, true>(e, before, e.received[0], e.received[1], PendingRow<Real>(e));
+    edge_row<Arch, Real, index, any_stage, 0, false, true, true>(e, before, e.received[0], e.received[1], {});
     std::swap(e.received[0], e.received[1]);
 }
 

@@ -24,7 +24,7 @@ template <class Real, class Layout>
 class ContactPass {
 public:
     ContactPass(const Plan& plan, const Layout& layout)
-        : plan_(plan), layout_(layout), kernel_(contact_kernel<Real>(plan.kernels->name)) {
+        : plan_(plan), layout_(layout), kernel_(contact_kernel<Real>(plan.kernels->name, plan.strict)) {
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);
@@ -36,13 +36,13 @@ public:
         const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
         open_.assign(vectors, 0);
         left_over_.assign(vectors, 0);
-        free_.assign(vectors * std::size_t(lanes), 0.0);
+        free_.assign(vectors, 0);
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
                 for (int l = 0; l < lanes; ++l) {
                     const int column = layout.column(j, l, lanes);
                     const bool moves = column < plan.cloth.columns && !plan.cloth.pinned[std::size_t(r * plan.cloth.columns + column)];
-                    free_[std::size_t((r * geometry_.vectors + j) * lanes + l)] = moves ? 1 : 0;
+                    free_[index(r, j)] |= std::uint64_t(moves) << l;
                 }
         lanes_ = lanes;
     }
@@ -182,8 +182,7 @@ private:
     bool current_ = false;  // whether `before_` is the state
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_;
-    std::vector<std::uint64_t> left_over_;
-    std::vector<double> free_;
+    std::vector<std::uint64_t> left_over_, free_;
     std::vector<SweptSphere> swept_;
     SeparatingPlanes planes_;
     ContactReport report_;

@@ -6,6 +6,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.contact import crossings, drop, resting, under_whole_cloth
+from clothsim.contact.physics import on_sphere
 
 CENTER = np.array([0.2, -0.3, 0.1])
 RADIUS = 0.5
@@ -123,6 +124,20 @@ def test_bits_do_not_depend_on_threads_batch_or_cuts(same_bits, precision, offse
     assert same_bits((stepper.positions, stepper.velocities), expected)
 
 
+def test_bits_do_not_depend_on_threads_in_a_cloth_worth_several(same_bits):
+    """Contact has a second thread from 2 x 8,192 points on."""
+    cloth = cs.Cloth((129, 131), stiffness=300.0, pins=())
+    sphere = cs.Sphere((0.5, -0.6, 0.5), 0.6, cs.Linear((0, 4.0, 0)), "continuous", "none", 0.2, 0.3)
+    scene = cs.Scene(cloth, sphere)
+    x, v = scene.initial_position, scene.initial_velocity
+    expected = cs.step(scene, x, v, 4e-5, 60, threads=1)
+    assert (np.abs(expected[1][..., 1] - 4.0) < 2.0).sum() > 100
+    for threads in (2, 3):
+        assert same_bits(cs.step(scene, x, v, 4e-5, 60, threads=threads), expected)
+    deep = cs.penetration(expected[0], sphere, 60 * 4e-5)
+    assert deep["points"] == 0
+
+
 def test_strict_bits_are_those_of_every_instruction_set(monkeypatch, same_bits):
     scene = cs.scenes.paper_moving("continuous", phase=0.48, period=2.0)
     scene = scene.replace(velocity=np.where(scene.cloth.pinned[..., None], 0, (0.1, -1.0, 0.2)))
@@ -142,6 +157,13 @@ def test_strict_bits_are_those_of_every_instruction_set(monkeypatch, same_bits):
 def test_nothing_passes():
     """0 inside and 0 through; `clothsim contact --full` fires the 1e8."""
     result = crossings(400_000)
+    assert result["hits"] > 50_000
+    assert result["inside"] == 0 and result["crossings"] == 0 and result["deepest"] <= 0
+
+
+def test_nothing_passes_in_single():
+    """Its state is single, compensated; the time of impact is found in double all the same."""
+    result = crossings(400_000, seed=3, precision="single")
     assert result["hits"] > 50_000
     assert result["inside"] == 0 and result["crossings"] == 0 and result["deepest"] <= 0
 
@@ -228,6 +250,36 @@ def test_what_rests_stays_at_rest_for_1e6_steps():
     result = resting(10**6)
     assert result["touching"] == 64
     assert result["depth"] == 0 and result["normal_jitter"] < 1e-6
+
+
+@pytest.mark.parametrize("restitution, friction", [(0.0, 0.0), (0.0, 0.6), (0.5, 0.1)])
+def test_the_fast_way_at_rest_is_the_strict_one(restitution, friction):
+    """A sheet that lies on a sphere on its way, pinned in a corner: it slides or sticks.
+
+    With restitution the speed that is left of a press is the root of a difference that vanishes.
+    """
+    motion = cs.Linear((0.3, 0.2, -0.1))
+    sphere = cs.Sphere((0.1, -2, 0.2), 2, motion, "continuous", "none", restitution, friction)
+    cloth = cs.Cloth((12, 11), (0.5, 0.5), 1.3, 300.0, 0.3, pins=((0, 0),))
+    x = on_sphere(cloth, sphere.center, sphere.radius, 0.1)
+    v = np.where(cloth.pinned[..., None], 0, motion.velocity + np.array((0.05, -0.2, 0.03)))
+    x[0, 0, 1] += 0.2
+    scene = cs.Scene(cloth, sphere, position=x, velocity=v)
+    dt, free, answered = 1e-4, scene.replace(spheres=()), 0
+    bound = 1e-13 if restitution == 0 else 1e-8
+    stepper = cs.Stepper(scene)
+    for k in range(30):
+        stepper.advance(10, dt)
+        state, t = (stepper.positions, stepper.velocities), stepper.time
+        exact = cs.step(scene, *state, dt, t=t, strict=True)
+        fast = cs.step(scene, *state, dt, t=t)
+        untouched = cs.step(free, *state, dt)
+        answered += int((untouched[1] != fast[1]).any(axis=-1).sum())
+        flown = np.abs(fast[1] - exact[1]).max(axis=-1) > 1e-4  # one takes off, the other stays
+        assert flown.sum() <= 2
+        for mine, theirs, scale in zip(fast, exact, (1, 10), strict=True):
+            assert np.abs(mine - theirs)[~flown].max() < scale * bound
+    assert answered > 30
 
 
 def test_rest_keeps_no_trace_of_the_time_step():

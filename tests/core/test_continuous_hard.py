@@ -53,6 +53,37 @@ def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, pre
     assert np.abs(stepper.velocities).max() < 1e-3
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_earliest_of_two_spheres_on_the_way_is_met(order):
+    """Both stand in the way: back from the first, whatever the order in the scene."""
+    spheres = [ball((2.0, 0, 0)), ball((4.0, 0, 0))][::order]
+    stepper = cs.Stepper(lone((0, 0, 0), spheres, (10.0, 0, 0)))
+    stepper.advance(1, 1.0)
+    np.testing.assert_allclose(stepper.positions[0, 0], (-7.0, 0, 0), rtol=0, atol=1e-13)
+
+
+def test_a_pinned_point_that_lies_on_a_sphere_is_not_moved():
+    """On the surface to a quarter of the slop (4 ulp of |centre| + radius), and pressed."""
+    above = (0, 0.5 + 4.5 * np.finfo(float).eps * 0.5, 0)
+    scene = lone(above, ball((0, 0, 0), motion=cs.Linear((0, 1e-3, 0)), restitution=0.0), pinned=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cs.ContactWarning)
+        x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3)
+    np.testing.assert_array_equal(x[0, 0], above)
+    assert (v == 0).all()
+
+
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("which", [0, 7, 8, 10])
+def test_every_one_of_eleven_spheres_is_met(which, kernel):
+    """They are looked at eight by eight; the point is fired at one, the others stand aside."""
+    spheres = [ball((3.0 * k, 0, 0)) for k in range(11)]
+    stepper = cs.Stepper(lone((3.0 * which, 1.0, 0), spheres, (0, -4.0, 0)), kernel=kernel)
+    stepper.advance(1, 0.25)
+    np.testing.assert_allclose(stepper.positions[0, 0], (3.0 * which, 1.0, 0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(stepper.velocities[0, 0], (0, 4.0, 0), rtol=0, atol=1e-13)
+
+
 def test_spheres_that_close_squeeze_a_point_out():
     """It leaves along the circle where they meet, and is never inside."""
     spheres = [
