@@ -56,7 +56,10 @@ void store(SharedSimulation& shared, Array<T>& x, Array<T>& v) {
 }
 
 // What the errors of python/clothsim/_state.py are made from.
-void tell(const std::optional<Outcome::Unstable>& unstable, py::dict& result) {
+void tell(const Outcome& outcome, py::dict& result) {
+    if (outcome.pinned_inside)
+        result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
+    const auto& unstable = outcome.unstable;
     if (!unstable) return;
     result["member"] = unstable->member;
     result["point"] = unstable->point;
@@ -65,7 +68,8 @@ void tell(const std::optional<Outcome::Unstable>& unstable, py::dict& result) {
     result["shut_in"] = unstable->shut_in;
 }
 
-py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
+// None where all steps were done and there is nothing to tell: a call may be shorter than the making of a dict.
+std::optional<py::dict> advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
     Outcome outcome;
     {
@@ -73,11 +77,9 @@ py::dict advance(SharedSimulation& shared, std::int64_t steps, double dt, int th
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
     if (outcome.interrupted) throw py::error_already_set();
+    if (!outcome.unstable && !outcome.pinned_inside) return std::nullopt;
     py::dict result;
-    result["steps"] = outcome.steps;
-    tell(outcome.unstable, result);
-    if (outcome.pinned_inside)
-        result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
+    tell(outcome, result);
     return result;
 }
 
@@ -105,7 +107,8 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     result["steps"] = outcome.steps;
     result["rejected"] = outcome.rejected;
     result["contacts"] = outcome.contacts;
-    tell(outcome.unstable, result);
+    result["error"] = outcome.error;
+    tell(outcome, result);
     return result;
 }
 
@@ -121,6 +124,18 @@ std::vector<double> largest_stretch_of(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::gil_scoped_release release;
     return simulation->largest_stretch();
+}
+
+void carry(SharedSimulation& shared, const Array<double>& x, const Array<double>& v, Array<double>& e,
+           Array<double>& w, double duration, int substeps, double damping_part, double displacement, int threads) {
+    auto simulation = shared.use();
+    const py::ssize_t size = py::ssize_t(simulation->member(0).raw_state().size() - 3) / 2;
+    if (simulation->size() != 1 || x.size() != size || v.size() != size || e.size() != size || w.size() != size)
+        throw std::invalid_argument("a perturbation is carried of one cloth, in arrays of its shape");
+    const double *px = x.data(), *pv = v.data();
+    double *pe = e.mutable_data(), *pw = w.mutable_data();
+    py::gil_scoped_release release;
+    simulation->carry(px, pv, pe, pw, {duration, substeps, damping_part, displacement, threads});
 }
 
 py::tuple snapshot(SharedSimulation& shared) {
@@ -179,6 +194,8 @@ void bind_simulation(py::module_& m) {
         })
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("carry", &carry, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(),
+             py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
         .def_property_readonly("contacts", [](S& s) {
             auto simulation = s.use();
             std::vector<std::int64_t> contacts;
@@ -197,7 +214,10 @@ void bind_simulation(py::module_& m) {
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {
             auto simulation = s.use();
-            for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).track_contact_energy = on;
+            for (std::size_t i = 0; i < simulation->size(); ++i) {
+                simulation->member(i).track_contact_energy = on;
+                simulation->restart(i);
+            }
         })
         .def_property_readonly("contact_energy", [](S& s) {
             auto simulation = s.use();

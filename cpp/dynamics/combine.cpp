@@ -1,11 +1,7 @@
 #include "dynamics/combine.hpp"
 
-// One version of each function for every instruction set, chosen when the library is loaded.
-#if defined(__x86_64__) && defined(__linux__)
-#define CLOTHSIM_VERSIONS __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define CLOTHSIM_VERSIONS
-#endif
+#include "simulation/versions.hpp"
+
 #define CLOTHSIM_INLINE inline __attribute__((always_inline))
 
 namespace clothsim {
@@ -70,16 +66,16 @@ CLOTHSIM_INLINE void for_each_block(const FieldLayout& f, int begin, int end, co
 
 // Kahan's compensated summation, as in the kernels.
 template <class B, class Real>
-CLOTHSIM_INLINE void add(Real* value, std::ptrdiff_t compensation, const B& increment) {
+CLOTHSIM_INLINE void add(const Real* value, Real* result, std::ptrdiff_t compensation, const B& increment) {
     const B old = B::load(value);
     if (compensation == 0) {
-        (old + increment).store(value);
+        (old + increment).store(result);
         return;
     }
     const B all = increment + B::load(value + compensation);
     const B next = old + all;
-    (all - (next - old)).store(value + compensation);
-    next.store(value);
+    (all - (next - old)).store(result + compensation);
+    next.store(result);
 }
 
 // Calls `work` with the block type that divides the runs of the field: a run is three vectors of the edge kernel's
@@ -108,13 +104,14 @@ CLOTHSIM_INLINE void combine_any(const FieldLayout& f, int begin, int end, const
 }
 
 template <class Real>
-CLOTHSIM_INLINE void advance_any(const FieldLayout& f, int begin, int end, Real* state, const Combination<Real>& sum) {
+CLOTHSIM_INLINE void advance_any(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
+                                 const Combination<Real>& sum) {
     with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
         using B = decltype(block);
-        for_each_block<B>(f, begin, end, static_cast<const Real*>(state), sum,
+        for_each_block<B>(f, begin, end, from, sum,
                           [&](int, std::ptrdiff_t at, const B& dx, const B& dv) __attribute__((always_inline)) {
-            add(state + at, f.compensation, dx);
-            add(state + at + f.velocity, f.compensation, dv);
+            add(from + at, to + at, f.compensation, dx);
+            add(from + at + f.velocity, to + at + f.velocity, f.compensation, dv);
         });
     });
 }
@@ -156,13 +153,13 @@ CLOTHSIM_VERSIONS void combine(const FieldLayout& field, int begin, int end, con
                                const Combination<double>& sum) {
     combine_any(field, begin, end, from, to, sum);
 }
-CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, float* state,
+CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, const float* from, float* to,
                                     const Combination<float>& sum) {
-    advance_any(field, begin, end, state, sum);
+    advance_any(field, begin, end, from, to, sum);
 }
-CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, double* state,
+CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,
                                     const Combination<double>& sum) {
-    advance_any(field, begin, end, state, sum);
+    advance_any(field, begin, end, from, to, sum);
 }
 CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const float* state,
                                    const Combination<float>& sum, RowSquares* rows) {

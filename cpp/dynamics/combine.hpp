@@ -31,9 +31,11 @@ void combine(const FieldLayout& field, int begin, int end, const float* from, fl
 void combine(const FieldLayout& field, int begin, int end, const double* from, double* to,
              const Combination<double>& sum);
 
-// The same in place, with what rounding takes kept where the state is compensated.
-void advance_rows(const FieldLayout& field, int begin, int end, float* state, const Combination<float>& sum);
-void advance_rows(const FieldLayout& field, int begin, int end, double* state, const Combination<double>& sum);
+// The same with what rounding takes kept where the state is compensated; `to` may be `from`.
+void advance_rows(const FieldLayout& field, int begin, int end, const float* from, float* to,
+                  const Combination<float>& sum);
+void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,
+                  const Combination<double>& sum);
 
 // Sums of squares of dx and of dv over each row, for its own whichever rows there are; `state` gives the velocities.
 struct RowSquares {

@@ -1,23 +1,14 @@
 // Every integrator but the fused RK4 of the kernels, on top of an engine that can evaluate accelerations at any
-// state: each thread has a band of rows and combines states and accelerations element by element.
-//
-// Stage by stage a thread writes its rows of the next stage state, waits for the others, and evaluates its rows of
-// the acceleration, for which it reads two rows on either side. The stage states alternate between two arrays, so
-// that one barrier a stage is enough: who writes one array knows that all others have left it, as they have passed the
-// barrier of the stage between.
+// state: each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
 #pragma once
 
-#include <omp.h>
-
 #include <array>
-#include <atomic>
-#include <memory>
 
 #include "dynamics/adaptive.hpp"
+#include "dynamics/bands.hpp"
 #include "dynamics/combine.hpp"
 #include "dynamics/implicit.hpp"
 #include "dynamics/methods.hpp"
-#include "simulation/state_engine.hpp"
 
 namespace clothsim {
 
@@ -59,15 +50,17 @@ public:
         }
         contact_[0] = contact_[1] = false;
         bool known_after = false;
-        in_bands(threads, [&](const Band& band) {
+        if (scheme_ == Scheme::explicit_rk) plan_stages(clock.dt, this->memory_);
+        in_bands(threads, [&](Band<Real>& band) {
             bool known = this->acceleration_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
-                if (band.first) contact_[(k + 1) & 1] = false;
-                switch (scheme_) {
-                    case Scheme::splitting: advance_splitting(band, clock.dt); break;
-                    case Scheme::verlet: advance_verlet(band, clock.dt, known); break;
-                    default: advance_explicit(band, clock.dt); break;
+                if (scheme_ == Scheme::explicit_rk) {
+                    advance_explicit(band, clock.at(k));
+                    continue;
                 }
+                if (band.first) contact_[(k + 1) & 1] = false;
+                if (scheme_ == Scheme::splitting) advance_splitting(band, clock.dt);
+                else advance_verlet(band, clock.dt, known);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
                 known = scheme_ == Scheme::verlet && !contact;
                 band.barrier();
@@ -75,6 +68,20 @@ public:
             if (band.first) known_after = known;
         });
         this->acceleration_known_ = known_after;
+    }
+
+    // Not the engine's own: it keeps addresses of its memory, and steps that are accepted change places with it.
+    void accelerations(double* a, int threads) override {
+        if (!explicit_) {
+            Base::accelerations(a, threads);
+            return;
+        }
+        const std::int64_t before = this->evaluations;
+        in_bands(threads, [&](Band<Real>& band) { evaluate(band, this->memory_, 0); });
+        this->evaluations = before;
+        for (int r = 0; r < this->rows(); ++r)
+            for (int c = 0; c < this->columns(); ++c)
+                for (int k = 0; k < 3; ++k) *a++ = double(acceleration(0)[acceleration_at(r, c, k)]);
     }
 
     AdaptiveEngine* adaptive() override { return explicit_ && !explicit_->errors.empty() ? this : nullptr; }
@@ -85,17 +92,20 @@ public:
 
     double try_step(double h, const Tolerance& tolerance, int threads) override {
         const ExplicitMethod& m = *explicit_;
-        in_bands(threads, [&](const Band& band) {
-            if (!this->acceleration_known_) evaluate(band, this->memory_.data(), 0);
-            run_stages(band, h, this->memory_);
-            combine_band(band, this->memory_, result_, m.result, h);
-            if (m.error_needs_end) {
-                band.barrier();
-                evaluate(band, result_.data(), m.stages);
-            }
+        plan_stages(h, this->memory_);
+        std::array<Combination<Real>, 2> errors;
+        for (std::size_t e = 0; e < m.errors.size(); ++e)
+            errors[e] = combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v);
+        const auto estimate = [&](int r) {
             for (std::size_t e = 0; e < m.errors.size(); ++e)
-                square_rows(field_, band.begin, band.end, this->memory_.data(),
-                            combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v), row_squares_[e].data());
+                square_rows(field_, r, r + 1, this->memory_.data(), errors[e], row_squares_[e].data());
+        };
+        in_bands(threads, [&](Band<Real>& band) {
+            run_stages(band, this->acceleration_known_, [&](int r) {
+                advance_rows(field_, r, r + 1, this->memory_.data(), result_.data(), result_sum_);
+                if (!m.error_needs_end) estimate(r);
+            });
+            if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
         });
         this->acceleration_known_ = true;
         step_ = h;
@@ -110,12 +120,10 @@ public:
     }
 
     bool accept_step(double t, int threads) override {
-        previous_ = this->memory_;
+        previous_.swap(this->memory_);
+        this->memory_.swap(result_);
         contact_[0] = false;
-        in_bands(threads, [&](const Band& band) {
-            advance_band(band, explicit_->result, step_);
-            collide(band, t, contact_[0]);
-        });
+        if (!this->plan_.spheres.empty()) in_bands(threads, [&](Band<Real>& band) { collide(band, t, contact_[0]); });
         // The acceleration at the end is the first one of the next step, unless a contact has changed the state since.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
         this->acceleration_known_ = explicit_->error_needs_end && !contact_[0];
@@ -160,10 +168,12 @@ public:
         const bool interpolated = !m.dense_factors.empty();
         // The first and the last acceleration have changed places since the step.
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
-        in_bands(threads, [&](const Band& band) {
-            if (!interpolated) run_stages(band, part * step_, previous_);
-            combine_band(band, previous_, result_, interpolated ? m.dense(part) : m.result,
-                         interpolated ? step_ : part * step_);
+        plan_stages(interpolated ? step_ : part * step_, previous_);
+        if (interpolated) result_sum_ = combination(m.dense(part), step_);
+        const auto finish = [&](int r) { combine(field_, r, r + 1, previous_.data(), result_.data(), result_sum_); };
+        in_bands(threads, [&](Band<Real>& band) {
+            if (!interpolated) run_stages(band, true, finish);
+            else for (int r = band.begin; r < band.end; ++r) finish(r);
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         for (int r = 0; r < this->rows(); ++r)
@@ -175,40 +185,29 @@ public:
     }
 
 private:
-    static constexpr int fewest_rows = 8;  // of a band
-
-    struct Band {
-        int begin, end;
-        bool first, alone;
-        FieldScratch<Real>* scratch;
-        void barrier() const {
-            if (alone) return;
-#pragma omp barrier
-        }
-    };
-
     template <class Work>
     void in_bands(int threads, Work work) {
-        const int rows = this->rows();
-        const int team = this->track_contact_energy ? 1 : std::max(1, std::min(threads, rows / fewest_rows));
-        if (scratch_.size() < std::size_t(team)) scratch_.resize(std::size_t(team));
-        if (team == 1) {
-            work(Band{0, rows, true, true, &scratch_[0]});
-            return;
-        }
-#pragma omp parallel num_threads(team)
-        {
-            const int n = omp_get_num_threads(), t = omp_get_thread_num();
-            work(Band{int(std::int64_t(rows) * t / n), int(std::int64_t(rows) * (t + 1) / n), t == 0, n == 1,
-                      &scratch_[std::size_t(t)]});
-        }
+        bands_.run(this->rows(), this->track_contact_energy ? 1 : threads, work);
     }
 
     Real* acceleration(int index) {
         return accelerations_.data() + field_.acceleration(slot_[std::size_t(index)]);
     }
-    void evaluate(const Band& band, const Real* state, int index) {
-        Base::evaluate(state, acceleration(index), band.begin, band.end, *band.scratch);
+    // Accelerations at a version of the state into slot `index`; after each row `then(row)` makes the next version of it.
+    template <class Then>
+    void sweep(Band<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
+        if (band.near) wait_for(band.near->near, band.version);
+        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
+        band.each_row([&, made = 0](int i) mutable {
+            for (const int known = this->sweep_row(i, *band.scratch); made < known; ++made) then(band.row(made));
+            return made;
+        });
+        if (band.first) ++this->evaluations;
+    }
+    // The same for those who wait at barriers.
+    void evaluate(Band<Real>& band, const AlignedVector<Real>& state, int index) {
+        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
+        for (int i = 0; i < band.size(); ++i) this->sweep_row(i, *band.scratch);
         if (band.first) ++this->evaluations;
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
@@ -219,35 +218,50 @@ private:
                 sum.add(acceleration(int(l)), w.x[l] * h * h * scale_x, w.v[l] * h * scale_v);
         return sum;
     }
-    void combine_band(const Band& band, const AlignedVector<Real>& from, AlignedVector<Real>& to, const Weights& w,
-                      double h) {
-        combine(field_, band.begin, band.end, from.data(), to.data(), combination(w, h));
-    }
-    void advance_band(const Band& band, const Weights& w, double h) {
-        advance_rows(field_, band.begin, band.end, this->memory_.data(), combination(w, h));
-    }
-    void kick_drift(const Band& band, double drift, double kick, double kick_in_x) {
+    void kick_drift(const Band<Real>& band, double drift, double kick, double kick_in_x) {
         Combination<Real> sum;
         sum.drift = Real(drift);
         sum.add(acceleration(0), kick_in_x, kick);
-        advance_rows(field_, band.begin, band.end, this->memory_.data(), sum);
+        advance_rows(field_, band.begin, band.end, this->memory_.data(), this->memory_.data(), sum);
     }
 
-    // The stages from the second on, from `state` whose acceleration is known.
-    void run_stages(const Band& band, double h, const AlignedVector<Real>& state) {
-        for (int s = 1; s < explicit_->stages; ++s) {
-            AlignedVector<Real>& stage = stages_[s & 1];
-            combine_band(band, state, stage, explicit_->stage[std::size_t(s)], h);
-            band.barrier();
-            evaluate(band, stage.data(), s);
-        }
+    // The sums of a step of h from `from`, for `run_stages`.
+    void plan_stages(double h, const AlignedVector<Real>& from) {
+        from_ = from.data();
+        stage_sums_.clear();
+        for (int s = 1; s < explicit_->stages; ++s)
+            stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
+        result_sum_ = combination(explicit_->result, h);
     }
-    void advance_explicit(const Band& band, double h) {
-        evaluate(band, this->memory_.data(), 0);
-        run_stages(band, h, this->memory_);
-        advance_band(band, explicit_->result, h);
+    // The sweeps of a planned step; `known`: the acceleration at its start is. `finish(row)` after the last of them.
+    template <class Finish>
+    void run_stages(Band<Real>& band, bool known, Finish finish) {
+        const auto next_stage = [&](int s) {
+            return [this, s](int r) {
+                combine(field_, r, r + 1, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
+            };
+        };
+        if (known)
+            band.each_row([&](int i) {
+                next_stage(0)(band.row(i));
+                return i + 1;
+            });
+        else sweep(band, this->memory_, 0, next_stage(0));
+        const int last = explicit_->stages - 1;
+        for (int s = 1; s < last; ++s) sweep(band, stages_[s & 1], s, next_stage(s));
+        sweep(band, stages_[last & 1], last, finish);
     }
-    void advance_splitting(const Band& band, double h) {
+    void advance_explicit(Band<Real>& band, double t) {
+        const bool tracked = this->track_contact_energy;
+        std::vector<Contact> contacts;
+        if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
+        run_stages(band, false, [&](int r) {
+            advance_rows(field_, r, r + 1, this->memory_.data(), this->memory_.data(), result_sum_);
+            if (!contacts.empty()) this->collide_rows(r, r + 1, contacts);
+        });
+        if (tracked) this->collide_all(t);
+    }
+    void advance_splitting(Band<Real>& band, double h) {
         const Splitting& s = *method_.splitting;
         if (s.drifts[0] != 0) {
             kick_drift(band, s.drifts[0] * h, 0, 0);
@@ -255,19 +269,19 @@ private:
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
             if (i > 0) band.barrier();
-            evaluate(band, this->memory_.data(), 0);
+            evaluate(band, this->memory_, 0);
             band.barrier();
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
         }
     }
-    void advance_verlet(const Band& band, double h, bool known) {
+    void advance_verlet(Band<Real>& band, double h, bool known) {
         if (!known) {
-            evaluate(band, this->memory_.data(), 0);
+            evaluate(band, this->memory_, 0);
             band.barrier();
         }
         kick_drift(band, h, h / 2, h * h / 2);
         band.barrier();
-        evaluate(band, this->memory_.data(), 0);
+        evaluate(band, this->memory_, 0);
         band.barrier();
         kick_drift(band, 0, h / 2, 0);
     }
@@ -279,7 +293,7 @@ private:
     }
 
     // The collision pass over the band; whether any point of the cloth was found inside, the same for all threads.
-    bool collide(const Band& band, double t, std::atomic<bool>& found) {
+    bool collide(const Band<Real>& band, double t, std::atomic<bool>& found) {
         if (this->plan_.spheres.empty()) return false;
         if (this->track_contact_energy) {
             this->collide_all(t);
@@ -288,6 +302,13 @@ private:
         if (this->collide_rows(band.begin, band.end, this->contacts(t))) found = true;
         band.barrier();
         return found;
+    }
+
+    // Where component k of a point's acceleration lies: in the row as in the state, but for the step from run to run.
+    std::ptrdiff_t acceleration_at(int r, int c, int k) const {
+        const std::ptrdiff_t in_row = this->layout_.at(r, c, k) - field_.origin - r * field_.row;
+        return field_.acceleration_origin + r * field_.acceleration_row +
+               in_row / field_.run * field_.acceleration_run + in_row % field_.run;
     }
 
     // Components from `first` on: 0, the position, or 3, the velocity.
@@ -306,7 +327,10 @@ private:
     AlignedVector<Real> accelerations_;
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
-    std::vector<FieldScratch<Real>> scratch_;  // of the threads
+    Bands<Real> bands_;
+    const Real* from_ = nullptr;  // where the planned step starts, and its sums
+    std::vector<Combination<Real>> stage_sums_;
+    Combination<Real> result_sum_;
     std::array<std::atomic<bool>, 2> contact_{};
 
     AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted

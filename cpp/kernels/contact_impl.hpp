@@ -118,7 +118,7 @@ __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>
             v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
         });
         const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
-        const auto asked = MaskOf<D>::from_mask(lanes >> l & part), moves = MaskOf<D>::from_mask(free >> l & part);
+        const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
         left_over |= std::uint64_t((asked & (m.in_the_air | (m.answered & !moves))).mask()) << l;
         const auto answered = asked & m.answered & moves;
         if (xsimd::none(answered)) continue;
@@ -155,7 +155,7 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 if (left_over && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
                         left_over = resting.answer(g, a.state + at, a.before + at, near,
-                                                   xsimd::batch_bool<Real, Arch>::from_mask(a.free[index]));
+                                                   lanes_of<Lanes<Real, Arch>>(a.free[index]));
                     if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over);
                 }
                 if (left_over) a.left_over(a.context, row, vector, left_over);

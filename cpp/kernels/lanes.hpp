@@ -3,6 +3,7 @@
 // function compiled for one instruction set can be picked by the linker for another.
 #pragma once
 
+#include <cstdint>
 #include <utility>
 #include <xsimd/xsimd.hpp>
 
@@ -102,6 +103,20 @@ CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
     V out[1];
     scaled_reciprocal_roots(in, out);
     return out[0];
+}
+
+// The lanes whose bit is set. (xsimd looks them up in a table where there are no mask registers: a symbol that the files of
+// all instruction sets would share.)
+template <class V>
+CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
+#if defined(__AVX512F__)
+    return V::batch_bool_type::from_mask(bits);
+#else
+    using Real = typename V::value_type;
+    alignas(64) Real set[V::size];
+    for (int l = 0; l < int(V::size); ++l) set[l] = Real(bits >> l & 1);
+    return V::load_aligned(set) != V(Real(0));
+#endif
 }
 
 // Lane l takes lane l - 1, lane 0 takes 0.

@@ -3,10 +3,12 @@
 // Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step methods, so a
 // contact is answered at the end of the step in which it began. So that none is skipped, a step is bounded near
 // the spheres (AdaptiveEngine::contact_step): once by the velocities before it, and once more, when it has been tried,
-// by those after it; a step that was too long is tried again.
+// by those after it; a step that was too long is tried again. Continuous spheres have the whole way between the ends of
+// the step tested; as their contacts begin within it, steps then end at frames instead of being interpolated.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <utility>
 
 #include "simulation/simulation.hpp"
 
@@ -30,6 +32,9 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
     AdaptiveOutcome outcome;
+    const bool continuous = engine.has_continuous();
+    const double end = continuous ? request.until : request.end;
+    steps_kept_ = none_kept;
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     auto last_poll = steady_clock::now();
@@ -37,7 +42,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         const auto start = steady_clock::now();
         const int team = request.optional && !choice_.team() ? 1 : request.threads;
         const double wanted = std::min(controller.h, request.longest);
-        const double left = request.end - t;
+        const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
         double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
         h = adaptive.contact_step(t, h, false);
@@ -64,9 +69,18 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         if (accepted) {
             last_begin_ = t;
             last_step_ = h;
-            t = h == left ? request.end : t + h;
-            outcome.contacts += adaptive.accept_step(t, team);
+            const double next = h == left ? end : t + h;
+            outcome.contacts += engine.accept_in_contact(t, next, team);
+            const std::int64_t shut_in = std::exchange(engine.contact_report.shut_in, -1);
+            if (shut_in >= 0) {
+                outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, next, true};
+                return outcome;
+            }
+            const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);
+            if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {0, pinned};
+            t = next;
             outcome.steps += 1;
+            outcome.error = error;
             clock = {t, 0, 0};
             // A step cut short by the end says nothing against longer ones.
             if (h < wanted) controller.h = std::max(controller.h, wanted);
@@ -74,7 +88,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.rejected += 1;
         }
         const double seconds = seconds_since(start);
-        if (request.optional && request.threads > 1) choice_.observe(seconds, seconds);
+        if (request.optional && request.threads > 1) choice_.observe(1, seconds);
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {
                 outcome.interrupted = true;

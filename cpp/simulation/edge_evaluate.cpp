@@ -1,5 +1,5 @@
-// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, for a
-// band of rows, by the kernel's `evaluate` stage.
+// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, row by
+// row of a band, by the kernel's `evaluate` stage.
 //
 // That stage writes an acceleration where a work record holds the first one. So the records of four stages
 // share the place of one work record, a quarter each, and nothing lies unused between them.
@@ -32,28 +32,37 @@ FieldLayout EdgeEngine<Real>::field() const {
 }
 
 template <class Real>
-void EdgeEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch) {
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
+                                   FieldScratch<Real>& scratch) {
     scratch.values.resize(std::size_t(scratch_size()));
-    // The band and the two rows after it, at which its last ones look. That stage only reads their state.
-    const int known = std::min(end + 2, rows());
-    scratch.rows.resize(std::size_t(known - begin));
-    const FieldLayout f = field();
-    for (int r = begin; r < known; ++r)
-        scratch.rows[std::size_t(r - begin)] = {
-            const_cast<Real*>(state) + r * f.row, acceleration + r * f.acceleration_row, free_.data() + r * layout_.width(),
-            inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(),
-            is_special(r)};
-
-    EdgeArguments<Real> e = arguments(Stage::evaluate, 0, scratch.values.data());
+    scratch.band = band;
+    // The band and the two rows after it, at which its last ones look. The stage only reads their state.
+    const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
+    const std::ptrdiff_t acceleration_row = layout_.vectors * WorkRecord::count * layout_.lanes;
+    scratch.rows.clear();
+    for (int i = 0; i < band.size() + 2 && there(i); ++i) {
+        const int r = band.row(i);
+        scratch.rows.push_back({const_cast<Real*>(state) + r * layout_.row_size(), acceleration + r * acceleration_row,
+                                free_.data() + r * layout_.width(),
+                                inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(), is_special(r)});
+    }
+    EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
     e.rows = scratch.rows.data();
 
-    const auto row = [&](int r) { return r < rows() ? state + r * f.row : nullptr; };
-    if (begin == 0) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
-    else halo_kernel_(e, {row(begin - 2), nullptr, row(begin)}, {row(begin - 1), row(begin), row(begin + 1)});
-    const int inner = std::max(begin, known - 2);
-    waves_kernel_(&e, 1, 0, 0, inner - begin);
-    for (int r = inner; r < end; ++r) stage_kernel_(e, r - begin, {row(r), row(r + 1), row(r + 2)});
-    finish_kernel_(e);
+    const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
+    if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    else halo_kernel_(e, {source(-2), nullptr, source(0)}, {source(-1), source(0), source(1)});
+}
+
+template <class Real>
+int EdgeEngine<Real>::sweep_row(int i, FieldScratch<Real>& scratch) {
+    const int known = int(scratch.rows.size());
+    const auto source = [&](int at) -> const Real* { return at < known ? scratch.rows[std::size_t(at)].state : nullptr; };
+    if (i + 2 < known) waves_kernel_(&scratch.edge, 1, 0, i, i + 1);
+    else stage_kernel_(scratch.edge, i, {source(i), source(i + 1), source(i + 2)});
+    if (i < scratch.band.size() - 1) return i;  // the kernel finishes a row with the next one
+    finish_kernel_(scratch.edge);
+    return i + 1;
 }
 
 template <class Real>
@@ -83,8 +92,10 @@ bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contac
 
 template FieldLayout EdgeEngine<float>::field() const;
 template FieldLayout EdgeEngine<double>::field() const;
-template void EdgeEngine<float>::evaluate(const float*, float*, int, int, FieldScratch<float>&);
-template void EdgeEngine<double>::evaluate(const double*, double*, int, int, FieldScratch<double>&);
+template void EdgeEngine<float>::begin_sweep(const float*, float*, const RowBand&, FieldScratch<float>&);
+template void EdgeEngine<double>::begin_sweep(const double*, double*, const RowBand&, FieldScratch<double>&);
+template int EdgeEngine<float>::sweep_row(int, FieldScratch<float>&);
+template int EdgeEngine<double>::sweep_row(int, FieldScratch<double>&);
 template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
 template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
 

@@ -38,6 +38,29 @@ void Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
     }
 }
 
+bool Engine::accept_in_contact(double t0, double t1, int threads) {
+    AdaptiveEngine& method = *adaptive();
+    if (!has_continuous()) return method.accept_step(t1, threads);
+    const std::vector<double> start = raw_state();
+    keep_state();
+    bool touched = method.accept_step(t1, threads);
+    save_checkpoint();
+    const double before = track_contact_energy ? total_energy() : 0;
+    const ContactReport report = answer_contacts(t0, t1, t1 - t0, threads);
+    if (track_contact_energy) contact_energy += total_energy() - before;
+    if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
+    if (report.shut_in >= 0) {
+        contact_report.note_shut_in(report.shut_in);
+        set_raw_state(start);
+        return true;
+    }
+    if (changed_since_checkpoint()) {
+        contacts_answered.fetch_add(1, std::memory_order_relaxed);
+        touched = true;
+    }
+    return touched;
+}
+
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
     if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
     return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;

@@ -61,14 +61,14 @@ public:
     virtual void accelerations(double* a, int threads) = 0;
 
     // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or -1.
-    virtual std::int64_t first_bad_point(double speed_limit, int threads = 1) const = 0;
+    virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
     // The whole state including what compensation holds; restoring it continues bit for bit.
     virtual std::vector<double> raw_state() const = 0;
     virtual void set_raw_state(const std::vector<double>& raw) = 0;
 
     // The same for the core's own use, without copies through double.
-    virtual void save_checkpoint(int threads = 1) = 0;
+    virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
     // Energy that the collision passes have added so far [J]; counted only when asked for, because the
@@ -83,11 +83,18 @@ public:
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
-protected:
-    // Continuous contact: whether a sphere asks for it; before a step; after it.
+    // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end. Whether a sphere
+    // changed the state. Where the spheres leave a point no place (contact_report), the state is that at t0.
+    bool accept_in_contact(double t0, double t1, int threads);
+    // Whether a sphere asks for continuous contact.
     virtual bool has_continuous() const = 0;
+
+protected:
+    // Continuous contact: before a step; after it.
     virtual void keep_state() = 0;
     virtual ContactReport answer_contacts(double t0, double t1, double dt, int threads) = 0;
+    // Whether the state is another than that of the last checkpoint.
+    virtual bool changed_since_checkpoint() const = 0;
     virtual double total_energy() const = 0;
 };
 

@@ -6,8 +6,9 @@
 // point of mass 1 / sum(w^2 / m): each moves and changes its velocity in proportion to w / m. A corner that is
 // pinned takes no part.
 //
-// Triangles share corners, so this goes on in sweeps, in the order of the cloth, until none touches; what is left
-// after that is lifted out of the way without further bounces.
+// Triangles share corners, so this goes on in sweeps until none touches; what is left after that is lifted out of
+// the way without further bounces. A sweep goes color by color: triangles of one color share neither a corner nor a
+// spring between corners, so the compute shader answers them at the same time with the same result.
 #pragma once
 
 #include <limits>
@@ -48,7 +49,8 @@ public:
             const auto sweeps = [&](int count, auto&& one) {
                 for (int k = 0; k < count; ++k) {
                     bool touched = false;
-                    for (const auto& triangle : candidates_) touched |= one(triangle);
+                    for (const auto& color : candidates_)
+                        for (const auto& triangle : color) touched |= one(triangle);
                     moved |= touched;
                     if (!touched) return true;
                 }
@@ -84,7 +86,7 @@ private:
 
     // Cells whose corners, over the step, are not all on one side of the sphere's box.
     void find_candidates() {
-        candidates_.clear();
+        for (auto& color : candidates_) color.clear();
         const double reach = s_.radius + 8 * tolerance_;
         const int rows = cloth_.rows, columns = cloth_.columns;
         const auto may_touch = [&](std::initializer_list<int> corners) {
@@ -98,15 +100,17 @@ private:
         };
         if (rows == 1 || columns == 1) {  // a chain: its links
             for (int i = 0; i + 1 < cloth_.points(); ++i)
-                if (may_touch({i, i + 1})) candidates_.push_back({{i, i + 1, i + 1}, 2 * std::size_t(i)});
+                if (may_touch({i, i + 1}))
+                    candidates_[std::size_t(i % apart)].push_back({{i, i + 1, i + 1}, 2 * std::size_t(i)});
             return;
         }
         for (int r = 0; r + 1 < rows; ++r)
             for (int c = 0; c + 1 < columns; ++c) {
                 const int i = r * columns + c, below = i + columns;
                 if (!may_touch({i, i + 1, below, below + 1})) continue;
-                candidates_.push_back({{i, i + 1, below}, 2 * std::size_t(i)});
-                candidates_.push_back({{i + 1, below + 1, below}, 2 * std::size_t(i) + 1});
+                const auto color = std::size_t(apart * (r % apart) + c % apart);
+                candidates_[color].push_back({{i, i + 1, below}, 2 * std::size_t(i)});
+                candidates_[color + apart * apart].push_back({{i + 1, below + 1, below}, 2 * std::size_t(i) + 1});
             }
     }
 
@@ -257,13 +261,16 @@ private:
     }
 
     void note_left_over() {
-        for (const Triangle& t : candidates_) {
-            const double began = nearest_to_origin(corners(start_, t)).point.norm();
-            if (began < s_.radius - tolerance_ || nearest_to_origin(corners(end_, t)).point.norm() >= s_.radius) continue;
-            const bool held = points_.pinned(t[0]) || points_.pinned(t[1]) || points_.pinned(t[2]);
-            if (held) report_.note_pinned(t[0]);
-            else report_.note_shut_in(t[0]);
-        }
+        for (const auto& color : candidates_)
+            for (const Triangle& t : color) note_if_left_over(t);
+    }
+
+    void note_if_left_over(const Triangle& t) {
+        const double began = nearest_to_origin(corners(start_, t)).point.norm();
+        if (began < s_.radius - tolerance_ || nearest_to_origin(corners(end_, t)).point.norm() >= s_.radius) return;
+        const bool held = points_.pinned(t[0]) || points_.pinned(t[1]) || points_.pinned(t[2]);
+        if (held) report_.note_pinned(t[0]);
+        else report_.note_shut_in(t[0]);
     }
 
     Points& points_;
@@ -274,7 +281,8 @@ private:
     double tolerance_;  // m
     std::vector<Vec3> start_, end_;  // in the sphere's frame
     std::vector<double> pushed_;     // how far corners were pushed out of where they started inside, this step [m]
-    std::vector<Triangle> candidates_;
+    static constexpr int apart = 4;  // cells of one color, along rows and columns: springs reach two
+    std::array<std::vector<Triangle>, 2 * apart * apart> candidates_;
 };
 
 // Spheres in turn until none has moved anything.

@@ -178,11 +178,19 @@ FieldLayout GatherEngine<Real>::field() const {
 }
 
 template <class Real>
-void GatherEngine<Real>::evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>&) {
-    GatherArguments<Real> g = arguments(Stage::evaluate, 0);
-    g.source = state + layout_.origin;
-    g.first_acceleration = acceleration + layout_.origin;
-    kernel_(g, {begin, end, 0, columns()});
+void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
+                                     FieldScratch<Real>& scratch) {
+    scratch.band = band;
+    scratch.gather = arguments(Stage::evaluate, 0);
+    scratch.gather.source = state + layout_.origin;
+    scratch.gather.first_acceleration = acceleration + layout_.origin;
+}
+
+template <class Real>
+int GatherEngine<Real>::sweep_row(int i, FieldScratch<Real>& scratch) {
+    const int r = scratch.band.row(i);
+    kernel_(scratch.gather, {r, r + 1, 0, columns()});
+    return i + 1;
 }
 
 template <class Real>

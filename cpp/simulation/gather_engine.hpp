@@ -20,10 +20,19 @@ struct PaddedLayout {
     std::ptrdiff_t at(int row, int column, int k = 0) const { return origin + row * stride + column + k * plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
     std::ptrdiff_t first() const { return origin; }
+    Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
     VectorGeometry geometry(int lanes) const {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
     }
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
+    template <class Real>
+    void put_row(const Real* row, Real* to) const {
+        to_planes(row, to, plane, columns);
+    }
+    template <class Real>
+    void take_row(const Real* from, Real* row) const {
+        from_planes(from, plane, row, columns);
+    }
 };
 
 template <class Real>
@@ -38,7 +47,8 @@ protected:  // for cpp/dynamics; see EdgeEngine
     using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
-    void evaluate(const Real* state, Real* acceleration, int begin, int end, FieldScratch<Real>& scratch);
+    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
+    int sweep_row(int i, FieldScratch<Real>& scratch);
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <limits>
 #include <utility>
 
@@ -12,33 +13,49 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// Steps between two looks at the state: an unstable run is caught within so many steps of its first non-finite
-// value, then the exact step is found by going back. Keeping the state to go back to and looking at it cost about as
-// much as a step of a cloth that does not fit in cache, so steps that take long are not looked at one by one either.
-constexpr std::int64_t fewest_steps_unchecked = 16, most_steps_unchecked = 64;
+// The state of an unstable run is caught within this many steps of its first non-finite value, then the exact step
+// is found by going back to the last checkpoint.
+constexpr std::int64_t most_steps_unchecked = 64;
 // Above the guaranteed time step energies are compared too, after every so many steps of the clock.
 constexpr std::int64_t steps_between_energies = 16;
+// A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over the steps of
+// earlier calls cannot be interrupted, and takes no longer than this.
+constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;
 
-// How often the alternative of a team choice is tried again, at the price of one chunk each time.
+// A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often.
+constexpr double seconds_of_trial = 2e-4;
 constexpr double seconds_between_trials = 0.5;
-constexpr double disaster = 3;  // times what the alternative cost
+constexpr double worth_a_change = 1.05, disaster = 3;  // times what the alternative cost
+// From so many mass points on, waking a team takes less than it saves in a step.
+constexpr std::int64_t points_worth_a_team = 16384;
 
-double seconds_since(steady_clock::time_point start) {
-    return std::chrono::duration<double>(steady_clock::now() - start).count();
+double seconds_between(steady_clock::time_point start, steady_clock::time_point end) {
+    return std::chrono::duration<double>(end - start).count();
 }
 
 }  // namespace
 
-void TeamChoice::observe(double seconds_per_step, double seconds) {
+std::int64_t TeamChoice::steps(std::int64_t wanted) const {
+    if (!on_trial_ || last_ == 0) return wanted;
+    return std::clamp(std::int64_t(seconds_of_trial / last_), std::int64_t(1), wanted);
+}
+
+void TeamChoice::observe(std::int64_t steps, double seconds) {
     const double other = cost_[!use_team_];
+    last_ = seconds / double(steps);
     since_change_ += seconds;
-    // The first chunk after a change wakes threads and fills caches; only a disaster counts.
-    if (std::exchange(just_changed_, false) && (other == 0 || seconds_per_step < disaster * other)) return;
-    cost_[use_team_] = seconds_per_step;
-    if (other == 0 || seconds_per_step > other || since_change_ > seconds_between_trials) {
+    const bool too_dear = other > 0 && last_ > disaster * other;
+    // The first steps after a change wake threads and fill caches.
+    if (std::exchange(just_changed_, false) && !too_dear) return;
+    seconds_ += seconds;
+    steps_ += steps;
+    if (seconds_ < seconds_of_trial && !too_dear) return;
+    cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
+    on_trial_ = false;
+    if (other == 0 || cost_[use_team_] > worth_a_change * other || since_change_ > seconds_between_trials) {
         use_team_ = !use_team_;
-        just_changed_ = true;
+        just_changed_ = on_trial_ = true;
         since_change_ = 0;
     }
 }
@@ -48,8 +65,12 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(pla
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
+    bad_points_.assign(plans.size(), -1);
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
+    std::int64_t points = 0;
+    for (const Plan& plan : plans_) points += plan.cloth.points();
+    choice_ = TeamChoice(points >= points_worth_a_team);
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -57,16 +78,25 @@ void Simulation::set_stable_dt(std::vector<double> stable_dt) {
     speed_limits_.clear();
 }
 
-void Simulation::advance_members(std::int64_t steps, int threads) {
-    const std::int64_t count = std::int64_t(members_.size());
-    if (count == 1) {
-        if (!frozen_[0]) members_[0]->advance_in_contact(steps, clock, threads);
-        return;
-    }
-    const int team = int(std::min<std::int64_t>(threads, count));
-#pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-    for (std::int64_t i = 0; i < count; ++i)
-        if (!frozen_[std::size_t(i)]) members_[std::size_t(i)]->advance_in_contact(steps, clock, 1);
+void Simulation::restart(std::size_t i) {
+    watches_[i].restart();
+    bad_points_[i] = -1;
+    steps_kept_ = none_kept;
+}
+
+void Simulation::set_frozen(std::size_t i, bool frozen) {
+    frozen_[i] = frozen;
+    bad_points_[i] = -1;
+    steps_kept_ = none_kept;
+}
+
+void Simulation::set_step(double dt) {
+    if (dt == clock.dt && !speed_limits_.empty()) return;
+    clock.set_step(dt);
+    steps_kept_ = none_kept;
+    speed_limits_.clear();
+    for (std::size_t i = 0; i < plans_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
 }
 
 bool Simulation::above_stable_dt() const {
@@ -75,44 +105,90 @@ bool Simulation::above_stable_dt() const {
     return false;
 }
 
-std::int64_t Simulation::bad_point(std::size_t i, int threads) {
-    if (frozen_[i]) return -1;
-    const std::int64_t point = members_[i]->first_bad_point(speed_limits_[i], threads);
-    return point < 0 && clock.dt > stable_dt_[i] ? watches_[i].runaway_point(*members_[i]) : point;
+void Simulation::look(std::size_t i) {
+    bad_points_[i] = -1;
+    if (frozen_[i]) return;
+    bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
+    if (bad_points_[i] < 0 && clock.dt > stable_dt_[i]) bad_points_[i] = watches_[i].runaway_point(*members_[i]);
 }
 
-std::int64_t Simulation::first_bad_member(int threads) {
+void Simulation::look() {
+    for (std::size_t i = 0; i < members_.size(); ++i) look(i);
+}
+
+std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_point(i, threads) >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
+        if (bad_points_[i] >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
     return -1;
 }
 
-void Simulation::set_step(double dt) {
-    if (dt == clock.dt && !speed_limits_.empty()) return;
-    clock.set_step(dt);
-    speed_limits_.clear();
-    for (std::size_t i = 0; i < plans_.size(); ++i)
-        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
+// All of it member by member, so that the state of a member is in cache for it.
+void Simulation::run_member(std::size_t i, const Block& block, int threads) {
+    if (frozen_[i]) return;
+    if (block.keep) members_[i]->save_checkpoint();
+    members_[i]->advance_in_contact(block.steps, clock, threads);
+    if (block.look) look(i);
 }
 
-Outcome::Unstable Simulation::rewind_to_last_good(std::int64_t steps, int threads) {
-    for (auto& member : members_) {
-        member->restore_checkpoint();
-        member->contact_report.shut_in = -1;
-    }
-    for (std::int64_t k = 0; k < steps; ++k) {
-        for (auto& member : members_) member->save_checkpoint(threads);
-        advance_members(1, threads);
-        const std::int64_t bad = first_bad_member(threads);
-        if (bad >= 0) {
-            const std::int64_t point = bad_point(std::size_t(bad), threads);
-            const std::int64_t shut_in = std::exchange(members_[std::size_t(bad)]->contact_report.shut_in, -1);
-            for (auto& member : members_) member->restore_checkpoint();
-            return {bad, point >= 0 ? point : shut_in, k + 1, clock.at(1), point < 0};
+void Simulation::run(const Block& block, int threads) {
+    const std::int64_t kept = std::exchange(steps_kept_, none_kept);
+    const std::int64_t count = std::int64_t(members_.size());
+    if (count == 1) {
+        run_member(0, block, threads);
+    } else {
+        const int team = int(std::min<std::int64_t>(threads, count));
+        std::exception_ptr failure;  // none may leave the region
+#pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
+        for (std::int64_t i = 0; i < count; ++i) {
+            try {
+                run_member(std::size_t(i), block, 1);
+            } catch (...) {
+#pragma omp critical(clothsim_member_failure)
+                failure = std::current_exception();
+            }
         }
-        clock.steps += 1;
+        if (failure) std::rethrow_exception(failure);
     }
-    return {0, 0, steps, clock.now(), false};  // not reached: the same steps give the same bits
+    steps_kept_ = (block.keep ? 0 : kept) + block.steps;
+    clock.steps += block.steps;
+}
+
+void Simulation::restore_checkpoint(std::int64_t steps) {
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        if (!frozen_[i]) members_[i]->restore_checkpoint();
+        members_[i]->contact_report = {};
+        bad_points_[i] = -1;
+    }
+    clock.steps -= steps;
+    steps_kept_ = none_kept;
+}
+
+void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
+    const std::int64_t kept = steps_kept_;
+    restore_checkpoint(kept);
+    const std::int64_t of_this_call = std::min(kept, outcome.steps);
+    if (kept > of_this_call) run({kept - of_this_call, false, false}, threads);
+    outcome.steps -= of_this_call;
+    auto last_poll = steady_clock::now();
+    for (std::int64_t k = 0; k < of_this_call; ++k, ++outcome.steps) {
+        if (seconds_between(last_poll, steady_clock::now()) > seconds_between_polls) {
+            if (interrupted()) {
+                outcome.interrupted = true;
+                break;
+            }
+            last_poll = steady_clock::now();
+        }
+        run({1, true, true}, threads);
+        const std::int64_t bad = first_bad_member();
+        if (bad < 0) continue;
+        const std::int64_t point = bad_points_[std::size_t(bad)];
+        const std::int64_t shut_in = members_[std::size_t(bad)]->contact_report.shut_in;
+        restore_checkpoint(1);
+        outcome.unstable = {bad, point >= 0 ? point : shut_in, outcome.steps + 1, clock.at(1), point < 0};
+        break;
+    }
+    for (auto& member : members_) member->contact_report = {};
+    steps_kept_ = none_kept;
 }
 
 Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
@@ -120,47 +196,46 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     set_step(dt);
     Outcome outcome;
     const bool watched = above_stable_dt();
-    if (watched && steps > 0) first_bad_member(threads);  // notes the energies to begin with
-    auto last_poll = steady_clock::now();
+    if (watched && steps > 0) {
+        look();  // notes the energies to begin with; a step is done in any case
+        std::fill(bad_points_.begin(), bad_points_.end(), -1);
+    }
+    if (watched || seconds_kept_ > most_seconds_of_earlier_calls) steps_kept_ = none_kept;
+    auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
-        const auto team = [&] { return optional && !choice_.team() ? 1 : threads; };
-        std::int64_t n = std::min(std::max(chunk_, fewest_steps_unchecked), steps - outcome.steps);
-        // At the same steps whatever the clock on the wall says.
-        if (watched) n = std::min(steps_between_energies - clock.steps % steps_between_energies, steps - outcome.steps);
-        for (auto& member : members_) member->save_checkpoint(team());
-        std::int64_t done = 0;
-        while (done < n && !outcome.interrupted) {
-            const std::int64_t part = watched ? n : std::min(chunk_, n - done);
-            const auto start = steady_clock::now();
-            advance_members(part, team());
-            clock.steps += part;
-            done += part;
-            bool shut_in = false;
-            for (std::size_t i = 0; i < members_.size(); ++i) {
-                const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
-                if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
-                shut_in |= members_[i]->contact_report.shut_in >= 0;
-            }
-            if (shut_in) break;
-            const double seconds = seconds_since(start);
-            const double per_step = seconds / double(part);
-            if (optional && threads > 1) choice_.observe(per_step, seconds);
-            chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
-                                most_steps_unchecked);
-            if (seconds_since(last_poll) > seconds_between_polls) {
-                outcome.interrupted = interrupted();
-                last_poll = steady_clock::now();
-            }
+        const bool keep = steps_kept_ == none_kept;
+        // Energies are compared at the same steps whatever the clock on the wall says.
+        const std::int64_t to_look = std::min(watched ? steps_between_energies - clock.steps % steps_between_energies
+                                              : keep  ? most_steps_unchecked
+                                                      : most_steps_unchecked - steps_kept_,
+                                              steps - outcome.steps);
+        const bool choose = optional && threads > 1;
+        const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
+        const int team = choose && !choice_.team() ? 1 : threads;
+        run({n, keep, n == to_look}, team);
+        outcome.steps += n;
+        const auto end = steady_clock::now();
+        const double seconds = seconds_between(start, end);
+        const double per_step = seconds / double(n);
+        start = end;
+        seconds_kept_ = (keep ? 0 : seconds_kept_) + seconds;
+        if (choose) choice_.observe(n, seconds);
+        chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
+                           most_steps_unchecked);
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
+            if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
         }
-        if (first_bad_member(team()) >= 0) {
-            clock.steps -= done;
-            outcome.unstable = rewind_to_last_good(done, threads);
-            outcome.unstable->step += outcome.steps;
-            outcome.steps = outcome.unstable->step - 1;
+        const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
+        if (poll) outcome.interrupted = interrupted();
+        if (outcome.interrupted && n < to_look) look();
+        if (first_bad_member() >= 0) {
+            rewind_to_last_good(outcome, threads, interrupted);
             return outcome;
         }
-        outcome.steps += done;
         if (outcome.interrupted) return outcome;
+        if (poll) start = last_poll = steady_clock::now();
+        if (steps_kept_ >= most_steps_unchecked || (watched && n == to_look)) steps_kept_ = none_kept;
     }
     return outcome;
 }

@@ -29,14 +29,21 @@ struct Outcome {
 // either way, so a machine whose processors are taken by others costs time, not a result.
 class TeamChoice {
 public:
+    // Where steps are long, a first one is better done by the team; else a short run may not be worth waking it.
+    explicit TeamChoice(bool team_first) : use_team_(team_first) {}
     bool team() const { return use_team_; }
-    void observe(double seconds_per_step, double seconds);
+    // Steps of so many that tell enough: few while the dearer of the two may be running.
+    std::int64_t steps(std::int64_t wanted) const;
+    void observe(std::int64_t steps, double seconds);
 
 private:
     double cost_[2] = {0, 0};  // last seconds per step of one thread and of the team; 0: not seen yet
+    double last_ = 0;          // seconds per step of whichever ran last
+    double seconds_ = 0;       // of `steps_` steps since the last judgement
+    std::int64_t steps_ = 0;
     double since_change_ = 0;  // seconds
-    bool use_team_ = true;
-    bool just_changed_ = true;
+    bool use_team_;
+    bool just_changed_ = true, on_trial_ = true;
 };
 
 class Simulation {
@@ -46,7 +53,7 @@ public:
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
     // To be called when a member's state was set from outside.
-    void restart(std::size_t i) { watches_[i].restart(); }
+    void restart(std::size_t i);
     const Engine& member(std::size_t i) const { return *members_[i]; }
 
     Clock clock;
@@ -55,7 +62,7 @@ public:
     void set_stable_dt(std::vector<double> stable_dt);
 
     // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
-    void set_frozen(std::size_t i, bool frozen) { frozen_[i] = frozen; }
+    void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
     // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
@@ -75,6 +82,7 @@ public:
     };
     struct AdaptiveOutcome : Outcome {
         std::int64_t rejected = 0, contacts = 0;  // steps tried in vain, and steps that ended in contact
+        double error = 0;                         // estimate of the last step, in units of the tolerance
     };
     AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
                                      const std::function<bool()>& interrupted);
@@ -84,20 +92,45 @@ public:
     // Of every member, see diagnostics.hpp; 0 for one without springs.
     std::vector<double> largest_stretch() const;
 
+    // A small perturbation (e, w) of the state (x, v) carried on by `duration`, by the forces linearised there; for one
+    // member. The member's own state is lost. Each substep evaluates the forces once, and (x, v) does.
+    struct CarryRequest {
+        double duration;      // [s]
+        int substeps;
+        double damping_part;  // of the damping that is applied, 0 to 1
+        double displacement;  // root mean square by which points are moved to see the change of the forces [m]
+        int threads;
+    };
+    void carry(const double* x, const double* v, double* e, double* w, const CarryRequest& request);
+
 private:
-    void advance_members(std::int64_t steps, int threads);
+    // Steps of all members, with what goes before and after them.
+    struct Block {
+        std::int64_t steps;
+        bool keep;  // a checkpoint before them
+        bool look;  // at the state after them
+    };
+    void run(const Block& block, int threads);
+    void run_member(std::size_t i, const Block& block, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
-    std::int64_t bad_point(std::size_t i, int threads);  // of a member that has no result, or -1
-    std::int64_t first_bad_member(int threads);
-    Outcome::Unstable rewind_to_last_good(std::int64_t steps, int threads);
+    void look(std::size_t i);
+    void look();
+    std::int64_t first_bad_member() const;  // as last looked at, or -1
+    void restore_checkpoint(std::int64_t steps);
+    // From a state that is bad back to the checkpoint, and on to the last good state.
+    void rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
-    TeamChoice choice_;
-    std::int64_t chunk_ = 1;  // steps between two looks at the clock on the wall
+    TeamChoice choice_{false};
+    std::int64_t chunk_ = 1;  // steps between two looks at the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
+    std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
+    static constexpr std::int64_t none_kept = -1;
+    std::int64_t steps_kept_ = none_kept;  // since the checkpoint
+    double seconds_kept_ = 0;              // that they took
     std::vector<EnergyWatch> watches_;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
     double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`

@@ -6,14 +6,17 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "collision/response.hpp"
+#include "dynamics/field.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
+#include "simulation/finite.hpp"
+#include "simulation/row_copies.hpp"
 
 namespace clothsim {
 
@@ -22,20 +25,14 @@ inline constexpr double far_away = 1e15;
 
 inline constexpr double extents_that_are_far = 8;
 
-// Calls `work(begin, end)` for shares of [0, size), each by a thread of its own where they are large.
-template <class Work>
-void in_shares(std::ptrdiff_t size, int threads, Work work) {
-    constexpr std::ptrdiff_t least = std::ptrdiff_t(1) << 18;
-    const std::ptrdiff_t shares = std::clamp<std::ptrdiff_t>(size / least, 1, threads);
-#pragma omp parallel for num_threads(int(shares)) if (shares > 1)
-    for (std::ptrdiff_t i = 0; i < shares; ++i) work(size * i / shares, size * (i + 1) / shares);
-}
-
 // What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
 template <class Real>
 struct FieldScratch {
-    AlignedVector<Real> values;
+    RowBand band;
+    EdgeArguments<Real> edge{};
     std::vector<EdgeRowPointers<Real>> rows;
+    AlignedVector<Real> values;
+    GatherArguments<Real> gather{};
 };
 
 template <class Real, class Layout>
@@ -46,18 +43,11 @@ public:
     void store(float* x, float* v) const final { store_any(x, v); }
     void store(double* x, double* v) const final { store_any(x, v); }
 
-    std::int64_t first_bad_point(double speed_limit, int threads) const final {
+    std::int64_t first_bad_point(double speed_limit) const final {
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
-        if (limit == largest) {  // the usual case, fast: all of memory, padding is finite; no NaN is <= anything
-            std::atomic<int> any = 0;
-            in_shares(std::ptrdiff_t(memory_.size()), threads, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-                int bad = 0;
-                for (const Real* p = memory_.data() + begin; p != memory_.data() + end; ++p) bad |= !(std::abs(*p) <= largest);
-                any |= bad;
-            });
-            if (!any) return -1;
-        }
+        // The usual case, fast; padding is finite.
+        if (limit == largest && all_finite(memory_.data() + layout_.first(), layout_.state_blocks())) return -1;
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
                 for (int k = 0; k < 6; ++k)
@@ -67,10 +57,10 @@ public:
     }
 
     std::vector<double> raw_state() const final {
-        std::vector<double> raw;
-        raw.reserve(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
-        for_each_place([&](std::ptrdiff_t place) { raw.push_back(double(memory_[place])); });
-        raw.insert(raw.end(), origin_.begin(), origin_.end());
+        std::vector<double> raw(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
+        double* next = raw.data();
+        for_each_place([&](std::ptrdiff_t place) { *next++ = double(memory_[std::size_t(place)]); });
+        std::copy(origin_.begin(), origin_.end(), next);
         return raw;
     }
     void set_raw_state(const std::vector<double>& raw) final {
@@ -81,30 +71,35 @@ public:
         acceleration_known_ = false;
     }
 
-    void save_checkpoint(int threads) final {
-        checkpoint_.resize(memory_.size());
-        in_shares(std::ptrdiff_t(memory_.size()), threads, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-            std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
-        });
+    void save_checkpoint() final {
+        checkpoint_ = memory_;
+        energy_at_checkpoint_ = contact_energy;
+        contacts_at_checkpoint_ = contacts_answered;
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
+        contact_energy = energy_at_checkpoint_;
+        contacts_answered = contacts_at_checkpoint_;
         acceleration_known_ = false;
         contact_pass_.forget();
     }
+    bool has_continuous() const final { return contact_pass_.needed(); }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {}
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {
+        for (int i = 0; i < plan_.cloth.points(); ++i)
+            if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
+    }
 
-    bool has_continuous() const final { return contact_pass_.needed(); }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
         acceleration_known_ = false;
         return contact_pass_.answer(memory_, t0, t1, dt, threads);
     }
+    bool changed_since_checkpoint() const final { return memory_ != checkpoint_; }
     double total_energy() const final {
         Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
         store_any(x.data(), v.data());
@@ -185,55 +180,85 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
-    // An integrator holds the acceleration at the state in memory, or strips their seams; false after every change from
-    // elsewhere.
+    // An integrator holds the acceleration at the state in memory; false after every change from elsewhere.
     bool acceleration_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
 
 private:
+    // An element of memory for every one of a row of the outside's (rows, columns, 3).
+    struct RowBuffer {
+        explicit RowBuffer(int columns)
+            : high(std::size_t(3 * columns)), low(compensated ? std::size_t(3 * columns) : 0), shift(high.size(), -0.0) {}
+        Real* compensation() { return compensated ? low.data() : nullptr; }
+        AlignedVector<Real> high, low;
+        std::vector<double> shift;  // of positions; -0 changes nothing, not even the sign of 0
+    };
+    RowBuffer row_buffer(const Vec3& shift) const {
+        RowBuffer row(columns());
+        for (int k = 0; k < 3; ++k)
+            if (shift[k] != 0)
+                for (std::size_t i = std::size_t(k); i < row.shift.size(); i += 3) row.shift[i] = shift[k];
+        return row;
+    }
+
     template <class In>
     void load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
         acceleration_known_ = false;
         contact_pass_.forget();
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c, x += 3, v += 3) {
-                const bool pinned = plan_.cloth.pinned[r * columns() + c];
-                for (int k = 0; k < 3; ++k) {
-                    set_value(layout_.at(r, c, k), double(x[k]) - origin_[k]);
-                    set_value(layout_.at(r, c, 3 + k), pinned ? In(0) : v[k]);
+        const int count = 3 * columns();
+        RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());
+        for (int r = 0; r < rows(); ++r, x += count, v += count)
+            for (const int k : {0, 3}) {
+                Real* const to = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<In, Real>) {
+                    layout_.put_row(k == 0 ? x : v, to);
+                    continue;
                 }
+                RowBuffer& row = k == 0 ? positions : velocities;
+                split(k == 0 ? x : v, row.shift.data(), row.high.data(), row.compensation(), count);
+                layout_.put_row(row.high.data(), to);
+                if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
             }
+        for (const int point : pinned_points_)
+            for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c, x += 3, v += 3)
-                for (int k = 0; k < 3; ++k) {
-                    const double here = value(layout_.at(r, c, k));
-                    x[k] = Out(origin_[k] != 0 ? here + origin_[k] : here);  // -0 stays -0
-                    v[k] = Out(value(layout_.at(r, c, 3 + k)));
+        const int count = 3 * columns();
+        RowBuffer positions = row_buffer(origin_), velocities = row_buffer(Vec3::Zero());
+        for (int r = 0; r < rows(); ++r, x += count, v += count)
+            for (const int k : {0, 3}) {
+                const Real* const from = memory_.data() + layout_.at(r, 0, k);
+                if constexpr (!compensated && std::is_same_v<Out, Real>) {
+                    layout_.take_row(from, k == 0 ? x : v);
+                    continue;
                 }
+                RowBuffer& row = k == 0 ? positions : velocities;
+                layout_.take_row(from, row.high.data());
+                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
+                join(row.high.data(), row.compensation(), row.shift.data(), k == 0 ? x : v, count);
+            }
     }
     template <class Visit>
     void for_each_place(Visit visit) const {
+        std::vector<std::ptrdiff_t> column(static_cast<std::size_t>(columns()));  // from the first
+        for (int c = 0; c < columns(); ++c) column[std::size_t(c)] = layout_.at(0, c) - layout_.at(0, 0);
         for (int part = 0; part < (compensated ? 2 : 1); ++part)
             for (int k = 0; k < 6; ++k)
-                for (int r = 0; r < rows(); ++r)
-                    for (int c = 0; c < columns(); ++c)
-                        visit(layout_.at(r, c, k) + part * layout_.compensation());
+                for (int r = 0; r < rows(); ++r) {
+                    const std::ptrdiff_t first = layout_.at(r, 0, k) + part * layout_.compensation();
+                    for (const std::ptrdiff_t further : column) visit(first + further);
+                }
     }
 
     // float32 tells points of a cloth that is far from 0 apart no better than by 6e-8 of that distance. So in
     // single memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
     template <class In>
     Vec3 far_origin(const In* x) const {
-        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-        for (int i = 0; i < plan_.cloth.points(); ++i)
-            for (int k = 0; k < 3; ++k) {
-                low[k] = std::min(low[k], double(x[3 * i + k]));
-                high[k] = std::max(high[k], double(x[3 * i + k]));
-            }
+        double least[3], most[3];
+        extent(x, plan_.cloth.points(), least, most);
+        const Vec3 low(least[0], least[1], least[2]), high(most[0], most[1], most[2]);
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
         return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
@@ -248,7 +273,10 @@ private:
                                        [this](int j) { return point_state(j / columns(), j % columns()).position; });
     }
 
+    std::vector<int> pinned_points_;
     AlignedVector<Real> checkpoint_;
+    double energy_at_checkpoint_ = 0;
+    std::int64_t contacts_at_checkpoint_ = 0;
     Vec3 origin_ = Vec3::Zero();
 };
 

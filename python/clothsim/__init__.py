@@ -9,6 +9,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 (32, 32, 3)
 """
 
+from . import _openmp  # noqa: F401  # before anything that loads the core
 from . import scenes
 from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
@@ -20,7 +21,8 @@ from .measures import energy, largest_stretch, max_stable_dt, penetration
 from .motion import Keyframes, Linear, Reciprocate
 from .scene import Scene
 from .scene_files import load_scene, save_scene
-from .simulation import Run, load_run, simulate
+from .run import Run, load_run
+from .simulation import simulate
 from .sphere import Sphere
 from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step

@@ -62,8 +62,8 @@ def number(
     maximum: float | None = None,
 ) -> float:
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
-    accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
     if not is_number(value):
+        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
         raise TypeError(_wrong(name, accepted, value))
     try:
         result = float(value)
@@ -72,6 +72,7 @@ def number(
     too_low = minimum is not None and (result <= minimum if exclusive else result < minimum)
     too_high = maximum is not None and result > maximum
     if not math.isfinite(result) or too_low or too_high:
+        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
         raise ValueError(_wrong(name, accepted, value))
     return result
 

@@ -13,8 +13,9 @@ import numpy as np
 class StabilityWarning(UserWarning):
     """The time step is above the one that is guaranteed to be stable (`max_stable_dt`).
 
-    A run may well be stable all the same: the guarantee holds for any state, and a cloth near rest
-    often takes twice that step. ``max_stable_dt(scene, integrator, x)`` tells the limit at a state.
+    A run may well be stable all the same: the guarantee holds for all but extreme states, and a
+    cloth near rest often takes twice that step. ``max_stable_dt(scene, integrator, x)`` tells the
+    limit at a state.
 
     Given once per `Stepper` and `simulate`, and by `step` once per line of the caller's code (that
     is Python's default; see `warnings.filterwarnings` for others). Where a run does grow,

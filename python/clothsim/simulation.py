@@ -1,122 +1,20 @@
-"""A whole run: `simulate` and what it returns."""
+"""A whole run: `simulate`."""
 
 from __future__ import annotations
 
-import json
-import math
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from . import _validate as check
-from ._extras import needed
-from .adaptive import (
-    Controlled, Options, Progress, Solution, automatic, frame_times, rms, run_fixed, size_of, solve,
-)  # fmt: skip
-from .build import build_config
+from .account import Account, of_companion, of_nothing, of_tolerance, report
+from .adaptive import automatic, solve
 from .integration import integrators
-from .measures import energy, max_stable_dt, penetration
+from .measures import max_stable_dt
 from .plan import INTEGRATORS, check_backend, check_options
+from .run import Run
+from .runs import Options, Progress, Solution, frame_times, run_fixed, size_of
 from .scene import Scene
-
-
-@dataclass(frozen=True)
-class Run:
-    """What `simulate` returns.
-
-    Attributes
-    ----------
-    scene : Scene
-    t : numpy.ndarray
-        Times of the stored frames [s], shape (frames,).
-    x, v : numpy.ndarray
-        Positions [m] and velocities [m/s], float64, shape (frames, rows, columns, 3).
-    report : dict
-        See `simulate`.
-    """
-
-    scene: Scene
-    t: npt.NDArray[np.float64]
-    x: npt.NDArray[np.float64]
-    v: npt.NDArray[np.float64]
-    report: dict[str, Any]
-
-    def save(self, path: str | Path) -> Path:
-        """Write the run, with its scene and report, to a .npz file that `load_run` reads.
-
-        Parameters
-        ----------
-        path : path-like
-            ".npz" is added where it lacks.
-
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-        """
-        path = Path(path)
-        if path.suffix != ".npz":
-            path = path.with_name(path.name + ".npz")
-        texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
-        np.savez_compressed(path, t=self.t, x=self.x, v=self.v, **texts)
-        return path
-
-    def to_xarray(self) -> Any:
-        """The run as an `xarray.Dataset` with the dimensions time, row, column and component.
-
-        Raises
-        ------
-        ImportError
-            Without xarray, naming the extra that brings it.
-        """
-        xarray = needed("xarray", "to_xarray")
-        dimensions = ("time", "row", "column", "component")
-        return xarray.Dataset(
-            {
-                "position": (dimensions, self.x, {"units": "m"}),
-                "velocity": (dimensions, self.v, {"units": "m/s"}),
-            },
-            {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
-            {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
-        )
-
-
-def load_run(path: str | Path) -> Run:
-    """Read what `Run.save` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    ValueError
-        If the file is none of `Run.save`.
-
-    Examples
-    --------
-    >>> import tempfile, clothsim as cs
-    >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     again = cs.load_run(run.save(folder + "/run"))
-    >>> bool((again.x == run.x).all()), again.scene == run.scene
-    (True, True)
-    """
-    with np.load(path) as data:
-        missing = {"t", "x", "v", "scene", "report"} - set(data.files)
-        if missing:
-            raise ValueError(f"{path} is no run of clothsim: it lacks {sorted(missing)}")
-        scene = Scene.from_dict(json.loads(str(data["scene"])))
-        report = json.loads(str(data["report"]))
-        return Run(scene, data["t"], data["x"], data["v"], report)
 
 
 def simulate(
@@ -172,7 +70,8 @@ def simulate(
     -------
     Run
         ``run.t[-1] == duration``; where dt does not divide it, the last step is shorter.
-        ``run.report`` has "steps", "rejected_steps", "force_evaluations", "wall_time" [s],
+        ``run.report`` has "steps", "rejected_steps", "force_evaluations" (of the run and of its
+        error estimate together), "solution_evaluations" (of the run alone), "wall_time" [s] (of it),
         "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
         "end", see `energy`), "penetration" ("points" and "triangles" [m], the deepest over stored
         frames and spheres), "kernel", "integrator", "precision", "strict", "threads",
@@ -180,20 +79,22 @@ def simulate(
         the error:
 
         "error_estimate"
-            None, or "max" and "rms" [m] of the last positions, from a companion run: at twice
-            the step (the difference / (2^order - 1)), or with a tolerance at a tenth of the
-            tolerance or half the step (the difference).
-        "estimate_evaluations"
-            Force evaluations of everything but the run returned. "force_evaluations" and
-            "wall_time" do not contain them.
+            None, or "max" and "rms" [m] of the last positions: with a tolerance, as it was
+            carried along with the run or by a run at a larger tolerance (docs/integrators.md);
+            else by a run at twice the step (the difference / (2^order - 1)).
+        "estimate_evaluations", "estimate_wall_time"
+            Force evaluations and seconds of everything but the run returned: the estimate, and
+            runs that turned out too coarse.
         "tolerance"
             None, or "asked" [m, rms], "floor" [m] (rounding of the precision times the growth of
-            perturbations: no method comes below it), "growth" (by a perturbed twin run; None
-            where the tolerance is so large that it was not needed) and "below_floor".
+            perturbations: no method comes below it), "growth" (by a perturbed twin run) and
+            "below_floor". From 1e-9 of the size up there is no twin: "growth" is None, and
+            "floor" 0.
         "chaotic"
             True if a mass point has met a sphere: after that, trajectories of nearby states part
             until nothing but outcomes can be compared. "error_estimate" is None then, and
-            "outcomes" gives them with the difference of the companion's.
+            "outcomes" gives them with the difference from those of a companion run at a tenth of
+            the tolerance.
 
     Raises
     ------
@@ -209,8 +110,9 @@ def simulate(
     Notes
     -----
     A method with error control meets spheres as those with a fixed step do: one collision pass
-    after each step. Near a sphere, a step in which a mass point would move by more than a tenth
-    of the contact radius relative to it, and by more than the gap, is cut or redone.
+    after each step, which for "continuous" spheres tests the whole way of the step. Near a sphere,
+    a step in which a mass point would move by more than a tenth of the contact radius relative to
+    it, and by more than the gap, is cut or redone.
 
     Examples
     --------
@@ -253,22 +155,20 @@ def simulate(
         if estimate_error is not None:
             check.boolean("estimate_error", estimate_error)
         solution = run_fixed(scene, duration, dt, options, _times(duration, dt, every), shown)
-        account = _step_doubling(scene, duration, dt, solution) if estimate_error else _NOTHING
+        account = of_nothing()
+        if estimate_error:
+            account = _step_doubling(scene, duration, dt, solution)
     elif asked is None and integrator != "auto" and not integrators()[integrator].adaptive:
         solution, account = _safe_step(scene, duration, options, every, shown)
     else:
-        if any(sphere.response == "continuous" for sphere in scene.spheres):
-            raise ValueError(
-                "rtol, atol and adaptive integrators need spheres with the response 'reflect' or "
-                "'ray': continuous contact is answered at fixed steps; give dt and an integrator"
-            )
         asked = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
+        choices = [options]
         if integrator == "auto":
-            options = automatic(scene, duration, asked, options)
-        found = solve(scene, duration, asked, options, every, shown)
-        solution, account = found.solution, _account(scene, found)
+            choices = automatic(scene, duration, asked, options)
+        found = solve(scene, duration, asked, choices, every, shown)
+        solution, account = found.solution, of_tolerance(scene, found)
     return Run(
-        scene, np.array(solution.t), solution.x, solution.v, _report(scene, solution, account)
+        scene, np.array(solution.t), solution.x, solution.v, report(scene, solution, account)
     )
 
 
@@ -277,12 +177,6 @@ def simulate(
 _DEFAULT_RTOL = 1e-3
 _SAFETY = 0.5
 _ATTEMPTS = 8
-
-_NOTHING: dict[str, Any] = {
-    "error_estimate": None, "estimate_evaluations": 0, "tolerance": None, "chaotic": None,
-    "outcomes": None,
-}  # fmt: skip
-
 
 def _asked_error(
     scene: Scene, dt: float | None, rtol: float | None, atol: float | None
@@ -315,106 +209,33 @@ def _times(duration: float, dt: float, every: int | float | None) -> list[float]
 
 def _safe_step(
     scene: Scene, duration: float, options: Options, every: int | float | None, shown: Progress
-) -> tuple[Solution, dict[str, Any]]:
+) -> tuple[Solution, Account]:
     """A run at a stable step whose error, estimated by step doubling, meets the default rtol."""
     dt = min(_SAFETY * max_stable_dt(scene, options.integrator), duration / 4)
-    goal, order, spent = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order, 0
+    goal, order = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order
+    spent, wall_time = 0, 0.0
     for _ in range(_ATTEMPTS):
         solution = run_fixed(scene, duration, dt, options, _times(duration, dt, every), shown)
         account = _step_doubling(scene, duration, dt, solution)
         account["estimate_evaluations"] += spent
+        account["estimate_wall_time"] += wall_time
         error = account["error_estimate"]
         if error is None or error["rms"] <= goal:
             break
         dt *= min(0.5, (goal / (2 * error["rms"])) ** (1 / order))
         spent = account["estimate_evaluations"] + solution.evaluations
+        wall_time = account["estimate_wall_time"] + solution.wall_time
     return solution, account
 
 
-def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution) -> dict[str, Any]:
+def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution) -> Account:
     """The error by comparison with a run of twice the step (Richardson)."""
     coarse = run_fixed(
         scene, duration, 2 * dt, solution.options, [0.0, duration], own_step=True
     )
     order = integrators()[solution.options.integrator].order
     difference = (coarse.x[-1] - solution.x[-1]) / (2**order - 1)
-    return _estimate(scene, solution, coarse, difference) | {
-        "estimate_evaluations": coarse.evaluations, "tolerance": None
-    }  # fmt: skip
-
-
-def _account(scene: Scene, found: Controlled) -> dict[str, Any]:
-    tolerance = {
-        "asked": found.asked, "floor": found.floor, "growth": found.growth,
-        "below_floor": found.asked < found.floor,
-    }  # fmt: skip
-    return _estimate(scene, found.solution, found.companion, found.difference) | {
-        "estimate_evaluations": found.evaluations, "tolerance": tolerance
-    }  # fmt: skip
-
-
-def _estimate(
-    scene: Scene, solution: Solution, companion: Solution, difference: np.ndarray | None
-) -> dict[str, Any]:
-    """Error of the last positions, or outcomes where a contact has made it meaningless."""
-    if difference is not None and not (solution.contacts or companion.contacts):
-        largest = float(np.linalg.norm(difference, axis=-1).max())
-        error = {"max": largest, "rms": rms(difference)}
-        return {"error_estimate": error, "chaotic": False, "outcomes": None}
-    ours, theirs = _outcomes(scene, solution), _outcomes(scene, companion)
-    outcomes = {
-        name: {"value": value, "difference": _difference(value, theirs[name])}
-        for name, value in ours.items()
-    }
-    return {"error_estimate": None, "chaotic": True, "outcomes": outcomes}
-
-
-def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
-    x, v = one.x[-1], one.v[-1]
-    mass = scene.cloth.mass_per_point[..., None]
-    energies = energy(scene, x, v)
-    end = one.t[-1]
-    return {
-        "first_contact": one.first_contact,
-        "centre_of_mass": ((mass * x).sum(axis=(0, 1)) / mass.sum()).tolist(),
-        "kinetic_energy": energies["kinetic"],
-        "total_energy": energies["total"],
-        "penetration": max(float(penetration(x, s, end)["triangles"]) for s in scene.spheres),
-    }
-
-
-def _difference(a: Any, b: Any) -> float | None:
-    if a is None or b is None:
-        return None
-    return float(np.linalg.norm(np.subtract(a, b)))
-
-
-def _report(scene: Scene, solution: Solution, account: dict[str, Any]) -> dict[str, Any]:
-    t, x, v = solution.t, solution.x, solution.v
-    depths = [penetration(one, sphere, at) for sphere in scene.spheres for one, at in zip(x, t)]
-    wall_time, options, state = solution.wall_time, solution.options, solution.state
-    return {
-        "steps": solution.steps,
-        "rejected_steps": solution.rejected,
-        "force_evaluations": solution.evaluations,
-        "wall_time": wall_time,
-        "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
-        "dt": solution.step,
-        **account,
-        "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])},
-        "penetration": {
-            name: max((depth[name] for depth in depths), default=0.0)
-            for name in ("points", "triangles")
-        },
-        "kernel": state.kernel,
-        "integrator": options.integrator,
-        "precision": options.precision,
-        "strict": options.strict,
-        "threads": state.threads,
-        "instruction_set": state.instruction_set,
-        "backend": options.backend,
-        "version": build_config()["version"],
-    }
+    return of_companion(scene, solution, coarse, difference)
 
 
 def _progress(shown: bool) -> Progress:

@@ -87,7 +87,7 @@ def step(
     Warns
     -----
     StabilityWarning
-        If `dt` is above `max_stable_dt`, the step that is stable in any state.
+        If `dt` is above `max_stable_dt`, the step that is guaranteed to be stable.
     KeyboardInterrupt
         On Ctrl-C, between two steps.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError

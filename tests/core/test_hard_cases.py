@@ -5,7 +5,7 @@ import dataclasses
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.stability.hard_cases import drum
+from clothsim.stability.hard_forces import drum
 
 CASES = cs.scenes.hard_cases()
 LONG = 10_000  # steps, from which on the default kernel is enough

@@ -50,3 +50,21 @@ def device():
 def needs_float64(device):
     if not device.float64:
         pytest.skip(f"{device.adapter.name} has no float64")
+
+
+@pytest.fixture(scope="session")
+def rounding():
+    from clothsim.gpu import arithmetic
+
+    return arithmetic()
+
+
+@pytest.fixture(scope="session")
+def exact(rounding):
+    """Whether every operation that the shader relies on is correctly rounded."""
+    return all(
+        error == 0
+        for found in rounding.values()
+        for operation, error in found.items()
+        if operation not in ("compensation", "product and sum")  # the shader keeps these apart
+    )

@@ -106,9 +106,6 @@ def test_a_pinned_point_in_a_sphere_is_told():
 
 
 def test_what_it_does_not_do_is_refused(device):
-    scene = falling(BALL.replace(offset="face"))
-    with pytest.raises(ValueError, match=r"offset of spheres\[0\] must be .* got 'face'"):
-        cs.Stepper(scene, backend="gpu")
     narrow = Device(device.adapter, float64=False)
     with pytest.raises(ValueError, match=r"response of spheres\[0\] must be .* got 'continuous'"):
         Simulation([falling(BALL)], 0.0, "single", True, narrow)

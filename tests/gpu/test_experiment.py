@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from clothsim.gpu import report
-from clothsim.gpu.experiment import (
-    GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene,
-)  # fmt: skip
+from clothsim.gpu import comparison, report
+from clothsim.gpu.experiment import Settings, run, touching_scene
+from clothsim.gpu.measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 ROOT = Path(__file__).parents[2]
 
 
 def made(kind, size, rate, members=1, method=2):
     one = Measurement(Target(kind, kind), method, "single", size, members)
-    one.setup, one.first_frames, one.rates, one.steps = [0.1], [[0.2, 0.01]], [rate] * 3, 30
+    one.setup, one.first_frames, one.rates = [0.1], [[0.2, 0.01]], [rate] * 3
+    one.steps, one.asked, one.frame_steps, one.limit = [10, 10, 4], 10, 5, 1.5
     return one
 
 
@@ -33,7 +33,7 @@ def speeds(*triples):
 @pytest.mark.needs_no_adapter
 def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
     def found(measurements):
-        first = report.crossover(measurements, GPU, "single", 2, False)
+        first = comparison.crossover(measurements, GPU, "single", 2, False)
         return first and first.size
 
     assert found(speeds((32, 9, 1), (64, 5, 4), (128, 2, 3), (256, 1, 3))) == 128
@@ -47,8 +47,63 @@ def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
 @pytest.mark.needs_no_adapter
 def test_the_gain_is_over_the_fastest_of_the_cpu():
     fast, slow, gpu = made(SIMD, 32, 40.0), made("scalar", 32, 10.0), made(GPU, 32, 20.0)
-    assert report.against_cpu(gpu, [fast, slow, gpu]) == 0.5
+    assert comparison.against_cpu(gpu, [fast, slow, gpu]) == 0.5
     assert [row["times_fastest_cpu"] for row in report.rows([fast, slow, gpu])] == [1.0, 0.25, 0.5]
+
+
+@pytest.mark.needs_no_adapter
+def test_a_window_that_was_ended_early_is_told():
+    cut, whole = made(SIMD, 32, 40.0), made(GPU, 32, 20.0)
+    whole.steps = [10, 10, 10]
+    assert cut.shortened and not whole.shortened
+    rows = report.rows([cut, whole])
+    assert [(r["shortened"], r["steps_asked"], r["steps_timed"]) for r in rows] == [
+        (True, 30, 24), (False, 30, 30),
+    ]  # fmt: skip
+    assert [r["frames_per_run"] for r in rows] == [1.6, 2.0]
+    text = report.text([cut, whole])
+    assert "* 1 of 2 measurements are means over fewer steps" in text and "after 1.5 s" in text
+    assert "4 of 10 steps" in text and " 1.6*  SIMD" in text and " 2  GPU" in text
+    assert comparison.shortened([whole]) == []
+
+
+@pytest.mark.needs_no_adapter
+def test_the_papers_cloth_has_a_limit_of_its_own_and_others_end_early():
+    settings = Settings(
+        sizes=(32, 40), batches=(), methods=(2,), precisions=("double",), runs=1, frame_steps=5,
+        window_frames=4, seconds=0.0, paper_seconds=60.0, first_frames=3, first_seconds=0.0,
+    )  # fmt: skip
+    for m in run(settings, []):
+        assert m.shortened == (m.size == 40) == (m.steps[0] < 20) and m.steps[0] >= 1
+        assert len(m.first_frames[0]) == 2  # the first and, as that was over time, one more
+
+
+def test_a_target_that_fails_is_left_out_by_name_and_the_rest_goes_on(device, monkeypatch):
+    from clothsim.gpu import AdapterLostError, experiment
+
+    real, told = experiment.measure, []
+
+    def measure(m, scene, dt, settings):
+        if m.target.kind == GPU and m.size == 40 and m.rates:
+            raise AdapterLostError("gone")
+        return real(m, scene, dt, settings)
+
+    monkeypatch.setattr(experiment, "measure", measure)
+    settings = Settings(
+        sizes=(40, 20), batches=(), methods=(2,), precisions=("single",), runs=3, frame_steps=2,
+        window_frames=1, first_frames=1,
+    )  # fmt: skip
+    runs = []
+    measurements = run(
+        settings, [device.adapter], advance=runs.append,
+        left_out=lambda m, why: told.append((m.target.kind, m.size, str(why))),
+    )  # fmt: skip
+    assert told == [(GPU, 40, "gone")]
+    assert {(m.target.kind, m.size) for m in measurements if m.size == 40} == {
+        (SCALAR, 40), (SIMD, 40),
+    }  # fmt: skip
+    assert any(m.target.kind == GPU and m.size == 20 for m in measurements)
+    assert sum(runs) == experiment.count(settings, [device.adapter])
 
 
 @pytest.mark.needs_no_adapter
@@ -77,8 +132,8 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
     for m in measurements:
         assert len(m.rates) == len(m.setup) == len(m.first_frames) == 2
         assert m.rate > 0 and all(seconds > 0 for seconds in m.first_frames[0])
-        assert 2 <= m.steps <= 2 * 20
-    assert bool(report.warnings(measurements)) == device.adapter.software
+        assert len(m.steps) == 2 and all(1 <= n <= 20 for n in m.steps)
+    assert bool(comparison.warnings(measurements)) == device.adapter.software
 
 
 def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
@@ -87,7 +142,7 @@ def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
         "--batches", "--method", "2", "--runs", "1", "--seconds", "0.02",
         "--out", str(tmp_path), "--name", "here",
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=os.environ)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, env=os.environ)
     assert done.returncode == 0, done.stderr
     with open(tmp_path / "here.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

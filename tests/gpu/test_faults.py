@@ -6,12 +6,13 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.gpu import AdapterLostError
-from clothsim.gpu import simulation as gpu_simulation
+from clothsim.gpu import safe as safe_copy
 from clothsim.gpu.device import Device
 from clothsim.gpu.simulation import Simulation
 
@@ -137,7 +138,7 @@ def test_one_stepper_in_two_threads_is_refused():
 
 
 def test_a_lost_adapter_leaves_the_last_state_that_was_copied_back(device, same_bits, monkeypatch):
-    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 3600.0)
+    monkeypatch.setattr(safe_copy, "SECONDS_BETWEEN_COPIES", 3600.0)
     scene, dt = cs.scenes.paper_static(), 1e-4
     stepper = cs.Stepper(scene, t=0.1, **GPU)
     stepper.advance(20, dt)
@@ -183,8 +184,8 @@ def test_a_forked_process_is_told_to_be_spawned(monkeypatch):
 
 
 def test_the_state_is_copied_back_while_it_advances(monkeypatch):
-    monkeypatch.setattr(gpu_simulation, "SECONDS_BETWEEN_COPIES", 0.0)
-    monkeypatch.setattr(gpu_simulation, "PART_OF_TIME_FOR_COPIES", 1e9)
+    monkeypatch.setattr(safe_copy, "SECONDS_BETWEEN_COPIES", 0.0)
+    monkeypatch.setattr(safe_copy, "PART_OF_TIME_FOR_COPIES", 1e9)
     stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
     stepper.advance(5, 1e-4)
     stepper._state.core.device.handle.destroy()
@@ -198,6 +199,17 @@ def test_double_is_refused_where_there_is_no_float64(device):
     told = "precision must be 'single' on the graphics adapter .* got 'double'"
     with pytest.raises(ValueError, match=told):
         Simulation([cs.scenes.paper_swing()], 0.0, "double", False, narrow)
+
+
+def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):
+    """The places of the spheres of many scenes, not the state, are what is too large."""
+    narrow = Device(replace(device.adapter, largest_buffer=40_000))
+    ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)))
+    scenes = [cs.Scene(cs.Cloth((3, 3)), ball.replace(radius=0.1 + 0.01 * k)) for k in range(9)]
+    Simulation(scenes[:2], 0.0, "single", False, narrow)
+    told = r"graphics adapter: it needs a buffer of 110,592 bytes, .* has at most 40,000"
+    with pytest.raises(ValueError, match=told):
+        Simulation(scenes, 0.0, "single", False, narrow)
 
 
 def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):

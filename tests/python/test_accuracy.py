@@ -4,6 +4,8 @@ import math
 import multiprocessing
 import os
 import warnings
+from pathlib import Path
+from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
@@ -79,7 +81,7 @@ def test_a_solution_is_kept_in_memory_and_on_disk(own_cache, same_bits):
     assert cache_directory() == own_cache
 
 
-def test_the_key_is_scene_times_and_version(own_cache, monkeypatch):
+def test_the_key_is_scene_times_and_code(own_cache, monkeypatch):
     scene = cs.scenes.oscillator()
     cs.reference(scene, 0.3)
     for other, arguments in (
@@ -88,10 +90,27 @@ def test_the_key_is_scene_times_and_version(own_cache, monkeypatch):
         (scene, (0.3, 0.1)),
     ):
         assert cs.reference(other, *arguments).report["kept"] == "computed"
-    build = {**cs.build_config(), "version": "another"}
-    monkeypatch.setattr(solution, "build_config", lambda: build)
+    monkeypatch.setattr(_cache, "code", lambda: "another")
     assert cs.reference(scene, 0.3).report["kept"] == "computed"
     assert len(files(own_cache)) == 5
+
+
+@pytest.mark.parametrize("changed", ["the core", "cloth.py"])
+def test_code_that_changes_has_another_hash(tmp_path, monkeypatch, changed):
+    package = Path(_cache.__file__).parent.parent
+    for name in ("cloth.py", "plan.py", "scene.py", "accuracy/solution.py"):
+        copy = tmp_path / "clothsim" / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes((package / name).read_bytes())
+    core = tmp_path / "core.so"
+    core.write_bytes(b"forces")
+    monkeypatch.setattr(_cache, "__file__", str(tmp_path / "clothsim/accuracy/_cache.py"))
+    monkeypatch.setattr(_cache, "_core", SimpleNamespace(__file__=str(core)))
+    before = _cache.code.__wrapped__()
+    assert _cache.code.__wrapped__() == before != _cache.code()
+    path = core if changed == "the core" else tmp_path / "clothsim/cloth.py"
+    path.write_bytes(path.read_bytes() + b" ")
+    assert _cache.code.__wrapped__() != before
 
 
 def test_without_cache_nothing_is_kept(own_cache):

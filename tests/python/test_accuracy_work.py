@@ -12,7 +12,8 @@ import pytest
 from clothsim.accuracy import _cache, peers, plots, tables
 from clothsim.accuracy.front import TARGETS, Front, Row, Target, cheapest, front, statement
 from clothsim.accuracy.methods import Outcome, own_methods
-from clothsim.accuracy.work import Measured, pareto
+from clothsim.accuracy.bench import Measured
+from clothsim.accuracy.dataset import pareto
 from clothsim.cli import main
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
@@ -148,6 +149,7 @@ def test_cheapest_finds_the_setting_and_asks_little():
     assert cheapest(error, 1.0, 1e-2, 1e-12) is None
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_front_takes_each_method_at_its_cheapest_setting(scene, solution):
     found = front(
         scene, DURATION, [1e-7, 1e-10], methods=["rk4", "dop853"], precisions=["double"],
@@ -161,11 +163,22 @@ def test_front_takes_each_method_at_its_cheapest_setting(scene, solution):
         assert times == sorted(times)
         for row in rows:
             assert row.result.rms <= error
-            run = cs.simulate(
-                scene, DURATION, 1.1 * row.result.setting, integrator=row.result.method.name
-            )
-            limit = cs.max_stable_dt(scene, row.result.method.name)
-            assert solution.error_of(run.x[-1])["rms"] > error or row.result.setting > 0.9 * limit
+            # The search ends within 3 % of a setting that fails; how the steps divide the duration
+            # makes the error jump, so not all larger ones do.
+            more = [factor * row.result.setting for factor in (1.01, 1.02, 1.03, 1.05)]
+            name = row.result.method.name
+            assert max(_error(scene, solution, name, dt) for dt in more) > error
+    # Where the run stands it, a setting is above what is guaranteed for any state.
+    coarsest = {row.result.method.name: row.result.setting for row in found.at(1e-7)}
+    assert all(dt > cs.max_stable_dt(scene, name) for name, dt in coarsest.items())
+
+
+def _error(scene, solution, integrator, dt):
+    try:
+        run = cs.simulate(scene, DURATION, dt, integrator=integrator)
+    except cs.UnstableError:
+        return math.inf
+    return solution.error_of(run.x[-1])["rms"]
 
 
 def _front_of(*entries):

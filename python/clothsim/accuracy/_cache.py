@@ -17,10 +17,13 @@ import warnings
 import zipfile
 from collections import OrderedDict
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .. import _core
 
 ENVIRONMENT_VARIABLE = "CLOTHSIM_CACHE_DIR"
 _IN_MEMORY = 32  # solutions
@@ -55,6 +58,20 @@ def cache_directory() -> Path:
         given = Path(os.environ.get("XDG_CACHE_HOME", ""))
         base = given if given.is_absolute() else Path.home() / ".cache"
     return base / "clothsim"
+
+
+@cache
+def code() -> str:
+    """A hash of what computes a solution: the built core, and the modules that describe a cloth to it.
+
+    The version does not tell them apart while somebody is changing them.
+    """
+    package = Path(__file__).parent.parent
+    modules = (package / name for name in ("cloth.py", "plan.py", "scene.py", "accuracy/solution.py"))
+    found = hashlib.sha256()
+    for path in (Path(_core.__file__), *modules):
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
 
 
 def key_of(facts: Mapping[str, Any]) -> str:

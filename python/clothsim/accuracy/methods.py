@@ -114,7 +114,7 @@ class Own:
             threads=self.threads, **chosen,
         )  # fmt: skip
         report = run.report
-        return Outcome(run.x[-1], run.v[-1], report["force_evaluations"], report["wall_time"])
+        return Outcome(run.x[-1], run.v[-1], report["solution_evaluations"], report["wall_time"])
 
 
 def own_methods(

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from .. import _core
 from .. import _validate as check
-from ..build import build_config
 from ..measures import max_stable_dt
 from ..plan import choose_threads
 from ..scene import Scene
@@ -122,8 +121,8 @@ def reference(
     more than rounding does. What the two differ by is the error bound.
 
     Solutions are kept in memory (the last 32) and on disk, in the folder that
-    `clothsim.accuracy.cache_directory` names, by scene, times and version of clothsim. Any number
-    of processes may share the folder.
+    `clothsim.accuracy.cache_directory` names, by scene, times and a hash of the code that computes
+    them. Any number of processes may share the folder.
 
     Parameters
     ----------
@@ -177,7 +176,7 @@ def reference(
     key = _cache.key_of(
         {
             "format": _FORMAT,
-            "version": build_config()["version"],
+            "code": _cache.code(),
             "scene": scene.to_dict(),
             "times": times,
         }

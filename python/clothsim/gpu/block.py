@@ -91,11 +91,6 @@ class Block:
                         f"adapter {self.device.adapter.name}, whose shaders have no float64, got "
                         "'continuous'"
                     )
-                if sphere.offset == "face":
-                    raise ValueError(
-                        f"offset of spheres[{k}] must be 'none', 'edge' or a length with backend "
-                        "'gpu', got 'face': whole triangles are kept out by backend 'cpu' only"
-                    )
 
     @property
     def _plane_bytes(self) -> int:
@@ -122,9 +117,12 @@ class Block:
         self.contact_table = create(size, "STORAGE", "COPY_DST")
         self._told = 1 + 4 * len(self.members)
         words = math.ceil(self.points / 32) if self.features.continuous else 0
-        self.results = create(4 * (self._told + words * len(self.members)), *both)
         self._results = np.zeros(self._told + words * len(self.members), np.uint32)
         self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
+        if self.features.faces:  # the cells that may touch, and how far points were pushed
+            faces = np.full((len(self.members), 4 + self.points), NONE_BAD, np.uint32)
+            self._results = np.concatenate([self._results, faces.ravel()])
+        self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
         self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
@@ -216,6 +214,11 @@ class Block:
                 work.dispatch_workgroups(*self.groups)
             if self.pipelines.settle:
                 work.set_pipeline(self.pipelines.settle)
+                work.dispatch_workgroups(1, 1, self.groups[2])
+            if self.pipelines.keep_faces_out:
+                work.set_pipeline(self.pipelines.find_faces)
+                work.dispatch_workgroups(*self.groups)
+                work.set_pipeline(self.pipelines.keep_faces_out)
                 work.dispatch_workgroups(1, 1, self.groups[2])
 
     def check(self, work: Any) -> None:

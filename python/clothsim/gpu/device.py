@@ -196,6 +196,12 @@ class Device:
             )
 
     def create_buffer(self, size: int, *usages: str) -> Any:
+        """A buffer of `size` bytes; ValueError where the adapter has none so large."""
+        if size > self.adapter.largest_buffer:
+            raise ValueError(
+                f"scene is too large for the graphics adapter: it needs a buffer of {size:,} "
+                f"bytes, {self.adapter.name} has at most {self.adapter.largest_buffer:,}"
+            )
         flags = 0
         for usage in usages:
             flags |= getattr(self.wgpu.BufferUsage, usage)

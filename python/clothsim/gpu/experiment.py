@@ -1,28 +1,30 @@
 """Experiment 4 of Kim et al. over sizes: the core against the compute shader.
 
-A measurement makes a stepper, times its first frames one by one (buffers and pipelines are made
-there: the paper's first measurement is slower for it), then takes means over windows of frames.
-`report.py` makes tables and plots of them; benchmarks/gpu.py is the command.
+A run makes a stepper, times its first frames one by one (buffers and pipelines are made there: the
+paper's first measurement is slower for it), then takes the mean over a window of frames. A window
+that outlasts its limit ends early, and says after how many steps; a large cloth on a slow target
+does a step or two. `report.py` makes tables and plots of them; benchmarks/gpu.py is the command.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
+from clothsim.benchmark.timing import StepTimer
 
 from .device import Adapter, adapters, using
+from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 METHODS = {1: "reflect", 2: "ray"}
-SCALAR, SIMD, GPU = "scalar", "SIMD", "GPU"
 PAPER_DT = 5e-6  # s
-_LONGEST_PART = 0.1  # s of steps between two looks at the clock
+PAPER_SIZE = 32  # points along a side
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,13 @@ class Settings:
         Measurements, each with a stepper of its own.
     seconds : float
         Wall time after which a window ends early [s].
+    paper_seconds : float
+        The same for the paper's own cloth of 32 x 32, whose frames are to be whole [s].
     first_frames : int
         Frames of a run that are timed one by one.
     first_seconds : float
-        Wall time after which such a frame ends early [s].
+        Wall time after which such a frame ends early [s]; no further one begins when those after
+        the first have taken four times as long.
     """
 
     sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
@@ -58,57 +63,24 @@ class Settings:
     window_frames: int = 200
     runs: int = 10
     seconds: float = 1.0
+    paper_seconds: float = 10.0
     first_frames: int = 8
     first_seconds: float = 0.1
 
+    @property
+    def window_steps(self) -> int:
+        """Steps of a window that is not ended early."""
+        return self.window_frames * self.frame_steps
+
+    def limit(self, size: int, members: int) -> float:
+        """Wall time after which a window of such a scene ends early [s]."""
+        return self.paper_seconds if (size, members) == (PAPER_SIZE, 1) else self.seconds
+
 
 QUICK = Settings(
-    sizes=(32, 128), batches=(16,), precisions=("single",), runs=2, seconds=0.2, first_frames=4,
-    first_seconds=0.05,
+    sizes=(32, 128), batches=(16,), precisions=("single",), runs=2, seconds=0.2, paper_seconds=0.2,
+    first_frames=4, first_seconds=0.05,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Target:
-    """Who computes."""
-
-    kind: str
-    name: str
-    threads: int = 1
-    adapter: Adapter | None = None
-
-    @property
-    def software(self) -> bool:
-        """Whether it is a graphics adapter that is a CPU."""
-        return self.adapter is not None and self.adapter.software
-
-
-@dataclass
-class Measurement:
-    """What one target did with one scene."""
-
-    target: Target
-    method: int
-    precision: str
-    size: int
-    members: int
-    setup: list[float] = field(default_factory=list)  # s, per run
-    first_frames: list[list[float]] = field(default_factory=list)  # s a step, per run and frame
-    rates: list[float] = field(default_factory=list)  # steps/s, per run
-    steps: int = 0  # that were timed, in all
-
-    @property
-    def points(self) -> int:
-        return self.size * self.size * self.members
-
-    @property
-    def rate(self) -> float:
-        """Median steps/s of the runs."""
-        return float(np.median(self.rates))
-
-    def quartiles(self) -> tuple[float, float]:
-        low, high = np.quantile(self.rates, (0.25, 0.75))
-        return float(low), float(high)
 
 
 def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
@@ -168,25 +140,6 @@ def _stepping(target: Target, scene: cs.Scene, members: int, precision: str, dt:
     return lambda steps: stepper.advance(steps, dt)
 
 
-class _Clock:
-    """Times steps in parts that are short enough to end in time."""
-
-    def __init__(self, advance: Callable[[int], None]) -> None:
-        self._advance, self._part = advance, 1
-
-    def timed(self, steps: int, seconds: float) -> tuple[int, float]:
-        """Steps done, at most `steps`, and how long they took [s]."""
-        start, done, elapsed = perf_counter(), 0, 0.0
-        while done < steps and (elapsed < seconds or done == 0):
-            part = min(self._part, steps - done)
-            begin = perf_counter()
-            self._advance(part)
-            took = perf_counter() - begin
-            done, elapsed = done + part, perf_counter() - start
-            self._part = max(1, min(2 * part, int(part * _LONGEST_PART / max(took, 1e-9))))
-        return done, elapsed
-
-
 def measure(
     measurement: Measurement, scene: cs.Scene, dt: float, settings: Settings
 ) -> Measurement:
@@ -196,15 +149,17 @@ def measure(
         start = perf_counter()
         advance = _stepping(m.target, scene, m.members, m.precision, dt)
         m.setup.append(perf_counter() - start)
-        clock, first = _Clock(advance), []
-        for _ in range(settings.first_frames):
-            done, elapsed = clock.timed(settings.frame_steps, settings.first_seconds)
+        timer, first, spent = StepTimer(advance), [], 0.0
+        while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:
+            done, elapsed = timer.timed(settings.frame_steps, settings.first_seconds)
+            spent += elapsed if first else 0.0  # the first one may be compiling for seconds
             first.append(elapsed / done)
         m.first_frames.append(first)
-        steps = settings.window_frames * settings.frame_steps
-        done, elapsed = clock.timed(steps, settings.seconds)
+        m.frame_steps, m.asked = settings.frame_steps, settings.window_steps
+        m.limit = settings.limit(m.size, m.members)
+        done, elapsed = timer.timed(m.asked, m.limit)
     m.rates.append(done / elapsed)
-    m.steps += done
+    m.steps.append(done)
     return m
 
 
@@ -219,6 +174,7 @@ def run(
     *,
     advance: Callable[[int], Any] = lambda runs: None,
     finished: Callable[[list[Measurement]], Any] = lambda measurements: None,
+    left_out: Callable[[Measurement, Exception], Any] = lambda measurement, why: None,
 ) -> list[Measurement]:
     """Measure every target with every scene.
 
@@ -233,11 +189,13 @@ def run(
         Told 1 after each run.
     finished : callable
         Given all measurements so far after each scene, so that an interrupted experiment has them.
+    left_out : callable
+        Told of what a target could not do, and why: a limit exceeded, no memory, an adapter lost.
 
     Returns
     -------
     list of Measurement
-        What a target could not do, for want of memory, is left out.
+        Without what was left out.
     """
     settings = settings or Settings()
     measurements: list[Measurement] = []
@@ -247,13 +205,15 @@ def run(
             for method in settings.methods:
                 scene, dt = touching_scene(size, method)
                 group = [Measurement(t, method, precision, size, members) for t in everyone]
-                for _ in range(settings.runs):
+                for done in range(settings.runs):
                     for one in list(group):
                         try:
                             measure(one, scene, dt, settings)
-                        except (MemoryError, ValueError):  # too large for this adapter
+                            advance(1)
+                        except (MemoryError, ValueError, RuntimeError) as error:
                             group.remove(one)
-                        advance(1)
+                            left_out(one, error)
+                            advance(settings.runs - done)
                 measurements += group
                 finished(measurements)
     return measurements
@@ -267,5 +227,8 @@ def count(settings: Settings, found: Sequence[Adapter] | None = None) -> int:
 
 def quick(settings: Settings) -> Settings:
     """`settings` without what takes long."""
-    names = ("sizes", "batches", "precisions", "runs", "seconds", "first_frames", "first_seconds")
+    names = (
+        "sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames",
+        "first_seconds",
+    )  # fmt: skip
     return replace(settings, **{name: getattr(QUICK, name) for name in names})

@@ -1,86 +1,19 @@
-"""Experiment 4's measurements as tables, CSV files and a plot."""
+"""Experiment 4's measurements as tables and files."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import clothsim as cs
 
-from .experiment import GPU, Measurement
-
-WARNING = (
-    "{name} is a CPU that runs shaders, no GPU: its figures say nothing about a graphics card, "
-    "only that the shader runs."
-)
-COLORS = {"scalar": "#777777", "SIMD": "#2f6db3", "GPU": "#c2512c"}
-
-
-def warnings(measurements: Iterable[Measurement]) -> list[str]:
-    """One sentence for every adapter that is no GPU."""
-    names = {m.target.name.replace(" [a CPU]", "") for m in measurements if m.target.software}
-    return [WARNING.format(name=name) for name in sorted(names)]
-
-
-def _groups(measurements: Sequence[Measurement]) -> dict[tuple[Any, ...], list[Measurement]]:
-    groups: dict[tuple[Any, ...], list[Measurement]] = {}
-    for m in measurements:
-        groups.setdefault((m.precision, m.method, m.size, m.members), []).append(m)
-    return groups
-
-
-def against_cpu(m: Measurement, measurements: Sequence[Measurement]) -> float | None:
-    """Steps/s of `m` over those of the fastest CPU target with the same scene."""
-    same = _groups(measurements)[m.precision, m.method, m.size, m.members]
-    rates = [one.rate for one in same if one.target.kind != GPU]
-    return m.rate / max(rates) if rates else None
-
-
-def crossover(
-    measurements: Sequence[Measurement], target: str, precision: str, method: int, batch: bool
-) -> Measurement | None:
-    """The smallest scene from which on `target` is faster than every CPU target.
-
-    `batch`: among batches, else among single cloths. None: it is not faster at the largest.
-    """
-    mine = [
-        m for m in measurements
-        if (m.target.name, m.precision, m.method) == (target, precision, method)
-        and (m.members > 1) == batch
-    ]  # fmt: skip
-    first = None
-    for m in sorted(mine, key=lambda m: m.points, reverse=True):
-        gain = against_cpu(m, measurements)
-        if gain is None or gain <= 1:
-            break
-        first = m
-    return first
-
-
-def crossovers(measurements: Sequence[Measurement]) -> list[str]:
-    """A sentence for every adapter, precision, method and kind of scene."""
-    lines = []
-    keys = dict.fromkeys(
-        (m.target.name, m.precision, m.method, m.members > 1)
-        for m in measurements if m.target.kind == GPU
-    )  # fmt: skip
-    for name, precision, method, batch in keys:
-        first = crossover(measurements, name, precision, method, batch)
-        what = "batches" if batch else "single cloths"
-        start = f"{name}, {precision}, method {method}, {what}: "
-        if first is None:
-            lines.append(start + "no crossover, the CPU is faster up to the largest measured.")
-            continue
-        gain = against_cpu(first, measurements)
-        where = f"faster than the CPU from {_scene(first)} on ({gain:.2g} times there)."
-        lines.append(start + where)
-    return lines
-
-
-def _scene(m: Measurement) -> str:
-    return f"{m.size} x {m.size}" + (f", {m.members} cloths" if m.members > 1 else "")
+from . import figure
+from .comparison import (
+    against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings,
+)  # fmt: skip
+from .measurement import GPU, Measurement
 
 
 def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
@@ -106,7 +39,10 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
                 "members": m.members,
                 "mass_points": m.points,
                 "runs": len(m.rates),
-                "steps_timed": m.steps,
+                "steps_asked": m.asked * len(m.rates),
+                "steps_timed": sum(m.steps),
+                "frames_per_run": frames_per_run(m),
+                "shortened": m.shortened,
                 "steps_per_second": m.rate,
                 "lower_quartile": low,
                 "upper_quartile": high,
@@ -153,114 +89,47 @@ def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
 def text(measurements: Sequence[Measurement]) -> str:
     """The table, the crossovers and the first frames, to read."""
     lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9}  by"
-    for (precision, method), group in _by_table(measurements).items():
+    head = (
+        f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9} "
+        f"{'frames':>8}  by"
+    )
+    for (precision, method), group in by_table(measurements).items():
         lines += ["", f"{precision}, method {method}", head]
         for m in group:
             gain = against_cpu(m, measurements)
             lines.append(
-                f"{_scene(m):>20} {1e6 / m.rate:11.4g} {m.rate:11.4g} "
-                f"{m.rate * m.points / 1e6:10.4g} {'' if gain is None else f'{gain:.3g}':>9}  "
-                f"{m.target.name}"
+                f"{scene_name(m):>20} {1e6 / m.rate:11.4g} {m.rate:11.4g} "
+                f"{m.rate * m.points / 1e6:10.4g} {'' if gain is None else f'{gain:.3g}':>9} "
+                f"{f'{frames_per_run(m):.3g}' + '*' * m.shortened:>8}  {m.target.name}"
             )
+    lines += ["", *shortened(measurements)]
     lines += ["", "Where the shader becomes faster:", *crossovers(measurements)]
     lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]
     for m in measurements:
         if m.target.kind == GPU and m.size == min(o.size for o in measurements) and m.members == 1:
             first, last = m.first_frames[0][0], m.first_frames[0][-1]
             lines.append(
-                f"{m.target.name}, {m.precision}, method {m.method}, {_scene(m)}: made in "
+                f"{m.target.name}, {m.precision}, method {m.method}, {scene_name(m)}: made in "
                 f"{1e3 * m.setup[0]:.4g} ms, then {1e6 * first:.4g} us a step in the first frame, "
                 f"{1e6 * last:.4g} in frame {len(m.first_frames[0])}"
             )
     return "\n".join(lines)
 
 
-def _by_table(measurements: Sequence[Measurement]) -> dict[tuple[str, int], list[Measurement]]:
-    tables: dict[tuple[str, int], list[Measurement]] = {}
-    for m in measurements:
-        tables.setdefault((m.precision, m.method), []).append(m)
-    return tables
-
-
-def draw(measurements: Sequence[Measurement], path: Path) -> Path:
-    """The plot: speed over size with the crossover, and the first frames apart."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    by_table = _by_table(measurements)
-    figure = Figure(figsize=(11.5, 3.9 * len(by_table) + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(by_table), 2, squeeze=False, width_ratios=(2, 1))
-    for (title, group), (speed, start) in zip(by_table.items(), panels, strict=True):
-        _draw_speed(speed, group, measurements)
-        speed.set_title(f"{title[0]}, method {title[1]}", loc="left", fontsize="medium")
-        _draw_first_frames(start, group)
-    if warned := warnings(measurements):
-        figure.suptitle("\n".join(warned), fontsize="small", color=COLORS["GPU"])
-    figure.savefig(path, dpi=120)
-    return path
-
-
-_STYLES = ("-", "--", ":", "-.")
-
-
-def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measurement]) -> None:
-    styles: dict[str, int] = {}
-    for name in dict.fromkeys(m.target.name for m in group):
-        mine = [m for m in group if m.target.name == name]
-        kind = mine[0].target.kind
-        place = styles[kind] = styles.get(kind, -1) + 1
-        look = {"color": COLORS[kind], "ls": _STYLES[place % len(_STYLES)], "ms": 4}
-        for batch, marker in ((False, "o"), (True, "s")):
-            part = sorted((m for m in mine if (m.members > 1) == batch), key=lambda m: m.points)
-            panel.plot(
-                [m.points for m in part], [m.rate * m.points for m in part], marker=marker,
-                mfc="white" if batch else COLORS[kind], **look, label=None if batch else name,
-            )  # fmt: skip
-        first = crossover(everything, name, group[0].precision, group[0].method, False)
-        if kind == GPU and first:
-            panel.axvline(first.points, color=COLORS[GPU], lw=0.8)
-            panel.annotate(
-                f"faster from {first.size} x {first.size} on", (first.points, 0.03), rotation=90,
-                xycoords=("data", "axes fraction"), fontsize="x-small", ha="right",
-            )  # fmt: skip
-    panel.set(
-        xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)",
-        ylabel="mass points x steps / s",
-    )  # fmt: skip
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize="x-small")
-
-
-def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
-    least = min(m.points for m in group)
-    for m in group:
-        if m.points != least:
-            continue
-        frames = m.first_frames[0]
-        settled = 1 / m.rate
-        panel.plot(
-            range(1, len(frames) + 1), [seconds / settled for seconds in frames], marker="o", ms=3,
-            color=COLORS[m.target.kind], label=m.target.name,
-        )  # fmt: skip
-    panel.axhline(1, color="0.5", lw=0.8)
-    panel.set(
-        yscale="log", xlabel="frame of the first run (smallest scene)",
-        ylabel="time of a step / its median later",
-    )  # fmt: skip
-    panel.grid(alpha=0.3)
-
-
-def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
-    """`name`.csv, `name`_first_frames.csv and, with matplotlib, `name`.png in `folder`."""
+def write_tables(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
+    """`name`.csv and `name`_first_frames.csv in `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [
+    return [
         write_csv(folder / f"{name}.csv", rows(measurements)),
         write_csv(folder / f"{name}_first_frames.csv", first_frames(measurements)),
     ]
+
+
+def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
+    """The tables and, with matplotlib, `name`.png in `folder`."""
+    files = write_tables(measurements, folder, name)
     try:
-        files.append(draw(measurements, folder / f"{name}.png"))
+        files.append(figure.draw(measurements, folder / f"{name}.png"))
     except ImportError:
         pass  # the figures are in the CSV files
     return files

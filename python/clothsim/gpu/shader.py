@@ -21,6 +21,7 @@ class SphereFeatures:
     response: str
     literal: bool
     rough: bool
+    faces: bool
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Features:
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
             spheres=tuple(
-                SphereFeatures(s.response, s.literal, s.friction > 0) for s in scene.spheres
+                SphereFeatures(s.response, s.literal, s.friction > 0, s.offset == "face")
+                for s in scene.spheres
             ),
         )
 
@@ -61,6 +63,11 @@ class Features:
     def continuous(self) -> tuple[int, ...]:
         """Places of the spheres whose response is continuous."""
         return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
+
+    @property
+    def faces(self) -> tuple[int, ...]:
+        """Places of the spheres that keep whole triangles out; continuous ones all of them."""
+        return tuple(k for k, s in enumerate(self.spheres) if s.faces)
 
     def after_contacts(self) -> str:
         """The shader's function that meets the spheres: those at the step's end in their order,
@@ -84,17 +91,25 @@ class Features:
             lines.append("    result = after_continuous(result, before, id);")
         lines += ["    return result;", "}"]
         if self.continuous:
-            lines += [
-                f"const continuous_spheres = {len(self.continuous)}u;",
-                "fn swept_sphere(member: u32, k: u32) -> Swept {",
-                *(
-                    f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}"
-                    for n, place in enumerate(self.continuous[1:], start=1)
-                ),
-                f"    return swept_of(member, {self.continuous[0]}u);",
-                "}",
-            ]
+            lines.append(f"const keeps_faces_out = {word(bool(self.faces))};")
+            lines += _choice("continuous_spheres", "swept_sphere", self.continuous)
+        if self.faces:
+            lines += _choice("face_spheres", "face_sphere", self.faces)
         return "\n".join(lines)
+
+
+def _choice(count: str, name: str, places: tuple[int, ...]) -> list[str]:
+    """How many spheres there are of a kind, and the function that gives the k-th of them."""
+    return [
+        f"const {count} = {len(places)}u;",
+        f"fn {name}(member: u32, k: u32) -> Swept {{",
+        *(
+            f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}"
+            for n, place in enumerate(places[1:], start=1)
+        ),
+        f"    return swept_of(member, {places[0]}u);",
+        "}",
+    ]
 
 
 @cache
@@ -115,6 +130,8 @@ def source(features: Features, precision: str, float64: bool) -> str:
     names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
     if features.continuous:
         names.append("continuous")
+    if features.faces:
+        names += ["triangle", "faces"]
     return "\n".join([*map(shader_text, names), features.after_contacts()])
 
 
@@ -143,9 +160,13 @@ class Pipelines:
             constants = features.constants(strict)
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
             self.check = pipeline("check", {})
-            self.settle = None
+            self.settle = self.find_faces = self.keep_faces_out = None
+            last = {**constants, "stage": 4}
             if features.continuous:
-                self.settle = pipeline("settle", {**constants, "stage": 4})
+                self.settle = pipeline("settle", last)
+            if features.faces:
+                self.find_faces = pipeline("find_faces", last)
+                self.keep_faces_out = pipeline("keep_faces_out", last)
 
 
 def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:

@@ -13,28 +13,16 @@ import numpy as np
 
 from ..scene import Scene
 from . import device as devices
-from .block import Block
+from .blocks import MOST_STEPS_UNCHECKED, Blocks
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts
-from .shader import Features
-from .watch import STEPS_BETWEEN_ENERGIES, EnergyWatch
+from .planes import arrays_of, far_origins, joined, planes_of, split
+from .safe import SafeCopy
+from .watch import STEPS_BETWEEN_ENERGIES, EnergyWatches
 
-# Steps after which the state is looked at, at most; the exact step of a failure is then found by
-# going back.
-MOST_STEPS_UNCHECKED = 96
-# Steps a submission: the adapter works on one while the host records the next.
-STEPS_PER_SUBMISSION = 32
+# The state is looked at after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
-
-# The state is copied back this often in case the adapter is lost, as long as that takes no more
-# than this part of the time.
-SECONDS_BETWEEN_COPIES = 1.0
-PART_OF_TIME_FOR_COPIES = 0.02
-
-# Extents of a cloth from the origin to its middle, from which on single keeps positions relative to
-# there, as in the core.
-EXTENTS_THAT_ARE_FAR = 8
 
 
 class Simulation:
@@ -75,33 +63,22 @@ class Simulation:
                 "whose shaders have no float64, got 'double'"
             )
         self._scenes = list(scenes)
-        self._precision, self._strict = precision, strict
         self._single = precision == "single"
         self._members = len(self._scenes)
         self._clock = Clock(time)
         self._stable_dt = [math.inf] * self._members
         self._frozen = [False] * self._members
         self._contacts = [0] * self._members
-        self._watches: dict[int, EnergyWatch] = {}
+        self._watches = EnergyWatches(self._scenes)
         self._origins = np.zeros((self._members, 3))
+        self._blocks = Blocks(self.device, self._scenes, precision, strict)
         self._make_blocks()
         self._busy = threading.Lock()
         self._steps_unchecked = 1
         self._lost = False
 
     def _make_blocks(self) -> None:
-        alike: dict[Features, list[int]] = {}
-        for member, scene in enumerate(self._scenes):
-            if not self._frozen[member]:
-                alike.setdefault(Features.of(scene), []).append(member)
-        self._blocks: list[Block] = []  # frees the memory of those that there are
-        for members in alike.values():
-            scenes = [self._scenes[m] for m in members]
-            block = Block(
-                self.device, members, scenes, self._origins[members], self._precision,
-                self._strict, MOST_STEPS_UNCHECKED,
-            )  # fmt: skip
-            self._blocks.append(block)
+        self._blocks.make(self._frozen, self._origins)
         self._step_set = 0.0
 
     # State in and out -----------------------------------------------------------------------------
@@ -109,94 +86,47 @@ class Simulation:
     def load(self, x: np.ndarray, v: np.ndarray) -> None:
         """Take positions and velocities, shape ([B,] rows, columns, 3); pinned ones rest."""
         with self._used():
-            real = np.float32 if self._single else np.float64
-            planes = self._planes(x, v)
-            self._set_origins(self._far_origins(planes[:, :3]))
-            planes[:, :3] -= self._origins[:, :, None]
-            whole = planes.astype(real)
-            parts = [whole, (planes - whole).astype(real)] if self._single else [whole]
-            self._upload(parts)
-
-    def _planes(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        shape = (self._members, -1, 3)
-        planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
-        planes = planes.astype(np.float64, order="C")
-        for member, scene in enumerate(self._scenes):
-            planes[member, 3:, scene.cloth.pinned.ravel()] = 0
-        return planes
-
-    def _far_origins(self, positions: np.ndarray) -> np.ndarray:
-        """What positions are kept relative to in single: 0 but for a cloth far off for its size."""
-        origins = np.zeros((self._members, 3))
-        if self._single:
-            low, high = positions.min(axis=2), positions.max(axis=2)
-            middle = low / 2 + high / 2
-            distance = np.linalg.norm(middle, axis=1)
-            far = distance > EXTENTS_THAT_ARE_FAR * np.linalg.norm(high - low, axis=1)
-            far &= distance < np.finfo(np.float32).max
-            origins[far] = middle[far]
-        return origins
+            planes = planes_of(x, v, self._scenes)
+            if self._single:
+                self._set_origins(far_origins(planes[:, :3]))
+                planes[:, :3] -= self._origins[:, :, None]
+            self._take(split(planes, self._single))
 
     def _set_origins(self, origins: np.ndarray) -> None:
         if (origins != self._origins).any():
             self._origins = origins
             self._make_blocks()
 
-    def _upload(self, parts: Sequence[np.ndarray]) -> None:
-        for watch in self._watches.values():
-            watch.restart()
+    def _take(self, parts: Sequence[np.ndarray]) -> None:
+        self._watches.restart()
         self._put(parts)
 
     def _put(self, parts: Sequence[np.ndarray]) -> None:
-        self._saved = ([np.array(part) for part in parts], self._clock)
-        self._saved_at, self._saving_took = time.monotonic(), 0.0
-        for block in self._blocks:
-            block.upload([part[block.members] for part in parts])
+        self._safe = SafeCopy([np.array(part) for part in parts], self._clock)
+        self._blocks.upload(parts)
 
-    def _save(self) -> None:
-        """Copy the state back, so that it outlives the adapter."""
+    def _copy_back(self) -> None:
         start = time.monotonic()
-        self._saved = (self._downloaded(), self._clock)
-        self._saved_at = time.monotonic()
-        self._saving_took = self._saved_at - start
-
-    def _downloaded(self) -> list[np.ndarray]:
-        parts = [part.copy() for part in self._saved[0]]  # of frozen members nothing comes back
-        for block in self._blocks:
-            for part, values in zip(parts, block.download(), strict=True):
-                part[block.members] = values
-        return parts
+        parts = self._blocks.download(self._safe.parts)
+        self._safe = SafeCopy(parts, self._clock, time.monotonic() - start)
 
     def _state(self) -> list[np.ndarray]:
         """The state, or what is safe of it once the adapter is lost."""
         if not self._lost:
-            self._save()
-        return self._saved[0]
+            self._copy_back()
+        return self._safe.parts
 
     def store(self, x: np.ndarray, v: np.ndarray) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes."""
         with self._used():
-            whole = self._values(self._state())
-            for array, planes in ((x, whole[:, :3]), (v, whole[:, 3:])):
-                array[...] = planes.transpose(0, 2, 1).reshape(array.shape)
-
-    def _values(self, parts: Sequence[np.ndarray]) -> np.ndarray:
-        """The state in float64 and in the scene's coordinates, shape (members, 6, points)."""
-        whole = parts[0].astype(np.float64)
-        if self._single:
-            whole += parts[1]
-        origins = self._origins[:, :, None]
-        positions = whole[:, :3]
-        np.add(positions, origins, out=positions, where=origins != 0)  # -0 stays -0
-        return whole
+            x[...], v[...] = arrays_of(joined(self._state(), self._origins), x.shape)
 
     def snapshot(self) -> tuple[Any, ...]:
         """The clock and the whole state, in the form of the core's."""
         with self._used():
-            parts = self._state()
-            rows = [part.reshape(self._members, -1) for part in parts]
+            rows = [part.reshape(self._members, -1) for part in self._state()]
             raw = np.concatenate([*rows, self._origins], axis=1)
-            clock = self._saved[1]
+            clock = self._safe.clock
             members = [(row, 0.0) for row in raw.astype(np.float64)]
             return clock.origin, clock.steps, clock.dt, members
 
@@ -206,13 +136,13 @@ class Simulation:
             raw = np.array([values for values, _ in members])
             shape = (self._members, 2 if self._single else 1, 6, -1)
             self._set_origins(raw[:, -3:].copy())
-            parts = raw[:, :-3].reshape(shape).astype(self._saved[0][0].dtype)
+            parts = raw[:, :-3].reshape(shape).astype(self._safe.parts[0].dtype)
             self._clock = Clock(origin, steps, dt)
-            self._upload([np.ascontiguousarray(parts[:, k]) for k in range(shape[1])])
+            self._take([np.ascontiguousarray(parts[:, k]) for k in range(shape[1])])
 
     @property
     def time(self) -> float:
-        return (self._saved[1] if self._lost else self._clock).now()
+        return (self._safe.clock if self._lost else self._clock).now()
 
     # The rest of the core's interface -------------------------------------------------------------
 
@@ -253,14 +183,14 @@ class Simulation:
             self._need_adapter()
             self._set_step(dt)
             self._pinned_inside: tuple[int, int] | None = None
-            outcome = self._advance_all(steps, interrupts)
+            outcome = self._advance(steps, interrupts)
             if self._pinned_inside:
                 outcome["pinned_inside"] = self._pinned_inside
             return outcome
 
-    def _advance_all(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
+    def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
         done = 0
-        self._watched = self._above_stable_dt()
+        self._watched = self._watches.choose(self._clock.dt, self._stable_dt, self._frozen)
         if self._watched and steps > 0:
             self._runaway()  # notes the energies to begin with
         while done < steps:
@@ -269,109 +199,56 @@ class Simulation:
                 count = STEPS_BETWEEN_ENERGIES - self._clock.steps % STEPS_BETWEEN_ENERGIES
                 count = min(count, steps - done)
             start = time.monotonic()
-            if self._advance(count):
+            if self._try(count):
                 found = self._rewind_to_last_good(count)
                 return {**found, "step": done + found["step"], "steps": done + found["step"] - 1}
-            self._count_contacts()
-            self._clock = self._clock.after(count)
+            self._accept(count)
             done += count
             seconds = time.monotonic() - start
             wanted = int(SECONDS_BETWEEN_CHECKS * count / max(seconds, 1e-9))
             self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
-            self._save_if_due()
+            if self._safe.is_old:
+                self._copy_back()
             interrupts.deliver()
         return {"steps": done}
 
     def _set_step(self, dt: float) -> None:
         self._clock = self._clock.with_step(dt)
         if dt != self._step_set:
-            for block in self._blocks:
-                block.set_step(dt, [self._stable_dt[m] for m in block.members])
+            self._blocks.set_step(dt, self._stable_dt)
             self._step_set = dt
 
-    def _above_stable_dt(self) -> list[int]:
-        """Members whose energies are watched: those to which nothing but the step can give any."""
-        above = [
-            member for member, scene in enumerate(self._scenes)
-            if not self._frozen[member] and not scene.spheres
-            and self._clock.dt > self._stable_dt[member]
-        ]  # fmt: skip
-        for member in above:
-            if member not in self._watches:
-                self._watches[member] = EnergyWatch(self._scenes[member])
-        return above
+    def _try(self, steps: int) -> dict[str, Any] | None:
+        """`steps` steps that can be taken back; the first member in trouble and its point."""
+        told = self._blocks.run([self._clock.at(k) for k in range(steps + 1)])
+        self._pinned_inside = self._pinned_inside or told.pinned_inside
+        found = [told.bad] if told.bad else []
+        if self._watched and (runaway := self._runaway()):
+            found.append(runaway)
+        return min(found, key=lambda one: one["member"], default=None)
+
+    def _accept(self, steps: int) -> None:
+        self._blocks.add_contacts(self._contacts)
+        self._clock = self._clock.after(steps)
 
     def _runaway(self) -> dict[str, Any] | None:
-        """The first watched member whose energy has run away, in the form of `Block.told`."""
-        values = self._values(self._downloaded())
-        for member in self._watched:
-            shape = (*self._scenes[member].cloth.shape, 3)
-            x, v = values[member].reshape(2, 3, -1).transpose(0, 2, 1).reshape(2, *shape)
-            point = self._watches[member].runaway_point(x, v)
-            if point is not None:
-                return {"member": member, "point": point, "shut_in": False}
-        return None
-
-    def _count_contacts(self) -> None:
-        for block in self._blocks:
-            for member, count in zip(block.members, block.contacts, strict=True):
-                self._contacts[member] += int(count)
-
-    def _advance(self, steps: int) -> dict[str, Any] | None:
-        """`steps` steps after a checkpoint; the first member in trouble, its point and which."""
-        handle = self.device.handle
-        times = [self._clock.at(k) for k in range(steps + 1)]
-        for block in self._blocks:
-            block.begin(times)
-        encoder = handle.create_command_encoder()
-        for block in self._blocks:
-            block.save(encoder)
-        for first in range(0, steps, STEPS_PER_SUBMISSION):
-            count = min(STEPS_PER_SUBMISSION, steps - first)
-            work = encoder.begin_compute_pass()
-            for block in self._blocks:
-                block.dispatch(work, count)
-                if first + count == steps:
-                    block.check(work)
-            work.end()
-            if first + count < steps:
-                handle.queue.submit([encoder.finish()])
-                encoder = handle.create_command_encoder()
-        for block in self._blocks:
-            block.copy_results(encoder)
-        handle.queue.submit([encoder.finish()])
-        told = [block.told() for block in self._blocks]
-        pinned = [point for _, point in told if point]
-        self._pinned_inside = self._pinned_inside or min(pinned, default=None)
-        bad = [one for one, _ in told if one]
-        if self._watched and (runaway := self._runaway()):
-            bad.append(runaway)
-        return min(bad, key=lambda one: one["member"], default=None)
-
-    def _restore_checkpoint(self) -> None:
-        encoder = self.device.handle.create_command_encoder()
-        for block in self._blocks:
-            block.restore(encoder)
-        self.device.handle.queue.submit([encoder.finish()])
+        """The first watched member whose energy has run away, in the form of `Told.bad`."""
+        parts = self._blocks.download(self._safe.parts)
+        found = self._watches.runaway(joined(parts, self._origins))
+        return found and {"member": found[0], "point": found[1], "shut_in": False}
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
         """Find the step that goes wrong and stand before it: the same steps give the same bits."""
-        self._restore_checkpoint()
+        self._blocks.restore()
         for k in range(1, steps + 1):
-            bad = self._advance(1)
+            bad = self._try(1)
             if bad:
-                self._restore_checkpoint()
+                self._blocks.restore()
                 return {**bad, "step": k, "time": self._clock.at(1)}
-            self._count_contacts()
-            self._clock = self._clock.after(1)
+            self._accept(1)
         raise RuntimeError(
             f"the graphics adapter {self.adapter.name} gave another result for the same steps"
         )
-
-    def _save_if_due(self) -> None:
-        least = max(SECONDS_BETWEEN_COPIES, self._saving_took / PART_OF_TIME_FOR_COPIES)
-        if time.monotonic() - self._saved_at > least:
-            self._save()
 
     # Faults ---------------------------------------------------------------------------------------
 
@@ -400,7 +277,7 @@ class Simulation:
             raise AdapterLostError(f"the graphics adapter {self.adapter.name} was lost")
 
     def _what_is_safe(self) -> str:
-        if not hasattr(self, "_saved"):
+        if not hasattr(self, "_safe"):
             return "no state had been copied to it"
         return (
             f"the state at t = {self.time:g} s is safe: positions and velocities give it, and "

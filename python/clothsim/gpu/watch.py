@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .. import _core
 from ..plan import core_cloth
 from ..scene import Scene
+from .planes import arrays_of
 
 # Steps of the clock between two looks, the core's `steps_between_energies`.
 STEPS_BETWEEN_ENERGIES = 16
@@ -51,3 +54,43 @@ class EnergyWatch:
         if not (made > self._negligible and made > _MADE * (kinetic + elastic)):
             return None
         return int((v**2).sum(axis=-1).argmax())
+
+
+class EnergyWatches:
+    """Those of a batch's members that nothing but the time step can give any energy."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        self._scenes = scenes
+        self._watches: dict[int, EnergyWatch] = {}
+        self._watched: list[int] = []
+
+    def restart(self) -> None:
+        """Forget the states where runs began."""
+        for watch in self._watches.values():
+            watch.restart()
+
+    def choose(self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool]) -> bool:
+        """Watch members whose guaranteed step is below `dt` [s]. Whether there are any."""
+        self._watched = [
+            member for member, scene in enumerate(self._scenes)
+            if not frozen[member] and not scene.spheres and dt > stable_dt[member]
+        ]  # fmt: skip
+        for member in self._watched:
+            if member not in self._watches:
+                self._watches[member] = EnergyWatch(self._scenes[member])
+        return bool(self._watched)
+
+    def runaway(self, planes: np.ndarray) -> tuple[int, int] | None:
+        """The first watched member whose energy has run away, and its fastest mass point.
+
+        Parameters
+        ----------
+        planes : numpy.ndarray
+            The state, shape (members, 6, points), float64.
+        """
+        for member in self._watched:
+            x, v = arrays_of(planes[member], (*self._scenes[member].cloth.shape, 3))
+            point = self._watches[member].runaway_point(x, v)
+            if point is not None:
+                return member, point
+        return None

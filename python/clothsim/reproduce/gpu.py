@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from clothsim.gpu import adapters, experiment, report
+from clothsim.gpu import adapters, comparison, experiment, report
 from clothsim.gpu.device import Adapter
 
 from .settings import Settings
@@ -32,6 +32,7 @@ def settings_of(settings: Settings) -> experiment.Settings:
         window_frames=settings.window_frames,
         runs=settings.runs,
         seconds=settings.gpu_seconds,
+        paper_seconds=4 * settings.gpu_seconds,
         first_seconds=settings.gpu_seconds / 4,
     )
 
@@ -51,8 +52,8 @@ def over_sizes(
     files = report.write(measurements, folder, "figure10_sizes")
     return {
         "rows": report.rows(measurements),
-        "crossovers": report.crossovers(measurements),
-        "warnings": report.warnings(measurements),
+        "crossovers": comparison.crossovers(measurements),
+        "warnings": comparison.warnings(measurements),
         "csv": [file.name for file in files if file.suffix == ".csv"],
         "plot": "figure10_sizes.png",
     }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.benchmark.timing import StepTimer
 
 from .paper import METHODS
 from .settings import PAPER_DT, Settings
@@ -19,7 +20,6 @@ SHADER = "shader"
 WARM_UP = 0.5  # s stepped before experiment 4 is timed, so that the cloth lies on the sphere
 WARM_UP_DT = 5e-5  # s
 AGREEMENT_STEPS = 100
-CHUNK = 50  # steps between two looks at the clock
 
 
 def shader_name(adapter: Any) -> str:
@@ -113,12 +113,8 @@ def speedup(
 
     def timed(advance):
         """Steps/s; ends early where threads wait for a busy processor and hardly get on."""
-        start, done = perf_counter(), 0
-        while done < steps and perf_counter() - start < settings.speedup_seconds:
-            part = min(CHUNK, steps - done)
-            advance(part)
-            done += part
-        return done / (perf_counter() - start)
+        done, elapsed = StepTimer(advance).timed(steps, settings.speedup_seconds)
+        return done / elapsed
 
     def core(precision, threads, **where):
         def measure():

@@ -1,4 +1,4 @@
-"""The time step that is stable for a cloth in any state."""
+"""The time step that is stable for a cloth in all but extreme states; see `max_stable_dt`."""
 
 from __future__ import annotations
 

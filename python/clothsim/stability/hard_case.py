@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
+from ..cloth import Cloth
 from ..errors import StabilityWarning, UnstableError
 from ..measures import energy
 from ..plan import PRECISIONS
@@ -217,3 +218,18 @@ def blows_up(within: int) -> Judge:
         ]
 
     return judge
+
+
+NO_GRAVITY = (0.0, 0.0, 0.0)
+
+
+def sheet(shape: tuple[int, int] = (8, 8), **changes: object) -> Cloth:
+    """Half a kilogram a point, undamped, pinned at two corners, unless `changes` say otherwise."""
+    mass = 0.5 * shape[0] * shape[1]
+    return Cloth(**{"shape": shape, "mass": mass, "damping": 0.0, **changes})
+
+
+def noise(cloth: Cloth, size: float) -> Floats:
+    """Random displacements of the free points [m]."""
+    displacements = np.random.default_rng(0).normal(scale=size, size=(*cloth.shape, 3))
+    return displacements * ~cloth.pinned[..., None]

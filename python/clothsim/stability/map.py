@@ -34,7 +34,7 @@ class StabilityMap:
         Measured, shape (K, D).
     limit, guarantee : numpy.ndarray
         Per stiffness [s], shape (K,): the limit predicted from the spectrum at the scene's initial
-        state, and what is guaranteed in any state.
+        state, and what `max_stable_dt` guarantees without a state.
     integrator, precision : str
     steps : int
         Length of the measured runs.

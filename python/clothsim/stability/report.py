@@ -72,7 +72,7 @@ def draw_map(found: StabilityMap, path: Path) -> None:
     order = np.argsort(found.stiffness)
     for values, style, label in (
         (found.limit, "-", "predicted limit"),
-        (found.guarantee, "--", "guaranteed in any state"),
+        (found.guarantee, "--", "guaranteed (max_stable_dt)"),
     ):
         if np.isfinite(values).any():
             axes.plot(found.stiffness[order], values[order], "k" + style, label=label)

@@ -15,7 +15,8 @@ from typing import Any
 from ..errors import ContactError, UnstableError
 from ..integration import integrators
 from ..measures import largest_stretch, max_stable_dt, penetration
-from ..simulation import Run, simulate
+from ..run import Run
+from ..simulation import simulate
 from .batch import Stopped, run_batch
 from .member import Member, Outcome
 

@@ -16,7 +16,7 @@ from ..errors import ContactError, UnstableError
 from ..measures import energy, max_stable_dt, penetration
 from ..plan import check_options
 from ..scene import Scene
-from ..simulation import Run
+from ..run import Run
 from .fields import change_scene, split
 from .grid import Grid
 

@@ -180,6 +180,9 @@ fn may_touch(s: Swept, x: vec3<real>, x0: vec3<real>) -> bool {
 // The fourth stage's own part: the body after the step, from where it was before.
 fn after_continuous(body: Body, before: Body, id: vec3<u32>) -> Body {
     let member = id.z;
+    if (keeps_faces_out) {
+        keep_before(before, place(id));
+    }
     var near = 0u;
     var only = swept_sphere(member, 0u);
     let at_index = id.y * constants.columns + id.x;
@@ -211,17 +214,21 @@ fn after_continuous(body: Body, before: Body, id: vec3<u32>) -> Body {
         }
     }
     if (left_over) {
-        let n = points();
-        let at = place(id);
-        for (var k = 0u; k < 3u; k++) {
-            stage_b[at + k * n] = before.position[k];
-            stage_b[at + (3u + k) * n] = before.velocity[k];
-            accelerations[at + k * n] = before.position_low[k];
-            accelerations[at + (3u + k) * n] = before.velocity_low[k];
-        }
+        keep_before(before, place(id));
         atomicOr(&results[flags_of(member) + at_index / 32u], 1u << (at_index % 32u));
     }
     return result;
+}
+
+// The state before the step, to where the fourth stage is done with what there was.
+fn keep_before(before: Body, at: u32) {
+    let n = points();
+    for (var k = 0u; k < 3u; k++) {
+        stage_b[at + k * n] = before.position[k];
+        stage_b[at + (3u + k) * n] = before.velocity[k];
+        accelerations[at + k * n] = before.position_low[k];
+        accelerations[at + (3u + k) * n] = before.velocity_low[k];
+    }
 }
 
 fn flags_of(member: u32) -> u32 {

@@ -1,0 +1,126 @@
+// Threads side by side on bands of rows, without barriers.
+//
+// A thread goes through its band sweep after sweep: row by row it evaluates accelerations at one version of the state
+// and makes the next version of that row from them while they are in cache. A row needs two rows on either side,
+// so two bands that share a border need two rows of each other. Bands of even number go up, the others down: of the
+// two borders of a band one, `near`, is where sweeps begin and the other, `far`, where they end, for both who
+// share it. What is made of the next version at the near border is told at once, a whole sweep before the neighbour needs
+// it; so the way from processor to processor is rarely waited for.
+//
+// A thread can be no more than one version ahead of its neighbours. So a version may be made in any array that the
+// version before it is not in.
+#pragma once
+
+#include <omp.h>
+
+#include <atomic>
+#include <memory>
+#include <utility>
+
+#include "simulation/state_engine.hpp"
+
+namespace clothsim {
+
+// The newest version of the state of which a band has made the two rows at its borders. Versions are counted anew in
+// each parallel region.
+struct alignas(64) Progress {
+    std::atomic<int> near{0};
+    alignas(64) std::atomic<int> far{0};
+};
+
+// A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
+inline void wait_for(const std::atomic<int>& progress, int version) {
+    constexpr int spins_before_sleep = 500;
+    for (int spins = 0; spins < spins_before_sleep; ++spins) {
+        if (progress.load(std::memory_order_acquire) - version >= 0) return;
+#if defined(__x86_64__)
+        __builtin_ia32_pause();
+#endif
+    }
+    for (int seen = progress.load(std::memory_order_acquire); seen - version < 0;
+         seen = progress.load(std::memory_order_acquire))
+        progress.wait(seen, std::memory_order_acquire);
+}
+
+inline void tell(std::atomic<int>& progress, int version) {
+    progress.store(version, std::memory_order_release);
+    progress.notify_one();
+}
+
+template <class Real>
+struct Band : RowBand {
+    bool first = true, alone = true;
+    FieldScratch<Real>* scratch = nullptr;
+    Progress* own = nullptr;
+    // Of the neighbours at the two borders; null where the cloth ends.
+    const Progress *near = nullptr, *far = nullptr;
+    int version = 0;  // at which the next sweep looks
+
+    void barrier() const {
+        if (alone) return;
+#pragma omp barrier
+    }
+
+    // `work(i)` for every row; it returns of how many rows the next version is made.
+    template <class Work>
+    void each_row(Work work) {
+        const int n = size();
+        for (int i = 0, made = 0; i < n; ++i) {
+            if (far && i == n - 2) wait_for(far->far, version);
+            const int made_before = std::exchange(made, work(i));
+            if (near && made_before < 2 && made >= 2) tell(own->near, version + 1);
+        }
+        ++version;
+        if (far) tell(own->far, version);
+    }
+};
+
+// The threads' bands of a cloth.
+template <class Real>
+class Bands {
+public:
+    // `work(band)` by at most `threads` threads.
+    template <class Work>
+    void run(int rows, int threads, Work work) {
+        const int team = std::max(1, std::min(threads, rows / fewest_rows));
+        while (int(scratch_.size()) < team) scratch_.push_back(std::make_unique<FieldScratch<Real>>());
+        if (team == 1) {
+            Band<Real> band{{0, rows, false}};
+            band.scratch = scratch_[0].get();
+            work(band);
+            return;
+        }
+        if (count_ < team) {
+            progress_ = std::make_unique<Progress[]>(std::size_t(team));
+            count_ = team;
+        }
+        for (int t = 0; t < team; ++t) {
+            progress_[std::size_t(t)].near.store(0, std::memory_order_relaxed);
+            progress_[std::size_t(t)].far.store(0, std::memory_order_relaxed);
+        }
+#pragma omp parallel num_threads(team)
+        {
+            // As many bands as threads were really given: a band without a thread would be waited for.
+            const int n = omp_get_num_threads(), t = omp_get_thread_num();
+            Band<Real> band{{int(std::int64_t(rows) * t / n), int(std::int64_t(rows) * (t + 1) / n), n > 1 && t % 2 == 0}};
+            band.first = t == 0;
+            band.alone = n == 1;
+            band.scratch = scratch_[std::size_t(t)].get();
+            band.own = &progress_[std::size_t(t)];
+            const Progress* const above = t > 0 ? &progress_[std::size_t(t - 1)] : nullptr;
+            const Progress* const below = t + 1 < n ? &progress_[std::size_t(t + 1)] : nullptr;
+            band.near = band.upwards ? below : above;
+            band.far = band.upwards ? above : below;
+            work(band);
+        }
+    }
+
+private:
+    static constexpr int fewest_rows = 8;  // of a band
+
+    std::vector<std::unique_ptr<FieldScratch<Real>>> scratch_;
+    std::unique_ptr<Progress[]> progress_;
+    int count_ = 0;
+};
+
+}  // namespace clothsim

@@ -1,0 +1,22 @@
+// Whether numbers are finite, as fast as they can be read.
+#pragma once
+
+#include <cstddef>
+
+namespace clothsim {
+
+// Blocks of `size` elements, `stride` from one to the next; a block is a multiple of `bytes_of_blocks`.
+struct Blocks {
+    std::ptrdiff_t count, size, stride;
+};
+inline constexpr int bytes_of_blocks = 32;
+
+template <class Real>
+bool all_finite(const Real* p, const Blocks& blocks);
+
+template <>
+bool all_finite(const float* p, const Blocks& blocks);
+template <>
+bool all_finite(const double* p, const Blocks& blocks);
+
+}  // namespace clothsim

@@ -1,0 +1,120 @@
+"""What the report of a run says about its error and its cost."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .adaptive import Controlled
+from .build import build_config
+from .measures import energy, penetration
+from .runs import Floats, Solution, rms
+from .scene import Scene
+
+Account = dict[str, Any]
+
+
+def of_nothing() -> Account:
+    """No error was estimated."""
+    return _account(None, None, None, 0, 0.0)
+
+
+def of_tolerance(scene: Scene, found: Controlled) -> Account:
+    """A run to a tolerance."""
+    tolerance = {
+        "asked": found.asked, "floor": found.floor, "growth": found.growth,
+        "below_floor": found.asked < found.floor,
+    }  # fmt: skip
+    error = None if found.error is None else _size(found.error)
+    outcomes = found.companion and compared(scene, found.solution, found.companion)
+    return _account(error, outcomes, tolerance, found.evaluations, found.wall_time)
+
+
+def of_companion(
+    scene: Scene, solution: Solution, companion: Solution, difference: Floats
+) -> Account:
+    """A run beside another one of the same method; `difference`: the error that tells of."""
+    spent = companion.evaluations, companion.wall_time
+    if solution.contacts or companion.contacts:
+        return _account(None, compared(scene, solution, companion), None, *spent)
+    return _account(_size(difference), None, None, *spent)
+
+
+def _account(
+    error: dict[str, float] | None,
+    outcomes: dict[str, Any] | None,
+    tolerance: dict[str, Any] | None,
+    evaluations: int,
+    wall_time: float,
+) -> Account:
+    chaotic = None if error is None and outcomes is None else outcomes is not None
+    return {
+        "error_estimate": error, "estimate_evaluations": evaluations,
+        "estimate_wall_time": wall_time, "tolerance": tolerance, "chaotic": chaotic,
+        "outcomes": outcomes,
+    }  # fmt: skip
+
+
+def _size(error: Floats) -> dict[str, float]:
+    return {"max": float(np.linalg.norm(error, axis=-1).max()), "rms": rms(error)}
+
+
+def compared(scene: Scene, solution: Solution, companion: Solution) -> dict[str, Any]:
+    """What can be told after a contact, with its difference from the companion's."""
+    ours, theirs = _outcomes(scene, solution), _outcomes(scene, companion)
+    return {
+        name: {"value": value, "difference": _difference(value, theirs[name])}
+        for name, value in ours.items()
+    }
+
+
+def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
+    x, v = one.x[-1], one.v[-1]
+    mass = scene.cloth.mass_per_point[..., None]
+    energies = energy(scene, x, v)
+    end = one.t[-1]
+    return {
+        "first_contact": one.first_contact,
+        "centre_of_mass": ((mass * x).sum(axis=(0, 1)) / mass.sum()).tolist(),
+        "kinetic_energy": energies["kinetic"],
+        "total_energy": energies["total"],
+        "penetration": max(float(penetration(x, s, end)["triangles"]) for s in scene.spheres),
+    }
+
+
+def _difference(a: Any, b: Any) -> float | None:
+    if a is None or b is None:
+        return None
+    return float(np.linalg.norm(np.subtract(a, b)))
+
+
+def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]:
+    """`Run.report`."""
+    t, x, v = solution.t, solution.x, solution.v
+    depths = [penetration(one, sphere, at) for sphere in scene.spheres for one, at in zip(x, t)]
+    wall_time, options, state = solution.wall_time, solution.options, solution.state
+    return {
+        "steps": solution.steps,
+        "rejected_steps": solution.rejected,
+        "force_evaluations": solution.evaluations + account["estimate_evaluations"],
+        "solution_evaluations": solution.evaluations,
+        "wall_time": wall_time,
+        "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
+        "dt": solution.step,
+        **account,
+        "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])},
+        "penetration": {
+            name: max((depth[name] for depth in depths), default=0.0)
+            for name in ("points", "triangles")
+        },
+        "kernel": state.kernel,
+        "integrator": options.integrator,
+        "precision": options.precision,
+        "strict": options.strict,
+        "threads": state.threads,
+        "instruction_set": state.instruction_set,
+        "backend": options.backend,
+        "version": build_config()["version"],
+    }

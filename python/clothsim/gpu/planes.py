@@ -1,0 +1,77 @@
+"""The state as the shader keeps it: six planes a member, in single split in two float32."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..scene import Scene
+
+# Extents of a cloth from the origin to its middle, from which on single keeps positions relative to
+# there, as in the core.
+EXTENTS_THAT_ARE_FAR = 8
+
+
+def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
+    """Positions and velocities as float64 planes (members, 6, points); pinned points rest.
+
+    Parameters
+    ----------
+    x, v : numpy.ndarray
+        Shape ([B,] rows, columns, 3) [m], [m/s].
+    scenes : sequence of Scene
+        One a member.
+    """
+    shape = (len(scenes), -1, 3)
+    planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
+    planes = planes.astype(np.float64, order="C")
+    for member, scene in enumerate(scenes):
+        planes[member, 3:, scene.cloth.pinned.ravel()] = 0
+    return planes
+
+
+def far_origins(positions: np.ndarray) -> np.ndarray:
+    """What single keeps positions relative to [m]: 0 but for a cloth far off for its size.
+
+    Parameters
+    ----------
+    positions : numpy.ndarray
+        Shape (members, 3, points) [m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (members, 3).
+    """
+    low, high = positions.min(axis=2), positions.max(axis=2)
+    middle = low / 2 + high / 2
+    distance = np.linalg.norm(middle, axis=1)
+    far = distance > EXTENTS_THAT_ARE_FAR * np.linalg.norm(high - low, axis=1)
+    far &= distance < np.finfo(np.float32).max
+    return np.where(far[:, None], middle, 0.0)
+
+
+def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
+    """float64 planes as the parts that are uploaded: the state, and in single its compensation."""
+    if not single:
+        return [planes]
+    whole = planes.astype(np.float32)
+    return [whole, (planes - whole).astype(np.float32)]
+
+
+def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
+    """The parts as float64 planes in the scene's coordinates, shape (members, 6, points)."""
+    whole = parts[0].astype(np.float64)
+    for part in parts[1:]:
+        whole += part
+    origins = origins[:, :, None]
+    positions = whole[:, :3]
+    np.add(positions, origins, out=positions, where=origins != 0)  # -0 stays -0
+    return whole
+
+
+def arrays_of(planes: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Planes (..., 6, points) as positions and velocities of `shape`."""
+    swapped = planes.swapaxes(-1, -2)
+    return swapped[..., :3].reshape(shape), swapped[..., 3:].reshape(shape)

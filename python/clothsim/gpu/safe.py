@@ -1,0 +1,38 @@
+"""The last state that was copied back, which outlives the adapter."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from .clock import Clock
+
+# The state is copied back this often, as long as that takes no more than this part of the time.
+SECONDS_BETWEEN_COPIES = 1.0
+PART_OF_TIME_FOR_COPIES = 0.02
+
+
+class SafeCopy:
+    """A state on this side.
+
+    Parameters
+    ----------
+    parts : sequence of numpy.ndarray
+        As `planes.split` gives them.
+    clock : Clock
+        When that was.
+    took : float
+        What copying it back has cost [s].
+    """
+
+    def __init__(self, parts: Sequence[np.ndarray], clock: Clock, took: float = 0.0) -> None:
+        self.parts, self.clock = list(parts), clock
+        self._took, self._made = took, time.monotonic()
+
+    @property
+    def is_old(self) -> bool:
+        """Whether it is time for another."""
+        least = max(SECONDS_BETWEEN_COPIES, self._took / PART_OF_TIME_FOR_COPIES)
+        return time.monotonic() - self._made > least

@@ -1,0 +1,280 @@
+"""One run of a scene, at a fixed time step or with error control, and what it cost."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from ._state import State
+from .integration import integrators
+from .plan import core_cloth
+from .scene import Scene
+from .stability.bound import guaranteed_dt
+
+if TYPE_CHECKING:
+    from .carried import CarriedError
+
+Floats = npt.NDArray[np.float64]
+Frame = tuple[Floats, Floats]  # positions and velocities
+Progress = Callable[[list[Any]], Iterable[Any]]
+
+# Velocities are weighed against positions by a frequency above all of the cloth: this many times
+# the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
+_VELOCITY_WEIGHT = 3.0
+
+
+def size_of(scene: Scene) -> float:
+    """The longer side of the cloth [m]: what a relative tolerance is relative to."""
+    return max(scene.cloth.size)
+
+
+def rms(difference: Floats) -> float:
+    """Root of the mean over mass points of the squared distance."""
+    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the steps are computed, as `step` takes it."""
+
+    integrator: str
+    precision: str
+    threads: int | None
+    kernel: str
+    strict: bool
+    backend: str = "cpu"
+
+    def state(self, scene: Any, x: Any = None, v: Any = None) -> State:
+        return State(
+            scene, x, v, t=0.0, integrator=self.integrator, precision=self.precision,
+            threads=self.threads, kernel=self.kernel, strict=self.strict, backend=self.backend,
+        )  # fmt: skip
+
+    def replace(self, **changes: Any) -> Options:
+        return Options(**{**self.__dict__, **changes})
+
+
+def _contacts(state: State, scene: Scene) -> int:
+    """Answers of the spheres so far; those of "continuous" are not counted: taken to be there."""
+    continuous = any(sphere.response == "continuous" for sphere in scene.spheres)
+    return int(state.core.contacts[0]) + continuous
+
+
+@dataclass
+class Solution:
+    """Frames of one run and what it cost."""
+
+    options: Options
+    t: list[float]
+    x: Floats
+    v: Floats
+    steps: int
+    rejected: int
+    evaluations: int
+    wall_time: float  # of stepping [s]
+    contacts: int  # answers of the spheres to mass points
+    first_contact: float | None  # end of the first step with one [s]; fixed steps: not known
+    step: float  # fixed: the time step, adaptive: the mean one [s]
+    state: State
+
+
+def integrate(
+    scene: Scene,
+    duration: float,
+    tolerance: float,
+    options: Options,
+    every: int | float | None,
+    progress: Progress = iter,
+    error: CarriedError | None = None,
+) -> Solution:
+    """One run with error control, at a tolerance per step [m].
+
+    `every`: an int stores each so many accepted steps, a float so many seconds by dense output.
+    `error`: is told of every step until a contact.
+    """
+    state = options.state(scene)
+    stiffness, _ = core_cloth(scene).mode_bounds
+    rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
+    controller = _core.StepController()
+    controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+    frames = _Frames(state)
+    steps = rejected = 0
+    first_contact = None
+    at_steps = isinstance(every, int)
+    times = [duration] if every is None or at_steps else frame_times(duration, every)[1:]
+    count = every if at_steps else 2**62
+    told = error
+    here = frames.first
+
+    start = time.perf_counter()
+    for until in progress(times):
+        while state.core.time < until:
+            # One contact at a time until the first is found: its moment goes into the report.
+            watching = bool(scene.spheres) and first_contact is None
+            one = watching or error is not None
+            begin = state.core.time
+            outcome = state.core.advance_adaptive(
+                until, duration, 1 if one else count, tolerance, tolerance * rate, duration,
+                controller, state.threads, state.threads_optional,
+            )  # fmt: skip
+            if "point" in outcome:
+                outcome["step"] += steps
+            state.judge(outcome, controller.h)
+            steps += outcome["steps"]
+            rejected += outcome["rejected"]
+            if watching and outcome["contacts"]:
+                first_contact = state.core.time
+                error = None
+            if error is not None and outcome["steps"]:
+                here = _tell(
+                    state, here, begin, state.core.time - begin, 1, error, outcome["error"]
+                )
+            if at_steps and state.core.time < until and steps % count == 0:
+                frames.store(state.core.time)
+        if state.core.time > until:
+            frames.store_dense(until)
+        else:
+            frames.store(until)
+    wall_time = time.perf_counter() - start
+    wall_time -= told.wall_time if told else 0.0
+    return Solution(
+        options, frames.t, *frames.arrays(), steps, rejected, state.core.evaluations[0], wall_time,
+        state.core.contacts[0], first_contact, duration / steps, state,
+    )  # fmt: skip
+
+
+def run_fixed(
+    scene: Scene,
+    duration: float,
+    dt: float,
+    options: Options,
+    times: list[float],
+    progress: Progress = iter,
+    own_step: bool = False,
+    error: CarriedError | None = None,
+) -> Solution:
+    """One run at a fixed time step, a shorter one before a frame that it does not divide.
+
+    `own_step`: the step is not the caller's, so nobody is warned of it. `error`: is told of every
+    step until a contact.
+    """
+    state = options.state(scene)
+    state.warned = own_step
+    frames = _Frames(state)
+    steps, wall_time = 0, 0.0
+    here = frames.first
+    for begin, end in progress(list(zip(times[:-1], times[1:]))):
+        start = time.perf_counter()
+        if error is None:
+            steps += advance_to(state, begin, end, dt)
+        else:
+            begun = error.wall_time
+            more, here = _advance_told(state, begin, end, dt, error, here)
+            steps += more
+            wall_time -= error.wall_time - begun
+            error = None if _contacts(state, scene) else error
+        wall_time += time.perf_counter() - start
+        frames.store(end)
+    evaluations = 4 * steps if options.integrator == "rk4" else state.core.evaluations[0]
+    return Solution(
+        options, frames.t, *frames.arrays(), steps, 0, evaluations, wall_time,
+        _contacts(state, scene), None, dt, state,
+    )  # fmt: skip
+
+
+class _Frames:
+    """States stored along a run; the first is that of the start."""
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self.t: list[float] = []
+        self._x: list[Floats] = []
+        self._v: list[Floats] = []
+        self.store(0.0)
+
+    def _new(self, t: float) -> tuple[Floats, Floats]:
+        x, v = np.empty(self._state.shape), np.empty(self._state.shape)
+        self.t.append(t)
+        self._x.append(x)
+        self._v.append(v)
+        return x, v
+
+    def store(self, t: float) -> None:
+        self._state.store(*self._new(t))
+
+    def store_dense(self, t: float) -> None:
+        self._state.core.dense(t, *self._new(t), self._state.threads)
+
+    @property
+    def first(self) -> Frame:
+        return self._x[0], self._v[0]
+
+    def arrays(self) -> tuple[Floats, Floats]:
+        return np.array(self._x), np.array(self._v)
+
+
+# A remainder below this part of a step is rounding of the caller's numbers, not a step.
+NEGLIGIBLE = 1e-9
+
+
+def frame_times(duration: float, between: float) -> list[float]:
+    """0, each multiple of `between` before the end, and the end [s]."""
+    count = math.ceil(duration / between - NEGLIGIBLE)
+    return [k * between for k in range(count)] + [duration]
+
+
+def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
+    """Steps of `dt` from `begin` to `end`, the last one shorter if need be; how many there were."""
+    whole = math.floor((end - begin) / dt + NEGLIGIBLE)
+    state.advance(whole, dt)
+    rest = (end - begin) - whole * dt
+    if rest <= NEGLIGIBLE * dt:
+        return whole
+    state.advance(1, rest)
+    return whole + 1
+
+
+def _advance_told(
+    state: State, begin: float, end: float, dt: float, error: CarriedError, here: Frame
+) -> tuple[int, Frame]:
+    """As `advance_to`, from the state `here`, and `error` is told of all; steps, and the state."""
+    whole = math.floor((end - begin) / dt + NEGLIGIBLE)
+    rest = (end - begin) - whole * dt
+    done, t = 0, begin
+    while done < whole:
+        steps = error.steps_at_once(t, dt, whole - done)
+        state.advance(steps, dt)
+        here = _tell(state, here, t, dt, steps, error)
+        done += steps
+        t = begin + done * dt
+    if rest > NEGLIGIBLE * dt:
+        state.advance(1, rest)
+        order = integrators()[state.integrator].order
+        here = _tell(state, here, t, rest, 1, error, (rest / dt) ** (order + 1))
+        done += 1
+    return done, here
+
+
+def _tell(
+    state: State,
+    before: Frame,
+    t: float,
+    dt: float,
+    steps: int,
+    error: CarriedError,
+    estimate: float = 1.0,
+) -> Frame:
+    """The state after `steps` steps from `before`, of which `error` is told."""
+    paused = time.perf_counter()
+    after = np.empty(state.shape), np.empty(state.shape)
+    state.store(*after)
+    error.observe(t, before, after, dt, steps, estimate)
+    error.wall_time += time.perf_counter() - paused
+    return after

@@ -1,0 +1,103 @@
+"""Error control together with continuous contact: no contact is skipped, at any speed."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+ADAPTIVE = ("dop853", "dopri5")
+
+
+def free_cloth(shape=(16, 16)):
+    return cs.Cloth(shape=shape, mass=25.6, stiffness=100.0, damping=0.0, pins=())
+
+
+@pytest.mark.parametrize("offset", ["none", "face"])
+@pytest.mark.parametrize("integrator", ADAPTIVE)
+def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
+    """A sphere through a free cloth: what it meets leaves at twice its speed, at whatever tolerance."""
+    sphere = cs.Sphere(
+        (0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset
+    )
+    scene = cs.Scene(free_cloth(), sphere, gravity=(0.0, 0.0, 0.0))
+    run = cs.simulate(scene, 0.02, rtol=1e-2, integrator=integrator, every=1e-3)
+    small = cs.simulate(scene, 0.02, dt=1e-5)
+    met, expected = (np.linalg.norm(r.v[-1], axis=-1) > 50 for r in (run, small))
+    assert expected.sum() >= 28
+    if offset == "none":  # triangles are pushed aside on the way, by how much depends on the step
+        assert (met == expected).all()
+    assert met.sum() >= 28
+    assert run.report["penetration"]["points"] < 1e-12
+    if offset == "face":
+        assert run.report["penetration"]["triangles"] < 1e-6
+    assert run.report["chaotic"] is True
+    first = run.report["outcomes"]["first_contact"]["value"]
+    assert abs(first - (1.0 - sphere.contact_radius(scene.cloth)) / 100.0) < 5e-4
+
+
+@pytest.mark.parametrize("integrator", ADAPTIVE)
+def test_a_grazing_contact_within_a_step_is_answered(integrator):
+    """Both ends of the step are outside; the chord dips in by a hair: the response at the end of a
+    step alone would not see it."""
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
+    radius, depth, speed = 0.5, 2e-4, 10.0
+    sphere = cs.Sphere((0.0, 0.0, 0.0), radius, response="continuous", offset="none")
+    position = np.array([[[-1.0, radius - depth, 0.0], [-1.0, 5.0, 0.0]]])
+    velocity = np.array([[[speed, 0.0, 0.0], [speed, 0.0, 0.0]]])
+    scene = cs.Scene(cloth, sphere, (0.0, 0.0, 0.0), position, velocity)
+    run = cs.simulate(scene, 0.2, rtol=1e-3, integrator=integrator)
+    assert run.v[-1][0, 0, 1] > 0.05  # turned aside
+    assert run.v[-1][0, 1].tolist() == [speed, 0.0, 0.0]
+    assert run.report["chaotic"] is True
+
+
+def test_a_point_bounces_as_it_does_at_fixed_steps():
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
+    sphere = cs.Sphere((0.0, 0.0, 0.0), 0.5, response="continuous", offset="none")
+    position = np.array([[[0.0, 1.0, 0.0], [1.0, 5.0, 0.0]]])
+    scene = cs.Scene(cloth, sphere, position=position)
+    run = cs.simulate(scene, 0.6, rtol=1e-6, integrator="dop853")
+    g, drop = 9.80665, 0.5
+    fall = np.sqrt(2 * drop / g)
+    flight = 0.6 - fall
+    height = 0.5 + g * fall * flight - g * flight**2 / 2
+    # Within a step the way is taken as straight: a step of a tenth of the radius falls 2e-4 m short.
+    assert abs(run.x[-1][0, 0, 1] - height) < 5e-4
+    assert run.report["outcomes"]["total_energy"]["value"] == pytest.approx(
+        run.report["energy"]["start"]["total"], rel=1e-6
+    )
+
+
+def test_frames_are_ends_of_steps():
+    scene = cs.scenes.paper_static("continuous", bend=True)
+    run = cs.simulate(scene, 0.4, rtol=1e-4, integrator="dop853", every=0.01)
+    np.testing.assert_allclose(run.t, 0.01 * np.arange(41), rtol=0, atol=1e-12)
+    assert run.report["penetration"]["points"] < 1e-12
+    assert run.report["penetration"]["triangles"] < 2e-3
+    fixed = cs.simulate(scene, 0.4, dt=1e-4)
+    a, b = (r.report["energy"]["end"]["total"] for r in (run, fixed))
+    scale = run.report["energy"]["start"]["total"] - fixed.report["energy"]["end"]["total"]
+    assert abs(a - b) < 0.05 * abs(scale)
+
+
+def test_a_point_shut_in_is_an_error_at_the_step_before():
+    """Six spheres close around it from all sides."""
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
+    directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
+    spheres = [
+        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none")
+        for d in directions
+    ]
+    position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
+    scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)
+    with pytest.raises(cs.ContactError) as caught:
+        cs.simulate(scene, 1.0, rtol=1e-3, integrator="dop853")
+    error = caught.value
+    assert error.point == (0, 0) and 0.09 < error.time < 0.5 and error.step >= 1
+    assert error.x.tobytes() == position.tobytes() or error.step > 1  # the state before that step
+
+
+def test_a_pinned_point_in_the_way_is_warned_of():
+    cloth = cs.Cloth((4, 4), mass=16.0, stiffness=100.0, damping=1.0)
+    sphere = cs.Sphere((0.0, -1.0, 0.0), 0.2, cs.Linear((0.0, 5.0, 0.0)), "continuous", "none")
+    with pytest.warns(cs.ContactWarning, match="run into the pinned mass point"):
+        cs.simulate(cs.Scene(cloth, sphere), 0.2, rtol=1e-3, integrator="dop853")

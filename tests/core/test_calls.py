@@ -1,0 +1,165 @@
+"""Many short calls are one long one, also where a run ends in an error."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+
+
+def arrays(stepper):
+    return stepper.positions, stepper.velocities
+
+
+def stiff(*spheres):
+    """An undamped sheet, disturbed, and a time step at which it flies apart until numbers overflow."""
+    cloth = cs.Cloth((9, 20), stiffness=900.0, damping=0.0, mass=18.0)
+    scene = cs.Scene(cloth, spheres)
+    x = scene.initial_position + 1e-3 * np.random.default_rng(1).normal(size=(9, 20, 3))
+    return scene, x, 1.7 * cs.max_stable_dt(scene)
+
+
+def unwatched(*args, **options):
+    """A stepper that takes every time step for a stable one, so that only what overflows is an error."""
+    stepper = cs.Stepper(*args, **options)
+    members = len(stepper.frozen)
+    stepper._state.core.set_stable_dt([np.inf] * members)
+    return stepper
+
+
+def run(stepper, steps, dt, total=1000):
+    """The steps done before the error, and the error."""
+    for done in range(0, total, steps):
+        try:
+            stepper.advance(steps, dt)
+        except cs.UnstableError as error:
+            return done + error.step - 1, error
+    raise AssertionError("no error")
+
+
+@pytest.mark.parametrize("steps", [1, 7, 63, 64, 65])
+def test_short_calls_end_where_a_long_one_does(variant, same_bits, steps):
+    """The core goes back to a state of some calls ago to find the step that went wrong."""
+    scene, x, dt = stiff()
+    whole = unwatched(scene, x, **variant.options)
+    done, error = run(whole, 1000, dt)
+    assert done > (64 if variant.precision == "double" else 8) and np.abs(error.x).max() > 1e10
+    parts = unwatched(scene, x, **variant.options)
+    done_in_parts, error_in_parts = run(parts, steps, dt)
+    assert (done_in_parts, error_in_parts.point) == (done, error.point)
+    assert error_in_parts.step == done % steps + 1
+    assert parts.time == whole.time == done * dt
+    assert same_bits(arrays(parts), arrays(whole))
+    assert same_bits((error_in_parts.x, error_in_parts.v), (error.x, error.v))
+    for stepper in (parts, whole):
+        with pytest.raises(cs.UnstableError) as raised:
+            stepper.advance(3, dt)
+        assert (raised.value.step, stepper.time) == (1, whole.time)
+
+
+def test_what_changes_between_calls_is_not_undone(kernel, precision, same_bits):
+    """Time step and frozen members change while the core still keeps an older state."""
+    scene, x, dt = stiff()
+    soft = scene.replace(cloth=scene.cloth.replace(stiffness=1.0))
+    v = np.zeros_like(x)
+    options = {"kernel": kernel, "precision": precision, "threads": 1}
+    stepper = unwatched([soft, scene, scene], np.stack([x] * 3), np.stack([v] * 3), **options)
+    alone = unwatched(scene, x, **options)
+    for one in (stepper, alone):
+        for _ in range(10):
+            one.advance(1, dt)
+    stepper.freeze(2)
+    kept = stepper.positions[2]
+    for one in (stepper, alone):
+        for _ in range(30):
+            one.advance(1, dt / 2)
+    done, error = run(stepper, 1, dt)
+    done_alone, _ = run(alone, 1, dt)
+    assert (error.member, done) == (1, done_alone)
+    assert same_bits([stepper.positions[1]], [alone.positions])
+    assert same_bits([stepper.positions[2]], [kept])
+    stepper.freeze(1)
+    stepper.advance(5, dt)
+    assert same_bits([stepper.positions[1]], [alone.positions])
+    expected = unwatched(soft, x, **options)
+    for steps, step in ((10, dt), (30, dt / 2), (done + 5, dt)):
+        expected.advance(steps, step)
+    assert same_bits([stepper.positions[0]], [expected.positions])
+
+
+def test_a_restored_state_is_not_undone(kernel, same_bits):
+    """A snapshot replaces the state that the core would go back to."""
+    scene, x, dt = stiff()
+    first = unwatched(scene, x, kernel=kernel)
+    first.advance(20, dt)
+    second = cs.Stepper.restore(first.snapshot())
+    second._state.core.set_stable_dt([np.inf])
+    done, _ = run(first, 1, dt)
+    assert run(second, 1, dt)[0] == done
+    assert same_bits(arrays(first), arrays(second))
+
+
+def test_energy_of_contact_is_that_of_the_steps_that_stand(kernel):
+    """Going back over steps does not count their contacts twice."""
+    scene, x, dt = stiff(cs.Sphere((0.5, -0.4, 0.5), 0.4, restitution=0.3))
+    options = {"kernel": kernel, "track_contact_energy": True}
+    stepper = unwatched(scene, x, **options)
+    done, _ = run(stepper, 1000, 3 * dt)
+    assert done < 64  # all of them are done again
+    expected = unwatched(scene, x, **options)
+    expected.advance(done, 3 * dt)
+    assert stepper.contact_energy == expected.contact_energy != 0
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 33), (5, 16), (4, 100)], ids=str)
+def test_one_number_that_is_not_finite_is_found_wherever_it_is(variant, shape):
+    """Only one mass point can move, and only it overflows."""
+    largest = float(np.finfo(np.float32 if variant.precision == "single" else np.float64).max)
+    for point in {(0, 0), (0, shape[1] - 1), (shape[0] - 1, shape[1] - 1), (1, shape[1] // 2)}:
+        pins = np.ones(shape, bool)
+        pins[point] = False
+        cloth = cs.Cloth(shape, pins=pins, springs=("structural",), damping=0.0, stiffness=1e-3)
+        scene = cs.Scene(cloth)
+        v = np.zeros_like(scene.initial_position)
+        v[point][2] = 0.9 * largest
+        with pytest.raises(cs.UnstableError) as raised:
+            cs.step(scene, scene.initial_position, v, 0.9, 5, **variant.options)
+        assert raised.value.point == point
+
+
+@pytest.mark.parametrize("dt", [np.inf, np.nan, -1.0, 0.0, -0.0])
+def test_a_time_step_is_refused_where_any_is_stable(dt):
+    """Without springs every finite time step is."""
+    cloth = cs.Cloth((2, 2), stiffness=0.0, damping=0.0)
+    stepper = cs.Stepper(cs.Scene(cloth))
+    stepper.advance(1, 1e-3)
+    with pytest.raises(ValueError, match="dt must be a finite number > 0"):
+        stepper.advance(1, dt)
+    assert stepper.time == 1e-3
+
+
+@pytest.mark.parametrize("steps, dt", [(True, 1e-3), (2**63, 1e-3), (1, True), (1, "1"), (-1, 1e-3)])
+def test_what_is_no_plain_number_is_checked_in_full(steps, dt):
+    stepper = cs.Stepper(cs.scenes.oscillator())
+    with pytest.raises((TypeError, ValueError), match="(steps|dt) must be"):
+        stepper.advance(steps, dt)
+    stepper.advance(np.int64(2), np.float32(0.5e-3))
+    assert stepper.time == 2 * float(np.float32(0.5e-3))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_processor_is_left_alone_once_a_call_has_returned(kernel, threads):
+    """Threads that wait for a next call must sleep; libgomp's would spin for some 8 ms by default.
+
+    The best of up to eight tries counts: a thread may be held up on its way to sleep.
+    """
+    import time
+
+    stepper = cs.Stepper(cs.scenes.paper_swing(), threads=threads, kernel=kernel)
+    used = []
+    while not used or (min(used) > 1e-3 and len(used) < 8):
+        stepper.advance(50, 1e-5)
+        before = time.process_time()
+        time.sleep(0.05)
+        used.append(time.process_time() - before)
+    assert min(used) < 1e-3
