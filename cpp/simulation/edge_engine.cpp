@@ -37,6 +37,10 @@ constexpr int rows_between_stages = 3;
 // A band whose state and work fit into this many bytes is swept stage by stage.
 constexpr std::ptrdiff_t bytes_kept_in_cache = 768 * 1024;
 
+// A state of more bytes comes from memory in each step. The processor does not see the next row coming, so it is told to
+// fetch it; in a cloth that the shared cache holds that costs more than it gains.
+constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
+
 // The positions of `records` records: where padding stays.
 template <class Real>
 void place_far_away(AlignedVector<Real>& memory, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
@@ -100,6 +104,14 @@ struct EdgeEngine<Real>::Band {
     std::vector<SphereOutline<Real>> outlines;
     std::int64_t steps_to_planes = 0;  // until planes are looked for again
 
+    // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on. Inlined,
+    // because compilers take a function that does no more for one that does nothing, and drop it.
+    __attribute__((always_inline)) void prefetch(int row, int quarter) const {
+        if (row >= size()) return;
+        const std::ptrdiff_t share = engine->layout_.row_size() / 4, line = 64 / std::ptrdiff_t(sizeof(Real));
+        const Real* const p = rows[std::size_t(row)].state + quarter * share;
+        for (std::ptrdiff_t i = 0; i < share; i += line) __builtin_prefetch(p + i, 0, 2);  // to the second-level cache
+    }
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     int size() const { return end - begin; }
     int cloth_row(int row) const { return upwards ? end - 1 - row : begin + row; }
@@ -393,6 +405,7 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
         finish_kernel_(e);
         if (band.far) band.hand(band.far->from_far, number + s + 1, e.stage, n - 1, n - 2);
     };
+    const bool from_memory = std::ptrdiff_t(memory_.size() * sizeof(Real)) > bytes_in_shared_cache;
     // Rows that need neither neighbour are left to the kernel in one go.
     const int first_inner = band.near ? std::min(3, n) : 0, end_inner = std::max(first_inner, n - 2);
 
@@ -413,13 +426,17 @@ void EdgeEngine<Real>::run_band(Band& band, std::int64_t steps, const Clock& clo
         } else {
             const int begin_bulk = first_inner + 3 * band.lag;
             for (int front = 0; front < n + 3 * band.lag; ++front) {
-                if (front == begin_bulk && begin_bulk < end_inner) {
-                    waves_kernel_(stages, 4, band.lag, begin_bulk, end_inner);
-                    front = end_inner;
+                const bool bulk = front >= begin_bulk && front < end_inner;
+                if (bulk && !from_memory) {
+                    waves_kernel_(stages, 4, band.lag, front, end_inner);
+                    front = end_inner - 1;
+                    continue;
                 }
                 for (int s = 0; s < 4; ++s) {
                     const int row = front - s * band.lag;
-                    if (row >= 0 && row < n) run_row(s, row);
+                    if (from_memory) band.prefetch(front + rows_between_stages, s);
+                    if (bulk) waves_kernel_(stages + s, 1, 0, row, row + 1);
+                    else if (row >= 0 && row < n) run_row(s, row);
                 }
             }
         }
