@@ -66,6 +66,13 @@ public:
         return any;
     }
 
+    // Reports the triangles that are inside, of those that were not when the step began.
+    void tell_left_over() {
+        load();
+        find_candidates();
+        note_left_over();
+    }
+
 private:
     struct Triangle {
         std::array<int, 3> corner;
@@ -285,7 +292,7 @@ private:
     std::array<std::vector<Triangle>, 2 * apart * apart> candidates_;
 };
 
-// Spheres in turn until none has moved anything.
+// Spheres in turn until none has moved anything; what they push into one another for ever has no place.
 template <class Points>
 void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const Sphere*>& spheres,
                     const std::vector<SweptSphere>& swept, SeparatingPlanes& planes, ContactReport& report) {
@@ -301,6 +308,8 @@ void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const 
         }
         if (!moved || count == 1) return;
     }
+    for (std::size_t k = 0; k < spheres.size(); ++k)
+        if (spheres[k]->faces) FacePass<Points>(points, cloth, swept[k], planes[k], report).tell_left_over();
 }
 
 }  // namespace clothsim

@@ -536,8 +536,8 @@ fn widen_box() {
         max(cells_box.xy, vec2<u32>(1u)) - 1u, min(cells_box.zw + 1u, cell_counts() - 1u));
 }
 
-// One sphere. Whether anything was moved.
-fn keep_out(s: Swept) -> bool {
+// One sphere, by sweeps from the mode `first` on. Whether anything was moved.
+fn keep_out(s: Swept, first: u32) -> bool {
     var any_moved = false;
     for (var i = lane; i < points(); i += lanes) {
         atomicStore(&results[pushed_place(i)], 0u);
@@ -546,7 +546,7 @@ fn keep_out(s: Swept) -> bool {
         find_candidates(s);
         var moved = false;
         var done = false;
-        var mode = bouncing;
+        var mode = first;
         var count = 0u;
         while (!done) {
             let touched = sweep(s, mode);
@@ -568,7 +568,7 @@ fn keep_out(s: Swept) -> bool {
     return any_moved;
 }
 
-// Spheres in turn until none has moved anything.
+// Spheres in turn until none has moved anything; what they push into one another for ever has no place.
 @compute @workgroup_size(256, 1, 1)
 fn keep_faces_out(@builtin(workgroup_id) id: vec3<u32>, @builtin(local_invocation_index) index: u32) {
     member_of_pass = id.z;
@@ -583,10 +583,11 @@ fn keep_faces_out(@builtin(workgroup_id) id: vec3<u32>, @builtin(local_invocatio
     if (cells_box.x == nowhere) {
         return;
     }
-    for (var round = 0; round < 10; round++) {
+    for (var round = 0; round <= 10; round++) {
+        let first = select(bouncing, telling, round == 10);  // the last one only tells what is left
         var moved = false;
         for (var k = 0u; k < face_spheres; k++) {
-            moved = keep_out(face_sphere(id.z, k)) || moved;
+            moved = keep_out(face_sphere(id.z, k), first) || moved;
         }
         if (!moved || face_spheres == 1u) {
             break;
