@@ -192,3 +192,17 @@ def _same_bits(result, expected):
 def same_bits():
     """Whether two tuples of arrays are equal to the last bit, signs of zero included."""
     return _same_bits
+
+
+@pytest.fixture
+def closing():
+    """A cloth of a shape between two spheres, offset "face", that close upon its middle."""
+
+    def scene(shape):
+        spheres = [
+            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face")
+            for s in (1, -1)
+        ]
+        return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)
+
+    return scene

@@ -17,6 +17,7 @@
 #include <memory>
 #include <utility>
 
+#include "simulation/row_band.hpp"
 #include "simulation/state_engine.hpp"
 
 namespace clothsim {
@@ -27,25 +28,6 @@ struct alignas(64) Progress {
     std::atomic<int> near{0};
     alignas(64) std::atomic<int> far{0};
 };
-
-// A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
-inline void wait_for(const std::atomic<int>& progress, int version) {
-    constexpr int spins_before_sleep = 500;
-    for (int spins = 0; spins < spins_before_sleep; ++spins) {
-        if (progress.load(std::memory_order_acquire) - version >= 0) return;
-#if defined(__x86_64__)
-        __builtin_ia32_pause();
-#endif
-    }
-    for (int seen = progress.load(std::memory_order_acquire); seen - version < 0;
-         seen = progress.load(std::memory_order_acquire))
-        progress.wait(seen, std::memory_order_acquire);
-}
-
-inline void tell(std::atomic<int>& progress, int version) {
-    progress.store(version, std::memory_order_release);
-    progress.notify_one();
-}
 
 template <class Real>
 struct Band : RowBand {
@@ -82,10 +64,10 @@ public:
     // `work(band)` by at most `threads` threads.
     template <class Work>
     void run(int rows, int threads, Work work) {
-        const int team = std::max(1, std::min(threads, rows / fewest_rows));
+        const int team = std::max(1, std::min(threads, rows / RowBand::fewest_rows));
         while (int(scratch_.size()) < team) scratch_.push_back(std::make_unique<FieldScratch<Real>>());
         if (team == 1) {
-            Band<Real> band{{0, rows, false}};
+            Band<Real> band{RowBand::of(rows, 0, 1)};
             band.scratch = scratch_[0].get();
             work(band);
             return;
@@ -102,7 +84,7 @@ public:
         {
             // As many bands as threads were really given: a band without a thread would be waited for.
             const int n = omp_get_num_threads(), t = omp_get_thread_num();
-            Band<Real> band{{int(std::int64_t(rows) * t / n), int(std::int64_t(rows) * (t + 1) / n), n > 1 && t % 2 == 0}};
+            Band<Real> band{RowBand::of(rows, t, n)};
             band.first = t == 0;
             band.alone = n == 1;
             band.scratch = scratch_[std::size_t(t)].get();
@@ -116,8 +98,6 @@ public:
     }
 
 private:
-    static constexpr int fewest_rows = 8;  // of a band
-
     std::vector<std::unique_ptr<FieldScratch<Real>>> scratch_;
     std::unique_ptr<Progress[]> progress_;
     int count_ = 0;

@@ -21,13 +21,4 @@ struct FieldLayout {
     std::ptrdiff_t acceleration(int index) const { return index / slots * block + index % slots * slot; }
 };
 
-// Rows [begin, end) of a cloth in the order in which a thread goes through them.
-struct RowBand {
-    int begin = 0, end = 0;
-    bool upwards = false;
-    int size() const { return end - begin; }
-    // Of the cloth; also before the first (negative) and behind the last of the band.
-    int row(int i) const { return upwards ? end - 1 - i : begin + i; }
-};
-
 }  // namespace clothsim

@@ -52,7 +52,7 @@ public:
         bool known_after = false;
         if (scheme_ == Scheme::explicit_rk) plan_stages(clock.dt, this->memory_);
         in_bands(threads, [&](Band<Real>& band) {
-            bool known = this->acceleration_known_;
+            bool known = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
                 if (scheme_ == Scheme::explicit_rk) {
                     advance_explicit(band, clock.at(k));
@@ -67,7 +67,7 @@ public:
             }
             if (band.first) known_after = known;
         });
-        this->acceleration_known_ = known_after;
+        this->state_known_ = known_after;
     }
 
     // Not the engine's own: it keeps addresses of its memory, and steps that are accepted change places with it.
@@ -101,13 +101,13 @@ public:
                 square_rows(field_, r, r + 1, this->memory_.data(), errors[e], row_squares_[e].data());
         };
         in_bands(threads, [&](Band<Real>& band) {
-            run_stages(band, this->acceleration_known_, [&](int r) {
+            run_stages(band, this->state_known_, [&](int r) {
                 advance_rows(field_, r, r + 1, this->memory_.data(), result_.data(), result_sum_);
                 if (!m.error_needs_end) estimate(r);
             });
             if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
         });
-        this->acceleration_known_ = true;
+        this->state_known_ = true;
         step_ = h;
         double squares[2] = {0, 0};
         for (std::size_t e = 0; e < m.errors.size(); ++e)
@@ -126,7 +126,7 @@ public:
         if (!this->plan_.spheres.empty()) in_bands(threads, [&](Band<Real>& band) { collide(band, t, contact_[0]); });
         // The acceleration at the end is the first one of the next step, unless a contact has changed the state since.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
-        this->acceleration_known_ = explicit_->error_needs_end && !contact_[0];
+        this->state_known_ = explicit_->error_needs_end && !contact_[0];
         return contact_[0];
     }
 

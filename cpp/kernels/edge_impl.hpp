@@ -117,7 +117,6 @@ struct PendingRow {
     Real* state;
     Real* work;
     const Real* source;
-    const Real* force;
 };
 
 // Finish the stage of one vector.
@@ -126,7 +125,7 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
     constexpr int state_stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * W;
-    const Real* const force = row.force + k * 3 * W;
+    const Real* const force = e.force + k * 3 * W;
     const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * state_stride;
     Real* const work = row.work + k * (WorkRecord::count * W);
@@ -189,7 +188,7 @@ template <class V, class Real>
 CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
     if (e.pending < 0) return {};
     const EdgeRowPointers<Real>& row = e.rows[e.pending];
-    const PendingRow<Real> pending{true, row.state, row.work, e.pending_source, e.force};
+    const PendingRow<Real> pending{true, row.state, row.work, e.pending_source};
     if (__builtin_expect(!row.special, 1)) return pending;
     finish_special<V>(e, pending);
     return {};

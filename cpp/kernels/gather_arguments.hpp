@@ -18,7 +18,7 @@ namespace clothsim {
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
 enum class Stage : int { first, second, third, fourth, evaluate };
 
-// Whether the fused kernels round the rest length as they round the length of a spring at rest, and multiply and
+// Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply and
 // subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of a family by
 // the rounding of one: nothing in double, but as much as all other errors of a run together in single.
 template <class Real>
@@ -33,11 +33,12 @@ struct StepConstants {
 };
 
 // One value per column (padded like a row), so that a neighbour that does not exist has coefficient 0
-// and costs no test. Scaled by 1/mass where the mass is uniform.
+// and costs no test. Scaled by 1/mass where the mass is uniform. `rest` is the rest length L; in the fused class it is
+// the tension K L / root_scale, and damping is divided by root_scale twice.
 template <class Real>
 struct SpringCoefficients {
     const Real* stiffness;
-    const Real* rest_length;
+    const Real* rest;
     const Real* damping;
 };
 

@@ -7,6 +7,8 @@
 //   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
 //   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
 //
+// and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
+//
 // Rows are padded: where a row has no neighbour the coefficients are 0 and the padding holds a far, finite
 // point, so that no lane branches. A whole row that lacks its upper or lower neighbour skips it.
 #pragma once
@@ -31,28 +33,29 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
                                 std::ptrdiff_t plane, const SpringCoefficients<Real>& spring,
                                 std::ptrdiff_t column) {
     const Vector3<V> xj = load3<V>(other, plane);
-    const Vector3<V> d{xj.x - x.x, xj.y - x.y, xj.z - x.z};
-    // Coincident points: a spring without direction gives no force instead of a NaN.
-    const V l2 = xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>));
+    const Vector3<V> d = xj - x;
     const V stiffness = V::load_unaligned(spring.stiffness + column);
-    const V rest_length = V::load_unaligned(spring.rest_length + column);
-    V r, scale;
-    if constexpr (A == Arithmetic::strict) {
-        const V l = xsimd::sqrt(l2);
-        r = V(Real(1)) / l;
-        scale = stiffness * (l - rest_length);
-    } else {
-        r = scaled_reciprocal_root(l2) * V(1 / root_scale<Real, typename V::arch_type>());
-        if constexpr (exact_at_rest<Real>) scale = stiffness * (l2 * r - rest_length);
-        else scale = stiffness * xsimd::fms(l2, r, rest_length);
-    }
+    const V rest = V::load_unaligned(spring.rest + column);
+    V damping_force;  // c (w.d)
     if constexpr (damped) {
-        const Vector3<V> vj = load3<V>(other + 3 * plane, plane);
-        const Vector3<V> w{vj.x - v.x, vj.y - v.y, vj.z - v.z};
-        const V damping = V::load_unaligned(spring.damping + column);
-        scale = multiply_add<A>(damping * dot<A>(w, d), r, scale);
+        const Vector3<V> w = load3<V>(other + 3 * plane, plane) - v;
+        damping_force = V::load_unaligned(spring.damping + column) * dot<A>(w, d);
     }
-    scale = scale * r;
+    V scale;
+    if constexpr (A == Arithmetic::strict) {
+        // Coincident points: a spring without direction gives no force instead of a NaN.
+        const V l = xsimd::sqrt(xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>)));
+        const V r = V(Real(1)) / l;
+        scale = stiffness * (l - rest);
+        if constexpr (damped) scale = damping_force * r + scale;
+        scale = scale * r;
+    } else {
+        V l2 = xsimd::fma(d.x, d.x, V(smallest_squared_length<Real>));
+        l2 = xsimd::fma(d.z, d.z, xsimd::fma(d.y, d.y, l2));
+        const V r = scaled_reciprocal_root(l2);
+        const V pull = damped ? xsimd::fms(damping_force, r, rest) : -rest;
+        scale = exact_at_rest<Real> ? pull * r + stiffness : xsimd::fma(pull, r, stiffness);
+    }
     force.x = multiply_add<A>(scale, d.x, force.x);
     force.y = multiply_add<A>(scale, d.y, force.y);
     force.z = multiply_add<A>(scale, d.z, force.z);

@@ -64,47 +64,24 @@ CLOTHSIM_INLINE void each(F f) {
     }(std::make_integer_sequence<int, count>{});
 }
 
-// Operation by operation over several independent values: each waits for the one before it for a dozen cycles,
-// and the processor looks ahead too little to fill them from code that finishes one value after the other.
-template <int count, class V>
-CLOTHSIM_INLINE void scaled_reciprocal_roots(const V (&a)[count], V (&y)[count]) {
+template <class V>
+CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
     using Real = typename V::value_type;
-#if !defined(__AVX512F__)
-    // No estimate in double here, and from one in single the way is longer than the exact one.
-    if constexpr (sizeof(Real) == 8) {
-        each<count>([&](auto i) __attribute__((always_inline)) { y[i] = V(Real(1)) / xsimd::sqrt(a[i]); });
-        return;
-    }
-#endif
-    V t[count];
-    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = reciprocal_root_estimate(a[i]); });
-    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = a[i] * y[i]; });
 #if defined(__AVX512F__)
     // One step gives 2^-27, two 2^-54. A step ends below the root by up to 1.5 e^2 of it; half of that is made up for
     // where the constant can hold it, so that the next one begins with half the error.
     constexpr Real three = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
-    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fnma(t[i], y[i], V(three)); });
-    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = y[i] * t[i]; });
-    if constexpr (sizeof(Real) == 8) {
-        each<count>([&](auto i) __attribute__((always_inline)) { t[i] = a[i] * y[i]; });
-        each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fnma(t[i], y[i], V(Real(12))); });
-        each<count>([&](auto i) __attribute__((always_inline)) { y[i] = y[i] * t[i]; });
-    }
+    V y = reciprocal_root_estimate(a);
+    y = y * xsimd::fnma(a * y, y, V(three));
+    if constexpr (sizeof(Real) == 8) y = y * xsimd::fnma(a * y, y, V(Real(12)));
+    return y;
 #else
+    // No estimate in double here, and from one in single the way is longer than the exact one.
+    if constexpr (sizeof(Real) == 8) return V(Real(1)) / xsimd::sqrt(a);
     // The third-order step gives 2^-35, less than rounding does.
-    V e[count];
-    each<count>([&](auto i) __attribute__((always_inline)) { e[i] = xsimd::fnma(t[i], y[i], V(Real(1))); });
-    each<count>([&](auto i) __attribute__((always_inline)) { t[i] = xsimd::fma(e[i], V(Real(0.375)), V(Real(0.5))); });
-    each<count>([&](auto i) __attribute__((always_inline)) { y[i] = xsimd::fma(y[i] * e[i], t[i], y[i]); });
+    const V y = reciprocal_root_estimate(a), e = xsimd::fnma(a * y, y, V(Real(1)));
+    return xsimd::fma(y * e, xsimd::fma(e, V(Real(0.375)), V(Real(0.5))), y);
 #endif
-}
-
-template <class V>
-CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
-    const V in[1] = {a};
-    V out[1];
-    scaled_reciprocal_roots(in, out);
-    return out[0];
 }
 
 // The lanes whose bit is set. (xsimd looks them up in a table where there are no mask registers: a symbol that the files of

@@ -6,54 +6,17 @@
 #include <memory>
 
 #include "dynamics/field.hpp"
+#include "simulation/lifted_layout.hpp"
 #include "simulation/state_engine.hpp"
+#include "simulation/strip_borders.hpp"
 
 namespace clothsim {
-
-// The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
-// records one after the other.
-struct LiftedLayout {
-    int rows, columns, lanes, vectors;
-    std::ptrdiff_t stride;  // elements from vector to vector
-    std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
-
-    LiftedLayout(const Cloth& cloth, int lanes, bool compensated)
-        : rows(cloth.rows),
-          columns(cloth.columns),
-          lanes(lanes),
-          vectors(std::max(2, (cloth.columns + lanes - 1) / lanes)),
-          stride((compensated ? StateRecord::count_compensated : StateRecord::count) * lanes) {
-        for (int k = 0; k < vectors; ++k)
-            for (int component = 0; component < 3; ++component) place.push_back(k * stride + component * lanes);
-    }
-    std::ptrdiff_t row_size() const { return vectors * stride; }
-    std::ptrdiff_t at(int row, int column, int k = 0) const {
-        return row * row_size() + column % vectors * stride + k * lanes + column / vectors;
-    }
-    std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
-    std::ptrdiff_t first() const { return 0; }
-    // Where the state stands, without its compensation.
-    Blocks state_blocks() const { return {std::ptrdiff_t(rows) * vectors, StateRecord::compensation * lanes, stride}; }
-    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
-    int column(int vector, int lane, int) const { return lane * vectors + vector; }
-    // (x, y, z) of the columns of a row into and out of three components of it.
-    template <class Real>
-    void put_row(const Real* row, Real* to) const {
-        to_lanes(row, to, {columns, lanes, vectors, place.data()});
-    }
-    template <class Real>
-    void take_row(const Real* from, Real* row) const {
-        from_lanes(from, row, {columns, lanes, vectors, place.data()});
-    }
-    // Where a point stands among values of which there is one a point.
-    std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
-    std::ptrdiff_t width() const { return vectors * lanes; }
-};
 
 template <class Real>
 class EdgeEngine : public StateEngine<Real, LiftedLayout> {
 public:
-    explicit EdgeEngine(const Plan& plan);
+    // `in_strips`: a cloth that does not fit into cache may be cut.
+    explicit EdgeEngine(const Plan& plan, bool in_strips = false);
     ~EdgeEngine() override;
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
@@ -75,13 +38,17 @@ private:
     struct Band;
 
     void build_coefficients();
-    Real stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const;
+    // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
-    void run_band(Band& band, std::int64_t steps, const Clock& clock);
-    EdgeArguments<Real> arguments(Band& band, Stage stage, double dt);
+    void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
+    void step_band(Band& band, double t);
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
-    bool is_special(int row) const {
-        return row_has_fixed_[std::size_t(row)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0;
+    // A strip's row in its place in `state`, which is laid out like memory.
+    EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {
+        const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
+        const bool special = row_has_fixed_[std::size_t(index)] != 0 || !inverse_mass_.empty() || plan_.cloth.point_damping != 0;
+        return {state + index * layout_.row_size(), work, free_.data() + index * layout_.width(),
+                inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(), special};
     }
     // What a row hands on: a force for each point and one vector more. A stage has three of it, and the pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
@@ -96,6 +63,8 @@ private:
     double force_scale_ = 1;  // what the forces the kernel sums are to be multiplied by
     bool complete_ = false;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
+    StripBorders<Real> borders_;
+    std::int64_t step_ = 0;  // of the state in memory
 };
 
 }  // namespace clothsim

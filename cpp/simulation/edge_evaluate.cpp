@@ -42,9 +42,7 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
     scratch.rows.clear();
     for (int i = 0; i < band.size() + 2 && there(i); ++i) {
         const int r = band.row(i);
-        scratch.rows.push_back({const_cast<Real*>(state) + r * layout_.row_size(), acceleration + r * acceleration_row,
-                                free_.data() + r * layout_.width(),
-                                inverse_mass_.empty() ? nullptr : inverse_mass_.data() + r * layout_.width(), is_special(r)});
+        scratch.rows.push_back(row_pointers(const_cast<Real*>(state), acceleration + r * acceleration_row, r));
     }
     EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
     e.rows = scratch.rows.data();

@@ -13,7 +13,7 @@ std::unique_ptr<Engine> make(const Plan& plan) {
         return std::make_unique<SchemeEngine<Real, EdgeEngine<Real>>>(plan);
     }
     if (gather) return std::make_unique<GatherEngine<Real>>(plan);
-    return std::make_unique<EdgeEngine<Real>>(plan);
+    return std::make_unique<EdgeEngine<Real>>(plan, true);
 }
 
 }  // namespace

@@ -34,36 +34,27 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
     build_coefficients();
 }
 
-// The rest length as the kernel's arithmetic rounds it, so that a spring at rest gives no force.
-template <class Real>
-Real GatherEngine<Real>::length_at_rest(const Neighbour& neighbour) const {
-    const Cloth& cloth = plan_.cloth;
-    const Real exact = Real(cloth.rest_length(neighbour));
-    if (plan_.strict || !exact_at_rest<Real>) return exact;
-    const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    const RestLength<Real> rest = kernels.rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing));
-    const Real at_rest = rest.squared * (rest.reciprocal / kernels.root_scale);
-    return std::abs(at_rest - exact) <= 16 * std::numeric_limits<Real>::epsilon() * exact ? at_rest : exact;
-}
-
 template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
     const double scale = this->coefficient_scale();
+    const double root_scale = plan_.strict ? 1 : double(kernels_of<Real>(*plan_.kernels).root_scale);
     const std::ptrdiff_t width = round_up(cloth.columns, group_size);
     coefficients_.assign(3 * neighbour_count * width, Real(0));
     for (int n = 0; n < neighbour_count; ++n) {
         const Neighbour& neighbour = neighbours[n];
         Real* const stiffness = coefficients_.data() + 3 * n * width;
-        Real* const rest_length = stiffness + width;
-        Real* const damping = rest_length + width;
+        Real* const rest = stiffness + width;
+        Real* const damping = rest + width;
+        const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
+        const Real tension = Real(k * length / root_scale);
         for (int c = 0; c < cloth.columns; ++c) {
             if (c + neighbour.column < 0 || c + neighbour.column >= cloth.columns) continue;
-            stiffness[c] = Real(cloth.stiffness[neighbour.family] * scale);
-            rest_length[c] = length_at_rest(neighbour);
-            damping[c] = Real(cloth.spring_damping[neighbour.family] * scale);
+            stiffness[c] = plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension);
+            rest[c] = plan_.strict ? Real(length) : tension;
+            damping[c] = Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale));
         }
-        spring_[n] = {stiffness, rest_length, damping};
+        spring_[n] = {stiffness, rest, damping};
     }
 }
 

@@ -54,7 +54,6 @@ protected:  // for cpp/dynamics; see EdgeEngine
 private:
 
     void build_coefficients();
-    Real length_at_rest(const Neighbour& neighbour) const;
     GatherArguments<Real> arguments(Stage stage, double dt);
     bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
 

@@ -11,11 +11,11 @@
 #include <type_traits>
 
 #include "collision/response.hpp"
-#include "dynamics/field.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
 #include "simulation/finite.hpp"
+#include "simulation/row_band.hpp"
 #include "simulation/row_copies.hpp"
 
 namespace clothsim {
@@ -68,7 +68,7 @@ public:
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
         set_origin({next[0], next[1], next[2]});
-        acceleration_known_ = false;
+        state_known_ = false;
     }
 
     void save_checkpoint() final {
@@ -80,7 +80,7 @@ public:
         memory_ = checkpoint_;
         contact_energy = energy_at_checkpoint_;
         contacts_answered = contacts_at_checkpoint_;
-        acceleration_known_ = false;
+        state_known_ = false;
         contact_pass_.forget();
     }
     bool has_continuous() const final { return contact_pass_.needed(); }
@@ -96,7 +96,7 @@ protected:
 
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
-        acceleration_known_ = false;
+        state_known_ = false;
         return contact_pass_.answer(memory_, t0, t1, dt, threads);
     }
     bool changed_since_checkpoint() const final { return memory_ != checkpoint_; }
@@ -112,6 +112,18 @@ protected:
     int columns() const { return plan_.cloth.columns; }
     // 1 / mass where it is uniform and so folded into the coefficients.
     double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
+
+    // The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest); as it is where
+    // rounding is not all there is between the two, as with a rest length of 0.
+    Real stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const {
+        if (!exact_at_rest<Real>) return stiffness;
+        const Cloth& cloth = plan_.cloth;
+        const Real r = kernels_of<Real>(*plan_.kernels)
+                           .rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing))
+                           .reciprocal;
+        const Real at_rest = tension * r;
+        return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
+    }
 
     StepConstants<Real> step_constants(double dt) const {
         return {{Real(plan_.gravity[0]), Real(plan_.gravity[1]), Real(plan_.gravity[2])},
@@ -183,8 +195,8 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
-    // An integrator holds the acceleration at the state in memory; false after every change from elsewhere.
-    bool acceleration_known_ = false;
+    // What an engine has kept of the state in memory still holds; false after every change from elsewhere.
+    bool state_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
 
 private:
@@ -207,7 +219,7 @@ private:
     template <class In>
     void load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
-        acceleration_known_ = false;
+        state_known_ = false;
         contact_pass_.forget();
         const int count = 3 * columns();
         RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());

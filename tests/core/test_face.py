@@ -133,7 +133,7 @@ def test_offset_length_is_that_of_a_cells_diagonal():
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (5, 5)], ids=str)
-def test_two_spheres_that_leave_no_place_are_refused(shape):
+def test_two_spheres_that_leave_no_place_are_refused(closing, shape):
     """A cloth's middle is caught between two spheres that close upon it."""
     scene = closing(shape)
     with pytest.raises(cs.ContactError) as error:
@@ -142,11 +142,3 @@ def test_two_spheres_that_leave_no_place_are_refused(shape):
     assert 0.0249 < error.value.time < 0.0261
     for sphere in scene.spheres:
         assert cs.penetration(error.value.x, sphere, error.value.time)["triangles"] < 4e-3
-
-
-def closing(shape):
-    spheres = [
-        cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face")
-        for s in (1, -1)
-    ]
-    return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)

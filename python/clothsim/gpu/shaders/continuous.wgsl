@@ -257,16 +257,7 @@ fn now_of(at: u32, first: u32) -> vec3<wide> {
 }
 
 fn set_now(at: u32, value: Motion) {
-    let n = points();
-    let body = narrowed(value.position, value.velocity);
-    for (var k = 0u; k < 3u; k++) {
-        state[at + k * n] = body.position[k];
-        state[at + (3u + k) * n] = body.velocity[k];
-        if (compensated) {
-            compensation[at + k * n] = body.position_low[k];
-            compensation[at + (3u + k) * n] = body.velocity_low[k];
-        }
-    }
+    store_body(at, narrowed(value.position, value.velocity));
 }
 
 struct Owner {

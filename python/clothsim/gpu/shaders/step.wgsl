@@ -182,7 +182,11 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
         body.position = x + dx;
         body.velocity = v + dv;
     }
-    body = after_contacts(body, before, id);
+    store_body(at, after_contacts(body, before, id));
+}
+
+fn store_body(at: u32, body: Body) {
+    let n = points();
     for (var k = 0u; k < 3u; k++) {
         state[at + k * n] = body.position[k];
         state[at + (3u + k) * n] = body.velocity[k];

@@ -1,0 +1,160 @@
+// A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres it meets.
+#pragma once
+
+#include "simulation/edge_engine.hpp"
+
+namespace clothsim {
+
+// Where a band comes near a sphere, planes between the two are looked for no more often than this.
+inline constexpr std::int64_t steps_between_planes = 64;
+
+// Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it.
+template <class Real>
+struct Mailbox {
+    AlignedVector<Real> rows;
+    int lanes = 0, vectors = 0;
+    std::ptrdiff_t row_size = 0;
+    alignas(64) std::atomic<std::int64_t> newest{-1};
+
+    void prepare(const LiftedLayout& layout) {
+        lanes = layout.lanes;
+        vectors = layout.vectors;
+        row_size = std::max(layout.row_size(), std::ptrdiff_t(vectors) * WorkRecord::count * lanes);
+        rows.assign(4 * row_size + lanes, Real(0));
+    }
+    Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
+    void wait(std::int64_t stage) const { wait_for(newest, stage); }
+    // Of a row only the state is copied; `stride` is that of the rows the stage will look at.
+    void put(std::int64_t stage, const Real* border, const Real* second, std::ptrdiff_t stride) {
+        for (int k = 0; k < vectors; ++k) {
+            std::copy_n(border + k * stride, 6 * lanes, row(stage, 0) + k * stride);
+            std::copy_n(second + k * stride, 6 * lanes, row(stage, 1) + k * stride);
+        }
+        tell(newest, stage);
+    }
+};
+
+template <class Real>
+struct EdgeEngine<Real>::Band : RowBand {
+    EdgeEngine* engine;
+    int strip;
+    Band* near = nullptr;  // the neighbour at the border where sweeps begin
+    Band* far = nullptr;   // the one where they end
+    Mailbox<Real> from_near, from_far;
+    AlignedVector<Real> scratch, work;
+    std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep
+    int lag;                                  // rows between two stages; all rows: stage by stage
+    std::vector<Contact> contacts;
+    std::vector<SphereOutline<Real>> outlines;
+    std::int64_t steps_to_planes = 0;  // until planes are looked for again
+    EdgeArguments<Real> stages[4];
+    std::int64_t number = 0;  // of the step's first stage
+    std::int64_t step = 0;    // to which the state belongs
+
+    // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on. Inlined,
+    // because compilers take a function that does no more for one that does nothing, and drop it.
+    __attribute__((always_inline)) void prefetch(int row, int quarter) const {
+        if (row >= size()) return;
+        const std::ptrdiff_t share = engine->layout_.row_size() / 4, line = 64 / std::ptrdiff_t(sizeof(Real));
+        const Real* const p = rows[std::size_t(row)].state + quarter * share;
+        for (std::ptrdiff_t i = 0; i < share; i += line) __builtin_prefetch(p + i, 0, 2);  // to the second-level cache
+    }
+    std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
+    const Real* source(Stage stage, int row) const {
+        return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
+    }
+    // Hand two rows that are done to the mailbox of a neighbour, which looks at them in stage `number`.
+    void hand(Mailbox<Real>& box, std::int64_t number, Stage done, int border, int second) const {
+        const bool whole = done == Stage::fourth;
+        const auto row = [&](int r) { return whole ? rows[std::size_t(r)].state : rows[std::size_t(r)].work; };
+        box.put(number, row(border), row(second), whole ? engine->layout_.stride : work_stride());
+    }
+
+    static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
+        Band& band = *static_cast<Band*>(context);
+        const LiftedLayout& layout = band.engine->layout_;
+        for (; lanes != 0; lanes &= lanes - 1) {
+            const int column = layout.start(band.strip) + layout.column(vector, __builtin_ctzll(lanes), layout.lanes);
+            if (column >= layout.own(band.strip) && column < layout.own(band.strip + 1))
+                band.engine->answer(band.contacts[std::size_t(sphere)], band.row(row), column);
+        }
+    }
+    void give_border(int r, std::int64_t step) { engine->borders_.give(strip, row(r), rows[std::size_t(r)].state, step); }
+    void give_borders() {
+        for (int r = 0; r < size(); ++r) give_border(r, step);
+    }
+    void take_border(int r) {
+        if (r >= 0 && r < size()) engine->borders_.take(strip, row(r), rows[std::size_t(r)].state, step);
+    }
+    // The state with which a step begins, to the neighbours.
+    void hand_start() {
+        const int n = size();
+        if (near) hand(near->from_near, number, Stage::fourth, 0, 1);
+        if (far) hand(far->from_far, number, Stage::fourth, n - 1, n - 2);
+    }
+
+    void place_spheres(double t) {
+        engine->contacts(t, contacts);
+        outlines.resize(contacts.size(), {{}, 0, -1, false, 0, true});
+        bool crossed = false;
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            const Contact& contact = contacts[i];
+            SphereOutline<Real>& outline = outlines[i];
+            for (int k = 0; k < 3; ++k) outline.center[k] = Real(contact.center[k]);
+            outline.radius_squared = Base::outer_radius_squared(contact.sphere);
+            crossed |= outline.crossed;
+        }
+        if (crossed && --steps_to_planes <= 0) find_planes();
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            SphereOutline<Real>& outline = outlines[i];
+            if (outline.axis < 0) continue;
+            const double center = contacts[i].center[outline.axis], reach = reach_of_plane(contacts[i]);
+            outline.plane = Real(outline.above ? center + reach : center - reach);
+        }
+    }
+
+    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is rounded.
+    static double reach_of_plane(const Contact& contact) {
+        const double radius = contact.sphere.contact_radius;
+        return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
+    }
+
+    // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is asked
+    // whether it is beyond.
+    void find_planes() {
+        steps_to_planes = steps_between_planes;
+        const LiftedLayout& layout = engine->layout_;
+        Real low[3], high[3];
+        std::fill_n(low, 3, std::numeric_limits<Real>::max());
+        std::fill_n(high, 3, std::numeric_limits<Real>::lowest());
+        for (const EdgeRowPointers<Real>& row : rows)
+            for (int k = 0; k < layout.vectors; ++k)
+                for (int c = 0; c < 3; ++c) {
+                    const Real* const x = row.state + k * layout.stride + c * layout.lanes;
+                    for (int l = 0; l < layout.lanes; ++l) {
+                        low[c] = std::min(low[c], x[l]);
+                        high[c] = std::max(high[c], x[l]);
+                    }
+                }
+        for (std::size_t i = 0; i < contacts.size(); ++i) {
+            SphereOutline<Real>& outline = outlines[i];
+            outline.axis = -1;
+            outline.crossed = true;
+            double widest = 0;
+            const auto offer = [&](int axis, bool above, double gap) {
+                if (!(gap > widest)) return;
+                widest = gap;
+                outline.axis = axis;
+                outline.above = above;
+                outline.crossed = false;
+            };
+            const double reach = reach_of_plane(contacts[i]);
+            for (int c = 0; c < 3; ++c) {
+                offer(c, true, double(low[c]) - (contacts[i].center[c] + reach));
+                offer(c, false, contacts[i].center[c] - reach - double(high[c]));  // never where there is padding
+            }
+        }
+    }
+};
+
+}  // namespace clothsim

@@ -1,0 +1,100 @@
+// The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
+// records one after the other.
+//
+// A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's window reaches
+// into its neighbours, by at least as many columns as a step can carry news:
+//
+//     strip 0  |------ own ------|-halo-|
+//     strip 1                |-halo-|------ own ------|-halo-|
+//
+// so that it can take a step by itself; what is in its halo then is wrong, and is brought from the neighbours.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "kernels/contact_arguments.hpp"
+#include "kernels/edge_arguments.hpp"
+#include "model/cloth.hpp"
+#include "simulation/finite.hpp"
+#include "simulation/row_copies.hpp"
+
+namespace clothsim {
+
+// Four evaluations a step, each of which looks two columns further.
+inline constexpr int halo_columns = 8;
+
+struct LiftedLayout {
+    int rows, columns, strips, window, lanes, vectors;
+    std::ptrdiff_t stride;              // elements from vector to vector
+    std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
+    std::vector<std::ptrdiff_t> column_place;  // of a cloth's column in row 0, in the strip whose own it is
+
+    // In strips of about `strip_columns` columns; 0: in one.
+    LiftedLayout(const Cloth& cloth, int lanes, bool compensated, int strip_columns)
+        : rows(cloth.rows), columns(cloth.columns), strips(1), window(cloth.columns), lanes(lanes) {
+        if (strip_columns > 0 && columns > strip_columns + 2 * halo_columns) cut(strip_columns);
+        vectors = std::max(2, (window + lanes - 1) / lanes);
+        stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * lanes;
+        for (int k = 0; k < vectors; ++k)
+            for (int component = 0; component < 3; ++component) place.push_back(k * stride + component * lanes);
+        for (int s = 0; s < strips; ++s)
+            for (int c = own(s); c < own(s + 1); ++c) column_place.push_back(s * strip_size() + in_record(c - start(s)));
+    }
+    // First column of a strip's window; first of those that are its own.
+    int start(int strip) const { return strips == 1 ? 0 : int(std::int64_t(strip) * (columns - window) / (strips - 1)); }
+    int own(int strip) const {
+        if (strip == 0) return 0;
+        return strip == strips ? columns : (start(strip) + start(strip - 1) + window) / 2;
+    }
+
+    std::ptrdiff_t row_size() const { return vectors * stride; }
+    std::ptrdiff_t strip_size() const { return rows * row_size(); }
+    std::ptrdiff_t size() const { return strips * strip_size(); }
+    std::ptrdiff_t at(int row, int column, int k = 0) const {
+        return row * row_size() + column_place[std::size_t(column)] + k * lanes;
+    }
+    // Where the column of a strip's window stands in its row.
+    std::ptrdiff_t in_record(int column) const { return column % vectors * stride + column / vectors; }
+    std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
+    std::ptrdiff_t first() const { return 0; }
+    // Where the state stands, without its compensation.
+    Blocks state_blocks() const {
+        return {std::ptrdiff_t(strips) * rows * vectors, StateRecord::compensation * lanes, stride};
+    }
+    // Of a cloth in one strip.
+    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
+    int column(int vector, int lane, int) const { return lane * vectors + vector; }
+
+    // (x, y, z) of the columns of a row into and out of three components of it.
+    template <class Real>
+    void put_row(const Real* row, Real* to) const {
+        for (int s = 0; s < strips; ++s) to_lanes(row + 3 * start(s), to + s * strip_size(), lifted());
+    }
+    template <class Real>
+    void take_row(const Real* from, Real* row) const {
+        if (strips == 1) return from_lanes(from, row, lifted());
+        std::vector<Real> part(std::size_t(3 * window));
+        for (int s = 0; s < strips; ++s) {
+            from_lanes(from + s * strip_size(), part.data(), lifted());
+            const auto column = [&](int c) { return part.begin() + 3 * (c - start(s)); };
+            std::copy(column(own(s)), column(own(s + 1)), row + 3 * own(s));
+        }
+    }
+    // Where a column of a window stands among values of which there is one a point.
+    std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
+    std::ptrdiff_t width() const { return vectors * lanes; }
+
+private:
+    LiftedRow lifted() const { return {window, lanes, vectors, place.data()}; }
+    void cut(int strip_columns) {
+        constexpr int overlap = 2 * halo_columns;
+        strips = (columns - overlap + strip_columns - 1) / strip_columns;
+        // Whole vectors, so that no row has padding.
+        const auto enough = [&] { return (columns - window + strips - 2) / (strips - 1) <= window - overlap; };
+        for (window = lanes; !enough();) window += lanes;
+    }
+};
+
+}  // namespace clothsim

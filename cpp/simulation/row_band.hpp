@@ -1,0 +1,46 @@
+// A cloth's rows among threads, and how two threads wait for each other.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+namespace clothsim {
+
+// Rows [begin, end) of a cloth in the order in which a thread goes through them.
+struct RowBand {
+    static constexpr int fewest_rows = 8;  // that are worth a thread
+
+    int begin = 0, end = 0;
+    bool upwards = false;
+
+    // Of `count` bands of a cloth; those of even number go up.
+    static RowBand of(int rows, int number, int count) {
+        const auto border = [&](int n) { return int(std::int64_t(rows) * n / count); };
+        return {border(number), border(number + 1), count > 1 && number % 2 == 0};
+    }
+    int size() const { return end - begin; }
+    // Of the cloth; also before the first (negative) and behind the last of the band.
+    int row(int i) const { return upwards ? end - 1 - i : begin + i; }
+};
+
+// A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
+template <class Count>
+void wait_for(const std::atomic<Count>& reached, Count wanted) {
+    constexpr int spins_before_sleep = 500;
+    for (int spins = 0; spins < spins_before_sleep; ++spins) {
+        if (reached.load(std::memory_order_acquire) >= wanted) return;
+#if defined(__x86_64__)
+        __builtin_ia32_pause();
+#endif
+    }
+    for (Count seen = reached.load(std::memory_order_acquire); seen < wanted; seen = reached.load(std::memory_order_acquire))
+        reached.wait(seen, std::memory_order_acquire);
+}
+
+template <class Count>
+void tell(std::atomic<Count>& reached, Count now) {
+    reached.store(now, std::memory_order_release);
+    reached.notify_one();
+}
+
+}  // namespace clothsim

@@ -1,0 +1,100 @@
+"""Wide cloths that do not fit into cache are stepped strip by strip of their columns."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+BOUND = {"double": 1e-12, "single": 5e-5}
+
+# More than 4 MiB each. The first is no multiple of a vector wide; of the second each band of rows
+# fits into cache; the third has two or three strips.
+SHAPES = [(61, 1531), (16, 5600), (140, 640)]
+STEPS = 4
+
+UNIFORM = {"mass": "uniform", "pins": (), "damping_model": "spring"}
+FEATURES = {
+    "per point": {}, "uniform": UNIFORM, "no bend": {**UNIFORM, "springs": ("structural", "shear")}
+}  # fmt: skip
+
+
+@pytest.fixture(params=["single", "double"])
+def options(request):
+    return {"precision": request.param, "kernel": "edge"}
+
+
+@pytest.mark.parametrize("features", FEATURES)
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_they_agree_with_the_reference(options, crumpled, relative, same_bits, shape, features):
+    """However many threads and calls: the strips' borders outlast both."""
+    scene, x, v, dt = crumpled(shape=shape, **FEATURES[features])
+    expected = cs.reference_step(scene, x, v, dt, STEPS)
+    results = []
+    for threads in (1, 2, 3):
+        results.append(cs.step(scene, x, v, dt, STEPS, **options, threads=threads))
+        stepper = cs.Stepper(scene, x, v, **options, threads=threads)
+        for steps in (1, 2, 1):
+            stepper.advance(steps, dt)
+        results.append((stepper.positions, stepper.velocities))
+    assert relative(results[0], expected, x) < BOUND[options["precision"]]
+    assert all(same_bits(other, results[0]) for other in results[1:])
+
+
+def test_instruction_sets_agree(double_variant, crumpled, relative):
+    scene, x, v, dt = crumpled(shape=SHAPES[0])
+    expected = cs.reference_step(scene, x, v, dt, STEPS)
+    result = cs.step(scene, x, v, dt, STEPS, **double_variant.options)
+    assert relative(result, expected, x) < BOUND["double"]
+
+
+def test_accelerations_after_steps(options, crumpled, oracle):
+    """They need the halos that a step leaves behind."""
+    scene, x, v, dt = crumpled(shape=SHAPES[0])
+    stepper = cs.Stepper(scene, x, v, **options, threads=2)
+    stepper.advance(3, dt)
+    expected = oracle.acceleration(scene, stepper.positions, stepper.velocities)
+    result = cs.acceleration(scene, stepper.positions, stepper.velocities, **options)
+    bound = {"double": 1e-12, "single": 5e-5}[options["precision"]]
+    assert np.abs(result - expected).max() < bound * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_points_in_halos_are_answered_once(options, crumpled, relative, response):
+    """A sphere that is wider than a strip."""
+    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response=response)
+    scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
+    found = []
+    for kernel, threads in (("gather", 1), ("edge", 1), ("edge", 2)):
+        stepper = cs.Stepper(scene, x, v, **{**options, "kernel": kernel}, threads=threads)
+        stepper.advance(STEPS, dt)
+        found.append((stepper.positions, stepper.velocities, stepper._state.core.contacts[0]))
+    assert found[0][2] > 1_000
+    for end in found[1:]:
+        assert end[2] == found[0][2]
+        assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
+
+
+def test_energy_of_contact_is_counted_once(crumpled):
+    """By one thread, after all strips of a step."""
+    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response="ray")
+    scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
+    energies = []
+    for kernel in ("gather", "edge"):
+        stepper = cs.Stepper(scene, x, v, kernel=kernel, track_contact_energy=True)
+        stepper.advance(STEPS, dt)
+        energies.append(stepper.contact_energy)
+    assert abs(energies[0]) > 1e-6
+    assert energies[1] == pytest.approx(energies[0], rel=1e-9, abs=0)
+
+
+def test_a_state_put_back_goes_on_the_same(options, crumpled, same_bits):
+    """What is kept at the borders is of the state in memory."""
+    scene, x, v, dt = crumpled(shape=SHAPES[0])
+    stepper = cs.Stepper(scene, x, v, **options, threads=2)
+    stepper.advance(2, dt)
+    snapshot = stepper.snapshot()
+    stepper.advance(3, dt)
+    again = cs.Stepper.restore(snapshot)
+    again.advance(3, dt)
+    assert same_bits(
+        (again.positions, again.velocities), (stepper.positions, stepper.velocities)
+    )
