@@ -39,6 +39,8 @@ def _steppers(precision: str) -> dict[str, cs.Stepper]:
         "ray, touching nothing": stepper(far.replace(response="ray"), settled),
         "continuous, touching nothing": stepper(far, settled),
         "continuous, all points in contact": stepper(under, settled),
+        "continuous, all points sliding": stepper(under.replace(friction=0.0), settled),
+        "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
         "the paper's cloth, no sphere": cs.Stepper(
             paper.replace(spheres=()), lying, folded, threads=1, precision=precision
         ),
