@@ -5,11 +5,17 @@
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
+// This is looked at in Real, and so that rounding never hides a point: of one that has to be answered even
+// m^2 <= R^2 + q^2 holds, as it came to R or nearer, at a right angle to its way or at its end. With m and q wrong by
+// up to d, R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. What is dropped or rounded is a
+// place or a way of no more than |c1| + |c1 - c0| + R + |q|; the part of |q| is covered by the factor 1 + 1/k.
+//
 // The state of vectors that are done is copied for the next step on the way.
 #pragma once
 
 #include "kernels/contact_arguments.hpp"
 #include "kernels/contact_resting.hpp"
+#include "kernels/contact_wide.hpp"
 #include "kernels/vector3.hpp"
 
 namespace clothsim {
@@ -22,14 +28,14 @@ struct SphereNear {
     V center[3], way[3], radius2;
 
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        double size = 0;
+        double size = s.surface;
         for (int k = 0; k < 3; ++k) {
+            const double gone = s.end[k] - s.start[k];
             center[k] = V(Real(s.end[k]));
-            way[k] = V(Real(s.end[k] - s.start[k]));
-            size += s.end[k] < 0 ? -s.end[k] : s.end[k];
+            way[k] = V(Real(gone));
+            size += __builtin_fabs(s.end[k]) + __builtin_fabs(gone);
         }
-        // What rounding to Real may take from the distance.
-        const double rounding = 16 * (size + s.surface) * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
+        const double rounding = 16 * size * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
         const double radius = s.surface + rounding;
         radius2 = V(Real((1 + near_margin) * radius * radius * (1 + 1e-6)));
     }
@@ -49,40 +55,6 @@ struct Number<xsimd::batch<double, Arch>> {
     static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
     static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
     static CLOTHSIM_LANE bool any(const Mask& c) { return xsimd::any(c); }
-};
-
-// Vectors of doubles out of and into memory of Real.
-template <class Arch, class Real>
-struct Wide {
-    using D = xsimd::batch<double, Arch>;
-    static constexpr int N = int(D::size);
-    typedef double Doubles __attribute__((vector_size(8 * N)));
-    typedef Real Reals __attribute__((vector_size(sizeof(Real) * N)));
-
-    static CLOTHSIM_INLINE Reals load(const Real* p) {
-        Reals a;
-        __builtin_memcpy(&a, p, sizeof a);
-        return a;
-    }
-    static CLOTHSIM_INLINE void store(Real* p, const Reals& a) { __builtin_memcpy(p, &a, sizeof a); }
-    static CLOTHSIM_INLINE Doubles widen(const Reals& a) { return __builtin_convertvector(a, Doubles); }
-    static CLOTHSIM_INLINE Reals narrow(const Doubles& a) { return __builtin_convertvector(a, Reals); }
-    static CLOTHSIM_INLINE D batch(const Doubles& a) { return D(typename D::register_type(a)); }
-    static CLOTHSIM_INLINE Doubles doubles(const D& a) { return Doubles(typename D::register_type(a)); }
-
-    static CLOTHSIM_INLINE D read(const Real* p, std::ptrdiff_t compensation) {
-        if constexpr (sizeof(Real) == 4) return batch(widen(load(p)) + widen(load(p + compensation)));
-        else return batch(load(p));
-    }
-    // Only where `chosen` is not 0.
-    static CLOTHSIM_INLINE void write(Real* p, std::ptrdiff_t compensation, const D& value, const D& chosen) {
-        const Doubles wide = doubles(value);
-        const Reals rounded = narrow(wide);
-        const auto here = narrow(doubles(chosen)) != 0;
-        store(p, here ? rounded : load(p));
-        if constexpr (sizeof(Real) == 4)
-            store(p + compensation, here ? narrow(wide - widen(rounded)) : load(p + compensation));
-    }
 };
 
 template <class V, class Real>
