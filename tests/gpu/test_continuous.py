@@ -3,8 +3,6 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu.device import Device
-from clothsim.gpu.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("needs_float64")
 
@@ -103,9 +101,3 @@ def test_a_pinned_point_in_a_sphere_is_told():
     scene = falling(ball)
     with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
         cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, backend="gpu")
-
-
-def test_what_it_does_not_do_is_refused(device):
-    narrow = Device(device.adapter, float64=False)
-    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be .* got 'continuous'"):
-        Simulation([falling(BALL)], 0.0, "single", True, narrow)
