@@ -62,6 +62,18 @@ def test_a_sphere_faster_than_its_size_a_step_does_not_pass():
     assert struck.any() and (x[struck][:, 1] > 0.5).all()
 
 
+def test_points_that_start_inside_go_out_at_the_cores_speed():
+    ball = BALL.replace(center=(0.5, -0.1, 0.5), offset="none", push_out_speed=0.5)
+    scene, ends = falling(ball), []
+    x, v = scene.initial_position, 0 * scene.initial_velocity
+    for backend in ("cpu", "gpu"):
+        with pytest.warns(cs.ContactWarning, match="starts on the cloth"):
+            ends.append(cs.step(scene, x, v, 5e-4, 20, strict=True, backend=backend)[0])
+    assert np.abs(ends[1] - ends[0]).max() < 1e-12
+    depths = [cs.penetration(positions, ball)["points"] for positions in (x, ends[1])]
+    assert depths[1] == pytest.approx(depths[0] - 20 * 5e-4 * 0.5, abs=5e-4)
+
+
 def test_a_batch_has_the_bits_of_its_members(same_bits):
     scenes = [falling((BALL,)), falling((BALL.replace(radius=0.22),)), falling((LEFT, RIGHT))]
     x = np.stack([s.initial_position for s in scenes])
