@@ -3,8 +3,6 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu.device import Device
-from clothsim.gpu.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("needs_float64")
 
@@ -64,6 +62,18 @@ def test_a_sphere_faster_than_its_size_a_step_does_not_pass():
     assert struck.any() and (x[struck][:, 1] > 0.5).all()
 
 
+def test_points_that_start_inside_go_out_at_the_cores_speed():
+    ball = BALL.replace(center=(0.5, -0.1, 0.5), offset="none", push_out_speed=0.5)
+    scene, ends = falling(ball), []
+    x, v = scene.initial_position, 0 * scene.initial_velocity
+    for backend in ("cpu", "gpu"):
+        with pytest.warns(cs.ContactWarning, match="starts on the cloth"):
+            ends.append(cs.step(scene, x, v, 5e-4, 20, strict=True, backend=backend)[0])
+    assert np.abs(ends[1] - ends[0]).max() < 1e-12
+    depths = [cs.penetration(positions, ball)["points"] for positions in (x, ends[1])]
+    assert depths[1] == pytest.approx(depths[0] - 20 * 5e-4 * 0.5, abs=5e-4)
+
+
 def test_a_batch_has_the_bits_of_its_members(same_bits):
     scenes = [falling((BALL,)), falling((BALL.replace(radius=0.22),)), falling((LEFT, RIGHT))]
     x = np.stack([s.initial_position for s in scenes])
@@ -103,9 +113,3 @@ def test_a_pinned_point_in_a_sphere_is_told():
     scene = falling(ball)
     with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
         cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, backend="gpu")
-
-
-def test_what_it_does_not_do_is_refused(device):
-    narrow = Device(device.adapter, float64=False)
-    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be .* got 'continuous'"):
-        Simulation([falling(BALL)], 0.0, "single", True, narrow)

@@ -87,16 +87,19 @@ def test_several_moving_rough_spheres_pins_and_single_precision(precision, follo
     assert answered(scene, gpu, x, v, 0.0, 5e-4, 40) > 1e-4
 
 
-@pytest.mark.parametrize("speed", [3.0, 300.0])
-def test_a_sphere_smaller_than_a_cell_is_caught(speed, follow):
-    """Through the middle of a triangle, with no mass point near: only the triangle sees it."""
+@pytest.mark.parametrize("speed, count", [(3.0, 15), (300.0, 15), (3000.0, 2)])
+def test_a_sphere_smaller_than_a_cell_is_caught(speed, count, follow):
+    """Through the middle of a triangle, with no mass point near: only the triangle sees it.
+
+    At 3000 m/s the sphere is two cells beyond the cloth at the end of the step.
+    """
     cloth = cs.Cloth((8, 8), mass=2.0, stiffness=2000.0, damping=1.0, pins=())
     cell, radius = cloth.spacing[0], 0.01
     center = (3.3 * cell, -radius - 0.002, 3.25 * cell)
     sphere = cs.Sphere(
         center, radius, cs.Linear((0, speed, 0)), "continuous", "face", restitution=0.3
     )
-    gpu = follow(cs.Scene(cloth, sphere), 1e-4, 15)
+    gpu = follow(cs.Scene(cloth, sphere), 1e-4, count)
     assert np.abs(gpu.velocities[..., 1]).max() > 0.2 * speed
 
 
@@ -110,6 +113,16 @@ def test_a_stretched_triangle_is_kept_out_as_it_is_now(follow):
     edge = scene.replace(spheres=(sphere.replace(offset="edge"),))
     x, _ = cs.step(edge, x, v, 1e-3, 30, backend="gpu")
     assert cs.penetration(x, sphere)["triangles"] > 5e-3
+
+
+def test_a_bounce_shorter_than_a_step_leaves_with_its_part_of_the_speed(follow):
+    """The sheet comes down slowly: 2 e v is below what gravity takes in a step."""
+    cloth = cs.Cloth((6, 6), (0.3, 0.3), mass=1.0, stiffness=100.0, damping=0.05, pins=())
+    sphere = cs.Sphere((0.13, -0.1001, 0.17), 0.1, None, "continuous", "face", restitution=0.2)
+    x, v = cloth.rest_positions, np.full((6, 6, 3), (0.0, -0.02, 0.0))
+    gpu = follow(cs.Scene(cloth, sphere, position=x, velocity=v), 2e-3, 6)
+    alone, _ = cs.step(cs.Scene(cloth), x, v, 2e-3, 6)
+    assert np.abs(gpu.positions - alone).max() > 1e-4
 
 
 @pytest.mark.parametrize("shape", [(1, 18), (18, 1)])

@@ -11,7 +11,7 @@ from dataclasses import replace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import AdapterLostError
+from clothsim.gpu import AdapterLostError, block
 from clothsim.gpu import safe as safe_copy
 from clothsim.gpu.device import Device
 from clothsim.gpu.simulation import Simulation
@@ -194,11 +194,57 @@ def test_the_state_is_copied_back_while_it_advances(monkeypatch):
     assert stepper.time == 5e-4
 
 
-def test_double_is_refused_where_there_is_no_float64(device):
-    narrow = Device(device.adapter, float64=False)
-    told = "precision must be 'single' on the graphics adapter .* got 'double'"
-    with pytest.raises(ValueError, match=told):
-        Simulation([cs.scenes.paper_swing()], 0.0, "double", False, narrow)
+@quiet
+@pytest.mark.parametrize("name", ["begin", "told", "download"])
+def test_steps_that_cannot_be_ended_are_taken_back(name, same_bits, monkeypatch):
+    """Memory runs out before steps or behind them: state and clock stay together."""
+    scene = stiff()
+    # Above the stable step a run has its energy looked at, for which it is downloaded.
+    dt = cs.max_stable_dt(scene) * (1.01 if name == "download" else 0.5)
+    stepper, other = cs.Stepper(scene, **GPU), cs.Stepper(scene, **GPU)
+    for each in (stepper, other):
+        each.advance(7, dt)
+    calls, real = [], getattr(block.Block, name)
+
+    def full(self, *args):
+        calls.append(self)
+        if len(calls) == 2:
+            raise MemoryError("full")
+        return real(self, *args)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(block.Block, name, full)
+        with pytest.raises(MemoryError, match="full"):
+            stepper.advance(400, dt)
+    done = round(stepper.time / dt) - 7
+    assert 0 <= done < 400
+    other.advance(done, dt)
+    assert stepper.time == other.time and same_bits(arrays(stepper), arrays(other))
+    for each in (stepper, other):
+        each.advance(20, dt)
+    assert same_bits(arrays(stepper), arrays(other))
+
+
+def test_a_batch_without_memory_to_be_made_anew_keeps_its_last_state(same_bits, monkeypatch):
+    scene, dt = stiff(), 1e-4
+    x = disturbed(scene)
+    stepper = cs.Stepper(scene, np.stack([x, -x]), np.zeros((2, *x.shape)), **GPU)
+    stepper.advance(9, dt)
+    before = arrays(stepper)
+
+    def full(self, size, *usages):
+        raise MemoryError("full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Device, "create_buffer", full)
+        with pytest.raises(MemoryError, match="full"):
+            stepper.freeze(0)
+    assert stepper.time == 9 * dt and same_bits(arrays(stepper), before)
+    with pytest.raises(AdapterLostError, match=r"no longer on .* t = 0.0009 s is safe"):
+        stepper.advance(1, dt)
+    again = cs.Stepper.restore(stepper.snapshot())
+    again.advance(1, dt)
+    assert again.time == 10 * dt and same_bits([arrays(again)[0][0]], [before[0][0]])
 
 
 def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):

@@ -8,15 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from ..grid import GROUP
 from ..plan import core_plan
 from ..scene import Scene
 from . import parameters
 from .device import Device, translated
 from .shader import Features, pipelines
 
-GROUP = 16
 NONE_BAD = 0xFFFFFFFF
 _BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
+
+
+
+def workgroups(shape: tuple[int, int], members: int = 1) -> tuple[int, int, int]:
+    """Workgroups of a dispatch over cloths of `shape`, along columns, rows and members."""
+    return math.ceil(shape[1] / GROUP[0]), math.ceil(shape[0] / GROUP[1]), members
 
 
 class Block:
@@ -59,7 +65,7 @@ class Block:
         self.rows, self.columns = scenes[0].cloth.shape
         self.points = self.rows * self.columns
         self.features = Features.of(scenes[0])
-        self.groups = (math.ceil(self.columns / GROUP), math.ceil(self.rows / GROUP), len(members))
+        self.groups = workgroups(scenes[0].cloth.shape, len(members))
         self._check_limits()
         self._check_responses()
         self.pipelines = pipelines(device, self.features, precision, strict)

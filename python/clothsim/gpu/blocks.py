@@ -54,6 +54,7 @@ class Blocks:
         self._device, self._scenes = device, scenes
         self._precision, self._strict = precision, strict
         self._blocks: list[Block] = []
+        self._ahead = False
 
     def make(self, frozen: Sequence[bool], origins: np.ndarray) -> None:
         """Make them anew, without frozen members; `origins` is what positions are relative to."""
@@ -62,6 +63,7 @@ class Blocks:
             if not frozen[member]:
                 alike.setdefault(Features.of(scene), []).append(member)
         self._blocks = []  # frees the memory of those that there are
+        self._ahead = False
         for members in alike.values():
             scenes = [self._scenes[m] for m in members]
             block = Block(
@@ -89,7 +91,7 @@ class Blocks:
             block.set_step(dt, [stable_dt[m] for m in block.members])
 
     def run(self, times: Sequence[float]) -> Told:
-        """The steps between `times`, after a checkpoint to which `restore` leads back."""
+        """The steps between `times`, from a checkpoint on; `accept` or `take_back` ends them."""
         handle, steps = self._device.handle, len(times) - 1
         for block in self._blocks:
             block.begin(times)
@@ -106,25 +108,31 @@ class Blocks:
             work.end()
             if first + count < steps:
                 handle.queue.submit([encoder.finish()])
+                self._ahead = True
                 encoder = handle.create_command_encoder()
         for block in self._blocks:
             block.copy_results(encoder)
         handle.queue.submit([encoder.finish()])
+        self._ahead = True
         told = [block.told() for block in self._blocks]
         bad = [one for one, _ in told if one]
         pinned = [point for _, point in told if point]
         first_bad = min(bad, key=lambda one: one["member"], default=None)
         return Told(first_bad, min(pinned, default=None))
 
-    def restore(self) -> None:
-        """Stand again where `run` began."""
+    def take_back(self) -> None:
+        """Stand again where `run` began, unless it has been accepted, or has not begun."""
+        if not self._ahead:
+            return
         encoder = self._device.handle.create_command_encoder()
         for block in self._blocks:
             block.restore(encoder)
         self._device.handle.queue.submit([encoder.finish()])
+        self._ahead = False
 
-    def add_contacts(self, contacts: list[int]) -> None:
-        """Add the spheres' answers in the last `run` to those of each member."""
+    def accept(self, contacts: list[int]) -> None:
+        """Keep the last `run`, and add the spheres' answers in it to those of each member."""
+        self._ahead = False
         for block in self._blocks:
             for member, count in zip(block.members, block.contacts, strict=True):
                 contacts[member] += int(count)

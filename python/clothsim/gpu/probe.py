@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..grid import GROUP, thread_grid
+from ..cloth import Cloth
+from ..grid import thread_grid
+from ..scene import Scene
+from . import parameters
+from .block import workgroups
 from .device import Device, opened, translated
-from .shader import shader_text
+from .shader import Features, shader_text, source
 
 _COUNT = 1 << 14
+# Of `results` in layout.wgsl.
+_RESULTS = 8
 
 # What each probe computes from a and b, here and in WGSL; `z` is a zero that no compiler knows.
 _OPERATIONS = {
@@ -55,8 +60,9 @@ def _run(
     data: list[np.ndarray],
     size: int,
     groups: tuple[int, ...],
+    out_binding: int,
 ) -> bytes:
-    """One dispatch with `data` bound from 0 on, the first uniform; what is written last."""
+    """One dispatch with `data` bound from 0 on, the first uniform; what is written."""
     handle = device.handle
     with translated(device.adapter):
         out = device.create_buffer(size, "STORAGE", "COPY_SRC")
@@ -69,7 +75,8 @@ def _run(
         pipeline = handle.create_compute_pipeline(
             layout="auto", compute={"module": module, "entry_point": entry_point}
         )
-        entries = [{"binding": k, "resource": {"buffer": b}} for k, b in enumerate([*buffers, out])]
+        bound = [*enumerate(buffers), (out_binding, out)]
+        entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in bound]
         layout = pipeline.get_bind_group_layout(0)
         bindings = handle.create_bind_group(layout=layout, entries=entries)
         encoder = handle.create_command_encoder()
@@ -84,6 +91,9 @@ def _run(
 
 def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     """`thread_grid` as the adapter sees it: written by every invocation of the shader itself.
+
+    They are in the module of a step's stages, dispatched as these are, and every point's ids are
+    where the stages have its state.
 
     Parameters
     ----------
@@ -111,11 +121,15 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     """
     dtype = thread_grid(shape).dtype
     rows, columns = shape
-    groups = (math.ceil(columns / GROUP[0]), math.ceil(rows / GROUP[1]), 1)
+    device = opened()
+    plain = Features.of(Scene(Cloth((2, 2))))
+    code = source(plain, "single", device.float64) + shader_text("thread_ids")
+    numbers = parameters.step_constants(0.0, np.float32)
+    integers = np.array([rows, columns, *[0] * 10], np.uint32)
+    constants = np.frombuffer(numbers.tobytes() + integers.tobytes(), np.uint32)
     names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
     size = 4 * len(names) * rows * columns
-    data = [np.array([rows, columns, 0, 0], np.uint32)]
-    raw = _run(opened(), shader_text("thread_ids"), "thread_ids", data, size, groups)
+    raw = _run(device, code, "thread_ids", [constants], size, workgroups(shape), _RESULTS)
     written = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
     ids = np.empty((rows, columns), dtype)
     for k, name in enumerate(names):
@@ -164,7 +178,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             code = _PROBE.replace("OUT", out).replace("KEEP", _KEEP[word])
             code = f"alias T = {word};\n{code}"
             data = [np.zeros(4, np.uint32), a, b]
-            raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1))
+            raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
             result, exact = np.frombuffer(raw, name), numpy(a, b)
             ulp = np.spacing(np.maximum(np.abs(exact), np.finfo(name).tiny))
             found[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())

@@ -78,7 +78,11 @@ class Simulation:
         self._lost = False
 
     def _make_blocks(self) -> None:
-        self._blocks.make(self._frozen, self._origins)
+        try:
+            self._blocks.make(self._frozen, self._origins)
+        except MemoryError:
+            self._lost = True
+            raise
         self._step_set = 0.0
 
     # State in and out -----------------------------------------------------------------------------
@@ -179,7 +183,7 @@ class Simulation:
 
     def advance(self, steps: int, dt: float, threads: int, optional: bool) -> dict[str, Any]:
         """As the core's: steps done, and which point has gone bad if one has."""
-        with self._used(), Interrupts() as interrupts:
+        with self._used(), Interrupts() as interrupts, self._all_or_nothing():
             self._need_adapter()
             self._set_step(dt)
             self._pinned_inside: tuple[int, int] | None = None
@@ -228,7 +232,7 @@ class Simulation:
         return min(found, key=lambda one: one["member"], default=None)
 
     def _accept(self, steps: int) -> None:
-        self._blocks.add_contacts(self._contacts)
+        self._blocks.accept(self._contacts)
         self._clock = self._clock.after(steps)
 
     def _runaway(self) -> dict[str, Any] | None:
@@ -239,11 +243,11 @@ class Simulation:
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
         """Find the step that goes wrong and stand before it: the same steps give the same bits."""
-        self._blocks.restore()
+        self._blocks.take_back()
         for k in range(1, steps + 1):
             bad = self._try(1)
             if bad:
-                self._blocks.restore()
+                self._blocks.take_back()
                 return {**bad, "step": k, "time": self._clock.at(1)}
             self._accept(1)
         raise RuntimeError(
@@ -272,9 +276,19 @@ class Simulation:
         finally:
             self._busy.release()
 
+    @contextmanager
+    def _all_or_nothing(self) -> Any:
+        """Have steps that were not accepted taken back when anything fails but the adapter."""
+        try:
+            yield
+        except Exception:
+            self._blocks.take_back()
+            raise
+
     def _need_adapter(self) -> None:
         if self._lost:
-            raise AdapterLostError(f"the graphics adapter {self.adapter.name} was lost")
+            name = self.adapter.name
+            raise AdapterLostError(f"the state is no longer on the graphics adapter {name}")
 
     def _what_is_safe(self) -> str:
         if not hasattr(self, "_safe"):

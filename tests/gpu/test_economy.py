@@ -1,0 +1,103 @@
+"""What is left out and what is not done: absent features, traffic, submissions."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.gpu import block, blocks, parameters
+
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25)
+GPU = {"backend": "gpu", "precision": "single", "strict": True}
+FAMILIES = ("structural", "shear", "bend")
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("damped", [True, False])
+def test_what_a_scene_leaves_out_is_not_in_its_shader(
+    family, damped, crumpled, monkeypatch, same_bits
+):
+    """Its numbers are made NaN: whatever looked at one would spread it over the cloth."""
+    features = {"springs": (family,), "damped": damped, "mass": "uniform", "pins": ()}
+    scene, x, v, dt = crumpled(**features)
+    expected = cs.step(scene, x, v, dt, 20, **GPU)
+    real = parameters.scene_parameters
+
+    def poisoned(scene, speed_limit, dtype):
+        table = real(scene, speed_limit, dtype)
+        for (name, *_), spring in zip(parameters._SPRINGS, table[5:20].reshape(5, 3), strict=True):
+            spring[0 if name != family else 3 if damped else 2 :] = np.nan
+        table[3] = np.nan  # damping of points
+        table[parameters.FIRST_WEIGHT :] = np.nan
+        return table
+
+    monkeypatch.setattr(parameters, "scene_parameters", poisoned)
+    result = cs.step(scene, x, v, dt, 20, **GPU)
+    assert np.isfinite(result[0]).all() and same_bits(result, expected)
+
+
+def test_the_same_numbers_are_used_where_a_scene_has_them(crumpled, monkeypatch):
+    """So the test above can fail."""
+    scene, x, v, dt = crumpled(damping_model="point")
+    real = parameters.scene_parameters
+    places = [3, 5, 8, 11, 14, 17, 6, parameters.FIRST_WEIGHT + 30]
+    for place in places:
+        def poisoned(*args, place=place):
+            table = real(*args)
+            table[place] = np.nan
+            return table
+
+        monkeypatch.setattr(parameters, "scene_parameters", poisoned)
+        with pytest.raises(cs.UnstableError):
+            cs.step(scene, x, v, dt, 1, **GPU)
+
+
+def test_the_state_stays_on_the_adapter_between_calls(crumpled, monkeypatch, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    stepper, other = cs.Stepper(scene, x, v, **GPU), cs.Stepper(scene, x, v, **GPU)
+    for each in (stepper, other):
+        each.advance(3, dt)
+
+    def moved(*args):
+        raise AssertionError("the state was moved")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(block.Block, "upload", moved)
+        patched.setattr(block.Block, "download", moved)
+        for n in (1, 5, 40):
+            stepper.advance(n, dt)
+        with pytest.raises(AssertionError, match="was moved"):
+            stepper.positions  # noqa: B018
+    other.advance(46, dt)
+    assert same_bits((stepper.positions,), (other.positions,))
+
+
+class Queue:
+    """A queue that counts submissions."""
+
+    def __init__(self, real):
+        self.real, self.submissions = real, 0
+
+    def submit(self, commands):
+        self.submissions += 1
+        return self.real.submit(commands)
+
+    def __getattr__(self, name):
+        return getattr(self.real, name)
+
+
+@pytest.mark.parametrize("members", [1, 3])
+def test_32_steps_of_all_members_are_one_submission(members, crumpled, monkeypatch):
+    scenes = [crumpled(seed=k, spheres=(BALL,) * (k % 2)).scene for k in range(members)]
+    x, dt = np.stack([scene.cloth.rest_positions for scene in scenes]), crumpled().dt
+    stepper = cs.Stepper(scenes, x, 0 * x, **GPU)
+    stepper.advance(1, dt)
+    core = stepper._state.core
+    queue = Queue(core.device.handle.queue)
+    monkeypatch.setattr(type(core.device.handle), "queue", property(lambda self: queue))
+    counts = []
+    for steps in (1, 32, 33, 96):
+        queue.submissions = 0
+        core._steps_unchecked = blocks.MOST_STEPS_UNCHECKED  # of a quick adapter
+        stepper.advance(steps, dt)
+        counts.append(queue.submissions - len(core._blocks._blocks))  # one to read each's results
+    assert counts == [1, 1, 2, 3]
+    assert stepper.time == 163 * dt

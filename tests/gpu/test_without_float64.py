@@ -1,0 +1,108 @@
+"""An adapter whose shaders have no float64, as Metal's: what it does, and what it refuses."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.gpu import device as devices
+
+STRICT = {"precision": "single", "strict": True}
+GPU = {**STRICT, "backend": "gpu"}
+
+
+@pytest.fixture(autouse=True)
+def narrow(device, monkeypatch):
+    """The adapter of this machine without its float64, for all that is made in a test."""
+    narrow = devices.Device(device.adapter, float64=False)
+    monkeypatch.setattr(devices, "opened", lambda: narrow)
+    return narrow
+
+
+def test_double_is_refused(narrow):
+    told = "^precision must be 'single' on the graphics adapter .* no float64, got 'double'$"
+    for make in (
+        lambda scene: cs.Stepper(scene, backend="gpu"),
+        lambda scene: cs.simulate(scene, 0.1, dt=1e-3, backend="gpu"),
+    ):
+        with pytest.raises(ValueError, match=told) as raised:
+            make(cs.scenes.paper_swing())
+        assert narrow.adapter.name in str(raised.value)
+
+
+@pytest.mark.parametrize("offset", ["none", "edge", "face"])
+def test_the_response_continuous_is_refused(offset, narrow):
+    far = cs.Sphere((9.0, 9.0, 9.0), 0.1)
+    spheres = far, far.replace(response="continuous", offset=offset)
+    told = r"^response of spheres\[1\] must be 'reflect' or 'ray' on .*, got 'continuous'$"
+    with pytest.raises(ValueError, match=told) as raised:
+        cs.Stepper(cs.Scene(cs.Cloth(), spheres), **GPU)
+    assert narrow.adapter.name in str(raised.value)
+
+
+def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
+    """Without spheres nothing of a step in single needs float64."""
+    scene, x, v, dt = crumpled()
+    gpu, cpu = (cs.Stepper(scene, x, v, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    for stepper in (gpu, cpu):
+        stepper.advance(200, dt)
+    assert np.abs(gpu.positions - cpu.positions).max() < 1e-7
+    if exact:
+        assert same_bits((gpu.positions, gpu.velocities), (cpu.positions, cpu.velocities))
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_the_papers_scene_follows_the_core_from_before_contact_into_it(response):
+    """Contact begins at 0.23 s; rounding grows from there on."""
+    scene, dt = cs.scenes.paper_static(response), 4e-4
+    gpu, cpu = (cs.Stepper(scene, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    free = cs.Stepper(scene.replace(spheres=()), **STRICT)
+    for stepper in (gpu, cpu, free):
+        stepper.advance(640, dt)
+    assert np.abs(cpu.positions - free.positions).max() > 1e-3
+    assert np.abs(gpu.positions - cpu.positions).max() < 1e-5
+    run = cs.simulate(scene, 0.01, dt=dt, backend="gpu", precision="single")
+    assert run.report["backend"] == "gpu" and run.report["steps"] == 25
+
+
+def test_a_batch_of_different_scenes_has_the_bits_of_its_members(crumpled, same_bits):
+    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+    states = [crumpled(seed=k, spheres=(ball.replace(radius=0.2 + 0.03 * k),)) for k in range(3)]
+    scenes, dt = [s.scene for s in states], min(s.dt for s in states)
+    x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
+    result = cs.step(scenes, x, v, dt, 60, **GPU)
+    for k, scene in enumerate(scenes):
+        alone = cs.step(scene, x[k], v[k], dt, 60, **GPU)
+        assert same_bits([part[k] for part in result], alone), k
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray"])
+def test_a_response_errs_by_units_in_the_last_place(narrow, response):
+    """A cloud of free points in a sphere 18 radii from the origin, one step without forces.
+
+    Farther off the state would be kept relative to an origin of its own, by the sphere.
+    """
+    shape = (40, 50)
+    rng = np.random.default_rng(5)
+    cloth = cs.Cloth(shape, stiffness=0.0, damping=0.0, pins=())
+    ball = cs.Sphere((1.1, -2.3, 3.7), 0.25, cs.Linear((0.3, 0.1, 0.2)), response, friction=0.2)
+    scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
+    direction = rng.normal(size=(*shape, 3))
+    direction /= np.linalg.norm(direction, axis=-1)[..., None]
+    x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
+    v = rng.normal(size=(*shape, 3))
+    dt = 1e-6
+    gpu, cpu = (cs.Stepper(scene, x, v, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    for stepper in (gpu, cpu):
+        stepper.advance(1, dt)
+    x_gpu, v_gpu = gpu.positions, gpu.velocities
+    assert np.abs(cpu.velocities - v).max() > 1
+    eps = np.finfo(np.float32).eps
+    # The ray may run along the surface for sqrt(eps) of the radius; it meets it to within eps
+    # all the same.
+    units = 40 if response == "ray" else 1
+    assert np.abs(x_gpu - cpu.positions).max() < units * eps * ball.radius
+    assert np.abs(v_gpu - cpu.velocities).max() < 60 * eps
+    if response == "ray":
+        moved = np.abs(x_gpu - x).max(axis=-1) > 1e-3
+        distance = np.linalg.norm(x_gpu - ball.center_at(dt), axis=-1)[moved]
+        assert moved.sum() > 500
+        assert np.abs(distance - ball.contact_radius(cloth)).max() < 4 * eps * ball.radius
