@@ -40,6 +40,13 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
+def perturbation(scene: Scene, size: float) -> Floats:
+    """Random displacements of the points that are free, `size` [m] rms; the same every time."""
+    free = ~scene.cloth.pinned[..., None]
+    noise = np.random.default_rng(1).standard_normal(scene.initial_position.shape) * free
+    return noise * (size / rms(noise)) if noise.any() else noise
+
+
 @dataclass(frozen=True)
 class Options:
     """How the steps are computed, as `step` takes it."""
