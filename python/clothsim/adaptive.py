@@ -49,6 +49,8 @@ _LARGEST_TOLERANCE = {"dop853": 2e-7, "dopri5": math.inf}
 
 _MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians: the error is carried
 
+_FEW_STEPS = 80  # of a run: its carried error does not count
+
 # Of what a finer companion's error should be over the solution's, no less than this is believed.
 _CAUTIOUS = 0.25
 
@@ -134,8 +136,10 @@ def solve(
             wall_time += carried.wall_time
             difference = _DOUBT * carried.x
             error = rms(difference)
-        # A carried error may be too large where stability limits the steps: a companion decides.
-        if solution.contacts or not carried or (error > enough and not rest):
+        # A carried error may be too large where stability limits the steps, and is too small where
+        # there are few, each with an error of its own: a companion decides.
+        few = solution.steps < _FEW_STEPS
+        if solution.contacts or not carried or few or (error > enough and not rest):
             companion = method.run(parameter * method.finer, exact, iter, None)
             spent += companion.evaluations
             wall_time += companion.wall_time
