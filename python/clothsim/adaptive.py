@@ -5,13 +5,10 @@ over the mass points: ``atol + rtol * size`` with the longer side of the cloth a
 
 1. **Solution.** An adaptive method (or a fixed-step one at some time step) runs at a tolerance per
    step that is proportional to what is asked.
-2. **Estimate.** Where the tolerance decides the steps of an adaptive method, a companion at 30
-   times that tolerance runs too: with r the ratio of their mean steps and p the order its error is
-   r^p times that of the solution, and what they differ by is r^p - 1 times it. Where stability
-   decides them, and with fixed steps of a cloth, the error is carried along with the run
-   (`carried`); if that comes out too large, a companion at a tenth of the tolerance decides, as it
-   does for scenes of few modes, whose runs have few steps. If the error is above what is asked,
-   the run is done again at a smaller tolerance.
+2. **Estimate.** The error of a cloth is carried along with the run (`carried`); if that comes out
+   too large, a companion at a tenth of the tolerance decides, as it does for scenes of few modes,
+   whose runs have few steps. If the error is above what is asked, the run is done again at a
+   smaller tolerance.
 3. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
    how much it is magnified (`growth`): the floor below which no method comes in that precision.
 
@@ -22,45 +19,55 @@ outcomes agree.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .carried import CarriedError
+from .carried import DAMPING, CarriedError
+from .errors import UnstableError
 from .growth import growth_of_perturbations
 from .integration import integrators
 from .plan import core_cloth
 from .runs import Floats, Options, Progress, Solution, frame_times, integrate, rms, run_fixed, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
+from .stiffest import Stiffest
 
 # Tolerance per step over the error asked for. The estimate of a step's error is larger than the
 # error, most of all in dop853; measured on the scenes of `clothsim.scenes` (docs/integrators.md).
 _STEP_TOLERANCE = {"dop853": 15.0, "dopri5": 0.3}
-# ... divided by sqrt(1 + growth / this), or by that where the growth is not known. A carried error
-# may be several times too large, so that less is left to the solution then.
+# ... divided by sqrt(1 + growth / this), or by that where the growth is not known.
 _HARMLESS_GROWTH = 3e4
-_UNKNOWN_GROWTH = 2.0
-_CARRIED = 4.0
+_UNKNOWN_GROWTH = 3.6
 
-# Of a cloth of many modes stability limits the steps down to this part of the size; the error is
-# carried then.
-_CARRIED_ABOVE = 1e-8
-_MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians
+# The largest tolerance per step, over the size, for a cloth of many modes. At larger ones stability
+# alone limits the steps: they become hardly longer, and errors of stiff motion come and go, which
+# makes the estimate several times too large.
+_LARGEST_TOLERANCE = {"dop853": 2e-7, "dopri5": math.inf}
+
+_MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians: the error is carried
+
+_FEW_STEPS = 80  # of a run: its carried error does not count
 
 # Of what a finer companion's error should be over the solution's, no less than this is believed.
 _CAUTIOUS = 0.25
 
-# The tolerance of a looser companion over that of the solution.
-_LOOSER = 30.0
-
 # Below this part of the size the floor of rounding may matter, and the growth is computed.
 _MAY_BE_FLOOR = 1e-9
 
-# Estimates are taken times this, for they may be too small: carried ones and those of a looser
-# companion, which go by an order that short runs need not show; those of a finer companion.
+# Estimates are taken times this, for they may be too small: carried ones, and those of a finer
+# companion.
 _DOUBT, _DOUBT_OF_FINER = 1.4, 1.1
+
+# The step of a fixed-step method over that which is stable about the start: frequencies and damping
+# grow as a cloth is pulled. That of order 1 is too wrong at its limit, unless errors are forgotten.
+_NEAR, _NEAR_OF_VERLET, _NEAR_OF_ORDER_1 = 0.95, 0.78, 0.75
+
+# Damping that the carrying of a small error follows, over the highest frequency: with less of it
+# the estimate comes out up to five times too large.
+_DAMPING_OF_SMALL = 1.5
 
 _ATTEMPTS = 8
 
@@ -99,48 +106,64 @@ def solve(
         rounding = np.finfo(np.float32 if rest[-1].precision == "single" else np.float64).eps
         floor = float(rounding) * size * growth
     goal = max(asked, floor)
+    # At the floor runs differ by rounding, whatever their tolerance.
+    enough = 10 * floor if asked <= floor else goal
+    damping = DAMPING if growth is None else _DAMPING_OF_SMALL
     options = rest.pop(0)
-    method = _method(scene, duration, every, goal, growth, options)
+    stiffest = None
+    if _many_modes(scene, duration):
+        begin = time.perf_counter()
+        stiffest = Stiffest(scene, options)
+        spent += stiffest.evaluations
+        wall_time += time.perf_counter() - begin
+    method = _method(scene, duration, every, goal, growth, options, stiffest)
     parameter = method.first
     for attempt in range(_ATTEMPTS):
-        carried = CarriedError(scene, duration, options) if method.carries else None
-        solution = method.run(parameter, options, progress, carried)
+        carried = CarriedError(scene, duration, options, stiffest, damping) if stiffest else None
         exact = options.replace(precision="double")
-        companion, part, error = None, method.companion, math.inf
+        companion, error = None, math.inf
+        try:
+            solution = method.run(parameter, options, progress, carried)
+        except UnstableError as unstable:
+            # A step that is stable about the start need not be so later.
+            if parameter <= method.safe:
+                raise
+            spent += unstable.step * method.per_step + (carried.evaluations if carried else 0)
+            progress, parameter = iter, method.safe
+            continue
         if carried:
             spent += carried.evaluations
             wall_time += carried.wall_time
-            difference, part = _DOUBT * carried.x, method.finer
+            difference = _DOUBT * carried.x
             error = rms(difference)
-        # A carried error may be too large where stability limits the steps: a companion decides.
-        if solution.contacts or not carried or (error > goal and not rest):
-            part = method.finer if solution.contacts else part
-            companion = method.run(parameter * part, exact, iter, None)
+        # A carried error may be too large where stability limits the steps, and is too small where
+        # there are few, each with an error of its own: a companion decides.
+        few = solution.steps < _FEW_STEPS
+        if solution.contacts or not carried or few or (error > enough and not rest):
+            companion = method.run(parameter * method.finer, exact, iter, None)
             spent += companion.evaluations
             wall_time += companion.wall_time
             if solution.contacts or companion.contacts:
                 return Controlled(
                     solution, companion, asked, floor, growth, None, spent, wall_time
                 )
-            doubt = _DOUBT if part > 1 else _DOUBT_OF_FINER
-            difference = doubt * method.extrapolated(solution, companion, part)
+            difference = _DOUBT_OF_FINER * method.extrapolated(solution, companion)
             error = rms(difference)
-        gain = max(method.gain(part), _CAUTIOUS)
-        if companion and part < 1 and error > goal >= 2 * gain * error:
+        gain = max(method.gain, _CAUTIOUS)
+        if companion and error > goal >= 2 * gain * error:
             # The finer companion is the solution.
             spent += solution.evaluations - companion.evaluations
             wall_time += solution.wall_time - companion.wall_time
             solution, difference = companion, difference * gain
             break
-        # At the floor runs differ by rounding, whatever their tolerance.
-        if error <= goal or (asked <= floor and error <= 10 * floor) or attempt == _ATTEMPTS - 1:
+        if error <= enough or attempt == _ATTEMPTS - 1:
             break
         spent += solution.evaluations
         wall_time += solution.wall_time
         progress = iter
         if rest:
             options = rest.pop(0)
-            method = _method(scene, duration, every, goal, growth, options)
+            method = _method(scene, duration, every, goal, growth, options, stiffest)
             parameter = method.first
         else:
             parameter = method.better(parameter, goal / error)
@@ -155,10 +178,12 @@ def _method(
     goal: float,
     growth: float | None,
     options: Options,
+    stiffest: Stiffest | None,
 ) -> _Adaptive | _Fixed:
     if integrators()[options.integrator].adaptive:
-        return _Adaptive(scene, duration, every, goal, growth, options)
-    return _Fixed(scene, duration, every, goal, options)
+        many = stiffest is not None
+        return _Adaptive(scene, duration, every, goal, growth, options.integrator, many)
+    return _Fixed(scene, duration, every, goal, options.integrator, stiffest)
 
 
 def _many_modes(scene: Scene, duration: float) -> bool:
@@ -169,7 +194,8 @@ def _many_modes(scene: Scene, duration: float) -> bool:
 class _Adaptive:
     """Runs of an adaptive method; the parameter is the tolerance of a step [m]."""
 
-    finer = 0.1  # the parameter of a better run over that of another
+    finer = gain = 0.1  # the parameter of a better run over that of another, and its error
+    safe, per_step = math.inf, 0
 
     def __init__(
         self,
@@ -178,23 +204,17 @@ class _Adaptive:
         every: int | float | None,
         goal: float,
         growth: float | None,
-        options: Options,
+        integrator: str,
+        many_modes: bool,
     ) -> None:
         self._scene, self._duration, self._every = scene, duration, every
-        self._order = integrators()[options.integrator].order
-        part = goal / size_of(scene) * (1 + 1e-9)
-        many = _many_modes(scene, duration)
-        self.carries = many and part >= _CARRIED_ABOVE
-        # Runs of few modes have so few steps that orders hardly show.
-        self.companion = _LOOSER if many else self.finer
-        factor = _STEP_TOLERANCE[options.integrator]
-        if self.carries:
-            factor /= _CARRIED
-        elif growth is not None:
+        factor = _STEP_TOLERANCE[integrator]
+        if growth is not None:
             factor /= math.sqrt(1.0 + growth / _HARMLESS_GROWTH)
-        elif self.companion > 1:
+        elif many_modes:
             factor /= _UNKNOWN_GROWTH
-        self.first = goal * factor
+        largest = _LARGEST_TOLERANCE[integrator] * size_of(scene) if many_modes else math.inf
+        self.first = min(goal * factor, largest)
 
     def run(
         self, tolerance: float, options: Options, progress: Progress, error: CarriedError | None
@@ -203,17 +223,9 @@ class _Adaptive:
             self._scene, self._duration, tolerance, options, self._every, progress, error
         )
 
-    def gain(self, part: float) -> float:
-        """The error at that part of a tolerance over that at the whole."""
-        return part
-
-    def extrapolated(self, solution: Solution, companion: Solution, part: float) -> Floats:
-        """The error of the last positions, by a run at that part of the tolerance."""
-        difference = solution.x[-1] - companion.x[-1]
-        if part < 1:
-            return difference / (1 - part)
-        ratio = solution.steps / companion.steps
-        return difference / max(ratio**self._order - 1, 1.0)
+    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
+        """The error of the last positions, by a run at `finer` times the tolerance."""
+        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
 
     def better(self, tolerance: float, ratio: float) -> float:
         return tolerance * min(0.5, ratio / 2)
@@ -222,7 +234,7 @@ class _Adaptive:
 class _Fixed:
     """Runs of a fixed-step method; the parameter is the time step [s]."""
 
-    finer = companion = 0.5
+    finer = 0.5
 
     def __init__(
         self,
@@ -230,42 +242,47 @@ class _Fixed:
         duration: float,
         every: int | float | None,
         goal: float,
-        options: Options,
+        integrator: str,
+        stiffest: Stiffest | None,
     ) -> None:
-        self.order = integrators()[options.integrator].order
-        self.carries = _many_modes(scene, duration)
-        # The error of a method of order 1 is too large at its limit to try it, unless it is forgotten.
-        near = 0.75 if self.order == 1 and not _forgets(scene, duration, goal) else 0.95
-        longest = near * guaranteed_dt(core_cloth(scene), options.integrator)
-        self.first = duration / max(4, math.ceil(duration / longest))
+        method = integrators()[integrator]
+        self._order = method.order
+        self.gain = self.finer**self._order  # the error at that part of a step
+        self.per_step = method.evaluations_per_step(core_cloth(scene).mode_bounds[1] > 0)
+        near = _NEAR_OF_VERLET if integrator == "velocity_verlet" else _NEAR
+        guaranteed = guaranteed_dt(core_cloth(scene), integrator)
+        limit = stiffest.limit(integrator) if stiffest else guaranteed
+        if self._order == 1 and not _forgets(scene, duration, goal):
+            near, limit = _NEAR_OF_ORDER_1, guaranteed
+        self.first, self.safe = (self._divided(duration, near * dt) for dt in (limit, guaranteed))
         self._scene, self._duration = scene, duration
         # An int counts the steps of the first run, so that all runs have the same frames.
         between = duration if every is None else every * self.first if isinstance(every, int) else every
         self._times = frame_times(duration, between)
 
+    @staticmethod
+    def _divided(duration: float, longest: float) -> float:
+        return duration / max(4, math.ceil(duration / longest))
+
     def run(
         self, dt: float, options: Options, progress: Progress, error: CarriedError | None
     ) -> Solution:
         return run_fixed(
-            self._scene, self._duration, dt, options, self._times, progress, error=error
+            self._scene, self._duration, dt, options, self._times, progress, own_step=True, error=error
         )
 
-    def gain(self, part: float) -> float:
-        """The error at that part of a step over that at the whole."""
-        return float(part**self.order)
-
-    def extrapolated(self, solution: Solution, companion: Solution, part: float) -> Floats:
-        """The error of the last positions, by a run at that part of the step."""
-        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain(part))
+    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
+        """The error of the last positions, by a run at half the step."""
+        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
 
     def better(self, dt: float, ratio: float) -> float:
-        return dt * min(self.finer, (ratio / 2) ** (1 / self.order))
+        return dt * min(self.finer, (ratio / 2) ** (1 / self._order))
 
 
-# Above this part of the size an undamped scene is cheapest with PEFRL, and a cloth of many modes,
-# whose step stability limits, with the semi-implicit Euler method; the latter in single.
+# Above this part of the size an undamped scene is cheapest with PEFRL, and a damped cloth of many
+# modes, whose step stability limits, with the Verlet method in single or that of Runge and Kutta.
 _PEFRL_ABOVE = 1e-5
-_EULER_ABOVE = 3e-4
+_VERLET_ABOVE, _RK4_ABOVE = 3e-4, 8e-6
 
 # Point damping of rate g (1/s) takes errors down with exp(-g t / 2), unless a mode is slower yet.
 # Where it takes the whole size down to this part of what is asked, all that was wrong on the way
@@ -287,14 +304,16 @@ def automatic(scene: Scene, duration: float, asked: float, options: Options) -> 
     part = asked / size_of(scene)
     _, damping = core_cloth(scene).mode_bounds
     order8 = options.replace(integrator="dop853", precision="double")
-    euler = order8.replace(integrator="semi_implicit_euler")
     if damping == 0 and part >= _PEFRL_ABOVE:
         return [order8.replace(integrator="pefrl"), order8]
     if not _many_modes(scene, duration):
         return [order8]
-    if part >= _EULER_ABOVE:
-        single = "double" if options.strict else "single"
-        return [euler.replace(precision=single), order8]
     if _forgets(scene, duration, asked):
-        return [euler, order8]
+        return [order8.replace(integrator="semi_implicit_euler"), order8]
+    if part >= _VERLET_ABOVE:
+        precision = "double" if options.strict else "single"
+        return [order8.replace(integrator="velocity_verlet", precision=precision), order8]
+    # With fixed steps the moment of a contact is not known.
+    if part >= _RK4_ABOVE and not scene.spheres:
+        return [order8.replace(integrator="rk4"), order8]
     return [order8]

@@ -40,6 +40,13 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
+def perturbation(scene: Scene, size: float) -> Floats:
+    """Random displacements of the points that are free, `size` [m] rms; the same every time."""
+    free = ~scene.cloth.pinned[..., None]
+    noise = np.random.default_rng(1).standard_normal(scene.initial_position.shape) * free
+    return noise * (size / rms(noise)) if noise.any() else noise
+
+
 @dataclass(frozen=True)
 class Options:
     """How the steps are computed, as `step` takes it."""
@@ -110,7 +117,7 @@ def integrate(
     at_steps = isinstance(every, int)
     times = [duration] if every is None or at_steps else frame_times(duration, every)[1:]
     count = every if at_steps else 2**62
-    told = error
+    told, begun = error, error.wall_time if error else 0.0
     here = frames.first
 
     start = time.perf_counter()
@@ -143,7 +150,7 @@ def integrate(
         else:
             frames.store(until)
     wall_time = time.perf_counter() - start
-    wall_time -= told.wall_time if told else 0.0
+    wall_time -= told.wall_time - begun if told else 0.0
     return Solution(
         options, frames.t, *frames.arrays(), steps, rejected, state.core.evaluations[0], wall_time,
         state.core.contacts[0], first_contact, duration / steps, state,

@@ -80,7 +80,7 @@ def simulate(
 
         "error_estimate"
             None, or "max" and "rms" [m] of the last positions: with a tolerance, as it was
-            carried along with the run or by a run at a larger tolerance (docs/integrators.md);
+            carried along with the run or by a run at a smaller tolerance (docs/integrators.md);
             else by a run at twice the step (the difference / (2^order - 1)).
         "estimate_evaluations", "estimate_wall_time"
             Force evaluations and seconds of everything but the run returned: the estimate, and
