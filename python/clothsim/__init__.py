@@ -9,9 +9,11 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 (32, 32, 3)
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from . import _openmp  # noqa: F401  # before anything that loads the core
 from . import scenes
-from .accuracy import Convergence, Reference, convergence, reference, work_precision
 from .build import build_config
 from .cloth import Cloth
 from .errors import ContactError, ContactWarning, StabilityWarning, UnstableError
@@ -24,9 +26,12 @@ from .scene_files import load_scene, save_scene
 from .run import Run, load_run
 from .simulation import simulate
 from .sphere import Sphere
-from .stability.map import stability_map
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
 from .sweep import open_sweep, sweep
+
+if TYPE_CHECKING:
+    from .accuracy import Convergence, Reference, convergence, reference, work_precision
+    from .stability.map import stability_map
 
 __version__ = build_config()["version"]
 
@@ -38,3 +43,20 @@ __all__ = [
     "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",
     "stability_map", "step", "sweep", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip
+
+# What a simulation does without is imported when it is first asked for.
+_ON_DEMAND = {
+    "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
+    "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
+}  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ON_DEMAND:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_ON_DEMAND[name], __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ON_DEMAND})

@@ -25,12 +25,26 @@ def python(code, **environment):
 
 
 def test_import_takes_less_than_300_ms():
-    """A promise of the package, so it is measured: the quickest of up to eight fresh processes."""
-    code = "import time; s = time.perf_counter(); import clothsim; print(time.perf_counter() - s)"
+    """A promise of the package, so it is measured: the quickest of up to eight fresh processes.
+
+    By processor time, so that what else runs on the machine does not count.
+    """
+    code = "import time; s = time.process_time(); import clothsim; print(time.process_time() - s)"
     seconds = []
     while len(seconds) < 3 or (min(seconds) >= 0.3 and len(seconds) < 8):
         seconds.append(float(python(code)))
     assert min(seconds) < 0.3
+
+
+def test_import_loads_what_a_simulation_needs():
+    code = """
+import sys, clothsim
+known = "clothsim.accuracy", "clothsim.stability.map"
+print([name in sys.modules for name in known])
+print(callable(clothsim.reference), callable(clothsim.stability_map), "reference" in dir(clothsim))
+print(hasattr(clothsim, "no_such_name"))
+"""
+    assert python(code).splitlines() == ["[False, False]", "True True True", "False"]
 
 
 def test_import_loads_no_extra():
