@@ -27,11 +27,12 @@ from .run import Run, load_run
 from .simulation import simulate
 from .sphere import Sphere
 from .stepping import Snapshot, Stepper, acceleration, reference_step, step
-from .sweep import open_sweep, sweep
+from .sweep import sweep
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .stability.map import stability_map
+    from .sweep import open_sweep
 
 __version__ = build_config()["version"]
 
@@ -48,6 +49,7 @@ __all__ = [
 _ON_DEMAND = {
     "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
+    "open_sweep": ".sweep.dataset",
 }  # fmt: skip
 
 

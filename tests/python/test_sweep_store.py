@@ -10,7 +10,7 @@ import time
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep import api, engine, planning, store
+from clothsim.sweep import engine, planning, session, store
 
 xarray = pytest.importorskip("xarray")
 zarr = pytest.importorskip("zarr")
@@ -224,7 +224,7 @@ def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):
 
 def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
     sweep(tmp_path / "s.zarr")
-    monkeypatch.setattr(api, "build_config", lambda: {"version": "99.0"})
+    monkeypatch.setattr(session, "build_config", lambda: {"version": "99.0"})
     with pytest.raises(
         ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'
     ):

@@ -1,0 +1,219 @@
+"""A sweep from checked arguments to a labelled dataset; `api` says what it takes."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import _validate as check
+from .._extras import needed
+from ..build import build_config
+from ..scene import Scene
+from .dataset import open_sweep, to_dataset
+from .engine import Workers, run_all
+from .grid import Grid, make_grid
+from .member import Members, Settings
+from .metrics import choose_metrics, describe
+from .plain import plain
+from .planning import SHORTEST, Planner
+from .progress import Bar
+from .results import Results
+from .store import SCHEMA, Store
+from .task import TaskResult
+
+_CHECKED = 2048  # members that are made before anything is run, to find what cannot be
+
+
+def run_sweep(
+    scene: Scene,
+    over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None,
+    *,
+    duration: float,
+    metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any],
+    dt: float | None,
+    integrator: str | None,
+    precision: str,
+    rtol: float | None,
+    atol: float | None,
+    every: int | float | None,
+    frames: bool,
+    store: str | os.PathLike[str] | None,
+    resume: bool,
+    executor: Any,
+    threads: int | None,
+    progress: bool,
+    kernel: str,
+    strict: bool,
+    sampling: int,
+    task_seconds: float | None,
+) -> Any:
+    """As `sweep`."""
+    needed("xarray", "sweep")
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+    grid = make_grid(over)
+    settings = Settings(
+        duration=check.number("duration", duration, minimum=0, exclusive=True),
+        dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
+        integrator=integrator,
+        precision=precision,
+        rtol=rtol,
+        atol=atol,
+        kernel=kernel,
+        strict=check.boolean("strict", strict),
+        every=_every(every),
+        frames=check.boolean("frames", frames),
+        sampling=check.integer("sampling", sampling, minimum=1),
+        metrics=choose_metrics(metrics),
+    )
+    progress = check.boolean("progress", progress)
+    _check_frames(grid, settings)
+    members = _checked_members(scene, grid, settings)
+    if task_seconds is not None:
+        task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
+    workers = Workers(executor, threads)
+    try:
+        identity = _identity(scene, grid, settings)
+        session = _provenance()
+        results: Results
+        if store is None:
+            results = Results(grid, settings, scene)
+        else:
+            where = Path(store)
+            results = Store(where, grid, settings, scene, identity, session, resume)
+        _run(workers, members, results, session, progress, task_seconds)
+    finally:
+        workers.close()
+    _warn_of_failures(results)
+    if store is not None and settings.frames:
+        return open_sweep(store)
+    sessions = results.attrs["sessions"] if isinstance(results, Store) else [session]
+    return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": sessions})
+
+
+def _run(
+    workers: Workers,
+    members: Members,
+    results: Results,
+    session: dict[str, Any],
+    progress: bool,
+    task_seconds: float | None,
+) -> None:
+    start = time.perf_counter()
+    pending = results.pending
+    grid = results.grid
+    planner = Planner(members, pending, workers.count, task_seconds, workers.shortest_task)
+    planner.threads = workers.threads_of(planner.expected_tasks)
+    weights = planner.weights
+    bar = Bar(progress, grid.size, grid.size - len(pending), float(weights[pending].sum()))
+
+    def record(result: TaskResult) -> None:
+        for one in result.records:
+            results.record(one)
+        session["wall_time"] = time.perf_counter() - start
+        session["tasks"] += 1
+        session["task_seconds"] += result.seconds
+        for name in ("host", "instruction_set"):
+            known = session[f"{name}s"]
+            if getattr(result, name) not in known:
+                known.append(getattr(result, name))
+        results.flush()
+        unstable = sum(one.unstable_step >= 0 for one in result.records)
+        cost = float(weights[[one.index for one in result.records]].sum())
+        bar.advance(len(result.records), unstable, cost)
+
+    try:
+        run_all(workers, planner, record, results.prepare)
+    finally:
+        session["wall_time"] = time.perf_counter() - start
+        bar.close()
+        try:
+            results.flush(final=True)
+        finally:
+            results.close()
+
+
+def _every(every: Any) -> int | float | None:
+    if every is None:
+        return None
+    if isinstance(every, float):
+        return check.number("every", every, minimum=0, exclusive=True)
+    return check.integer("every", every, minimum=1)
+
+
+def _check_frames(grid: Grid, settings: Settings) -> None:
+    """Stored frames have one time axis for all members."""
+    if not settings.frames:
+        return
+    if "duration" in grid.names:
+        raise ValueError("frames must be False where duration is swept: the times would differ")
+    if isinstance(settings.every, int) and ("dt" in grid.names or settings.dt is None):
+        raise ValueError(
+            f"every must be in seconds (a float) to store frames of different dt, "
+            f"got {settings.every} steps"
+        )
+
+
+def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
+    """The members; all or those that between them have every value are made, to find what is
+    refused."""
+    members = Members(scene, grid, settings)
+    if grid.size <= _CHECKED:
+        indices = range(grid.size)
+    else:
+        first = {k: 0 for k in range(len(grid.axes))}
+        places = [{**first, k: p} for k, axis in enumerate(grid.axes) for p in range(len(axis))]
+        strides = [1] * len(grid.axes)
+        for k in reversed(range(len(grid.axes) - 1)):
+            strides[k] = strides[k + 1] * grid.shape[k + 1]
+        indices = [sum(p * strides[k] for k, p in place.items()) for place in places[:_CHECKED]]
+    for index in indices:
+        try:
+            members.make(index)
+        except (ValueError, TypeError) as error:
+            values = grid.member(index)
+            if not values:
+                raise
+            which = ", ".join(f"{name}={value!r}" for name, value in values.items())
+            raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+    return members
+
+
+def _identity(scene: Scene, grid: Grid, settings: Settings) -> dict[str, Any]:
+    """What tells this sweep from another, as JSON can hold it."""
+    return {
+        "version": build_config()["version"],
+        "scene": scene.to_dict(),
+        "over": grid.describe(),
+        "settings": {
+            name: [describe(metric) for metric in settings.metrics]
+            if name == "metrics"
+            else plain(value)
+            for name, value in vars(settings).items()
+        },
+    }
+
+
+def _provenance() -> dict[str, Any]:
+    from ..reproduce.report import provenance
+
+    return {
+        **provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [],
+        "instruction_sets": [],
+    }  # fmt: skip
+
+
+def _warn_of_failures(results: Results) -> None:
+    if failed := results.count("failed"):
+        messages = results.variables["message"].values.ravel()
+        status = results.variables["status"].values.ravel()
+        first = int((status == 3).argmax())
+        warnings.warn(
+            f"{failed} of {results.grid.size} members failed; the first: {messages[first]}",
+            RuntimeWarning,
+            stacklevel=4,
+        )
