@@ -31,7 +31,8 @@ class Rules:
 
     def surface(self, sphere):
         """The radius, and 4 ulp of |centre| + radius: where points are put."""
-        return sphere.radius + 4 * self.epsilon * (np.abs(sphere.center_at(self.dt)).sum() + sphere.radius)
+        size = np.abs(sphere.center_at(self.dt)).sum() + sphere.radius
+        return sphere.radius + 4 * self.epsilon * size
 
     def path(self, sphere):
         """In the sphere's frame: where the rest of the way begins, and the rest of the way."""
