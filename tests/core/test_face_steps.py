@@ -5,6 +5,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.contact.triangles import distance
 
 DT = 0.01
 
@@ -12,7 +13,7 @@ DT = 0.01
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_sphere_that_passes_a_triangle_within_a_step_is_met_from_either_side(kernel, way):
-    """Between the corners, from far off to far off: every triangle is looked at along the whole way.
+    """Between the corners, from far off to far off: a triangle is looked at along the whole way.
 
     What is known of a triangle from the step before may not hide it: the first step is far away.
     """
@@ -54,9 +55,10 @@ def test_a_triangle_that_starts_inside_is_pushed_out_at_the_speed_of_the_push():
 
 @pytest.mark.parametrize("pins", [((0, 0), (0, 1)), ((0, 1),)], ids=["both ends", "one end"])
 def test_a_sphere_between_pinned_points_warns_when_it_touches(pins):
-    """A link of 1 m: with both ends pinned nothing can move, with one the other end swings clear."""
+    """A link of 1 m: pinned at both ends nothing can move, with one free that end swings clear."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), 2.0, 0.0, 0.0, springs=("structural",), pins=pins)
-    sphere = cs.Sphere((0.5, -0.2, 0.0), 0.1, cs.Linear((0, 1.0, 0)), "continuous", "face", 0.0, 0.0)
+    motion = cs.Linear((0, 1.0, 0))
+    sphere = cs.Sphere((0.5, -0.2, 0.0), 0.1, motion, "continuous", "face", 0.0, 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -64,7 +66,7 @@ def test_a_sphere_between_pinned_points_warns_when_it_touches(pins):
         assert (stepper.velocities == 0).all()
         if len(pins) == 1:
             stepper.advance(2, DT)
-            # 0.01 m higher in the middle, 0.02 at the free end, which goes twice the sphere's speed.
+            # 0.01 m higher in the middle, 0.02 at the free end, at twice the sphere's speed.
             np.testing.assert_allclose(stepper.velocities[0, 0, 1], 2.0, rtol=0.01)
             np.testing.assert_allclose(stepper.positions[0, 0, 1], 0.02, rtol=0.02)
             return
@@ -72,3 +74,46 @@ def test_a_sphere_between_pinned_points_warns_when_it_touches(pins):
         stepper.advance(2, DT)
     assert (stepper.velocities == 0).all()
     np.testing.assert_array_equal(stepper.positions, cloth.rest_positions)
+
+
+@pytest.mark.parametrize("way", [2e-4, 1e-3])
+def test_a_link_turns_between_two_spheres(way):
+    """One comes from below at a quarter, one from above at three quarters; there is a place.
+
+    It is found in rounds from one sphere to the other: 3 v0/4 + v1/4 is the speed of the one,
+    v0/4 + 3 v1/4 that of the other, so the ends go at twice theirs.
+    """
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), 2.0, 0.0, 0.0, springs=("structural",), pins=())
+    spheres = [
+        cs.Sphere((0.5 - 0.25 * up, -0.1 * up * (1 + 1e-8 + 5 * way), 0), 0.1,
+                  cs.Linear((0, up * way / DT, 0)), "continuous", "face", 0.0, 0.0)
+        for up in (1, -1)
+    ]  # fmt: skip
+    stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)))
+    stepper.advance(1, DT)
+    np.testing.assert_allclose(stepper.positions[0, :, 1], (way, -way), rtol=2e-3)
+    np.testing.assert_allclose(stepper.velocities[0, :, 1] * DT, (2 * way, -2 * way), rtol=2e-3)
+    x = stepper.positions[0]
+    for sphere in spheres:
+        assert distance(x[[0, 1, 1]] - sphere.center_at(DT)) >= sphere.radius
+
+
+def test_a_sphere_that_touches_early_and_is_far_off_at_the_end_is_met():
+    """It strokes the cell near its last corner from below and goes on 4 m aside in the same step."""
+    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
+    radius, gap, way = 0.05, 0.01, np.array((4.0, 0.5, 0.0))
+    start = np.array((0.8, -radius - gap, 0.8))
+    sphere = cs.Sphere(start, radius, cs.Linear(way / DT), "continuous", "face", 0.0, 0.0)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0)))
+    stepper.advance(1, DT)
+    place = (start + gap / way[1] * way)[[0, 2]]
+    corners = cloth.rest_positions.reshape(4, 3)[1:, [0, 2]]
+    weights = np.linalg.solve(np.vstack([corners.T, np.ones(3)]), [*place, 1.0])
+    assert weights.min() > 0.05
+    expected = weights / (weights @ weights) * way[1] / DT
+    np.testing.assert_allclose(stepper.velocities.reshape(4, 3)[1:, 1], expected, rtol=1e-5)
+    np.testing.assert_allclose(
+        stepper.positions.reshape(4, 3)[1:, 1], expected * DT * (1 - gap / way[1]), rtol=1e-5
+    )
+    assert (stepper.velocities[0, 0] == 0).all()
+    np.testing.assert_allclose(stepper.velocities[..., ::2], 0, atol=1e-9)
