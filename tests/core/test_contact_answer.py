@@ -193,3 +193,21 @@ def test_a_point_that_starts_inside_goes_out_at_the_speed_of_the_push(start, spe
     assert np.linalg.norm(after[0, 0]) >= distance - 1e-15
     np.testing.assert_allclose(v_after[0, 0] @ n, left, rtol=0, atol=1e-6)
     np.testing.assert_allclose(v_after[0, 0] @ aside, 1e-3, rtol=0, atol=1e-4)
+
+
+def test_a_point_on_the_sphere_that_is_pulled_off_it_bounces():
+    """It comes at 1 m/s and leaves with 0.05 m/s; weight outwards makes that 0.11 m/s in a step."""
+    pins = ((0, 0), (0, 1), (1, 0))
+    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=pins)
+    x, v, radius = 3.0 * cloth.rest_positions, np.zeros((2, 2, 3)), 0.5
+    slop = 4 * np.finfo(float).eps * (6.0 + radius + radius)
+    sphere = ball((3.0, -radius - slop, 3.0), radius, restitution=0.05)
+    v[POINT] = (0, -1.0, 0)
+    scene = cs.Scene(cloth, sphere, (0, 10.0, 0))
+    rules = Rules(scene, x, v, DT, "double")
+    rules.run(scene.spheres)
+    assert rules.flown == 1
+    after, v_after = cs.step(scene, x, v, DT)
+    np.testing.assert_allclose(after[POINT], rules.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(v_after[POINT], rules.v, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rules.v[1], 0.11, rtol=0.02)
