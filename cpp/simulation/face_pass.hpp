@@ -178,7 +178,7 @@ private:
         if (!touch.hit) return false;
         const Share h = share(t, touch.foot);
         if (h.mobility <= 0) {
-            report_.note_pinned(t[0]);
+            report_.note_pinned(pinned_corner(t));
             return false;
         }
         Vec3 way = Vec3::Zero(), velocity = -exact::vec(s_.velocity), gain = Vec3::Zero();
@@ -223,7 +223,7 @@ private:
         if (distance >= limit) return false;
         const Share h = share(t, foot);
         if (h.mobility <= 0) {
-            report_.note_pinned(t[0]);
+            report_.note_pinned(pinned_corner(t));
             return false;
         }
         const Vec3 n = distance > 0 ? Vec3(foot.point / distance) : Vec3(0, 1, 0);
@@ -275,9 +275,14 @@ private:
     void note_if_left_over(const Triangle& t) {
         const double began = nearest_to_origin(corners(start_, t)).point.norm();
         if (began < s_.radius - tolerance_ || nearest_to_origin(corners(end_, t)).point.norm() >= s_.radius) return;
-        const bool held = points_.pinned(t[0]) || points_.pinned(t[1]) || points_.pinned(t[2]);
-        if (held) report_.note_pinned(t[0]);
+        const int held = pinned_corner(t);
+        if (held >= 0) report_.note_pinned(held);
         else report_.note_shut_in(t[0]);
+    }
+    int pinned_corner(const Triangle& t) const {
+        for (int c = 0; c < 3; ++c)
+            if (points_.pinned(t[c])) return t[c];
+        return -1;
     }
 
     Points& points_;

@@ -98,6 +98,16 @@ fn note_pinned(i: u32) {
     atomicMin(&results[1u + constants.members + member_of_pass], i);
 }
 
+fn pinned_corner(t: vec3<u32>) -> u32 {
+    if (is_held(t.x)) {
+        return t.x;
+    }
+    if (is_held(t.y)) {
+        return t.y;
+    }
+    return t.z;
+}
+
 fn note_shut_in(i: u32) {
     atomicMin(&results[1u + 2u * constants.members + member_of_pass], i);
 }
@@ -291,7 +301,7 @@ fn bounce(s: Swept, t: Triangle, p0: Corners, p1: Corners, touch: TriangleTouch,
     let tolerance = tolerance_of(s);
     let h = share_of(t, touch.foot);
     if (h.mobility <= zero) {
-        note_pinned(t.x);
+        note_pinned(pinned_corner(t));
         return false;
     }
     let n = touch.normal;
@@ -364,7 +374,7 @@ fn lift_out(s: Swept, t: Triangle, p0: Corners, began: wide, foot: Foot, doing: 
     }
     let h = share_of(t, foot);
     if (h.mobility <= zero) {
-        note_pinned(t.x);
+        note_pinned(pinned_corner(t));
         return false;
     }
     let n = direction(foot.at, distance);
@@ -431,7 +441,7 @@ fn note_left_over(s: Swept, t: Triangle, distance: wide) {
         return;
     }
     if (is_held(t.x) || is_held(t.y) || is_held(t.z)) {
-        note_pinned(t.x);
+        note_pinned(pinned_corner(t));
     } else {
         note_shut_in(t.x);
     }
