@@ -1,5 +1,7 @@
 """Offset "face" on the adapter: the core's bits in the strict class, and no triangle dips in."""
 
+import time
+
 import clothsim as cs
 import numpy as np
 import pytest
@@ -167,7 +169,7 @@ def test_a_batch_has_the_bits_of_its_members(same_bits):
 
 
 def test_a_sphere_that_starts_on_the_cloth_pushes_out_slowly_as_in_the_core(exact):
-    """Corners that start inside share their way out (`pushed`), kept in float32 on the adapter."""
+    """Corners that start inside share their way out (`pushed`)."""
     cloth = cs.Cloth((9, 9), (0.3, 0.3), mass=0.5, stiffness=200.0, damping=0.5, pins=())
     sphere = cs.Sphere((0.15, -0.02, 0.15), 0.06, None, "continuous", "face", 0.0)
     scene, ends = cs.Scene(cloth, sphere), []
@@ -178,9 +180,28 @@ def test_a_sphere_that_starts_on_the_cloth_pushes_out_slowly_as_in_the_core(exac
         stepper.advance(10, 1e-3)
         ends.append(stepper.positions)
     assert np.abs(ends[0] - start).max() > 4e-3
-    assert np.abs(ends[1] - ends[0]).max() < 1e-9
+    assert np.abs(ends[1] - ends[0]).max() <= (0 if exact else 1e-9)
     depths = [cs.penetration(x, sphere)["triangles"] for x in (start, *ends)]
     assert depths[1] < 0.9 * depths[0] and abs(depths[1] - depths[2]) < 1e-9
+
+
+def test_speeds_of_rounding_beside_a_pin_inside_do_not_take_all_sweeps(follow):
+    """Triangles beside a pinned corner inside keep 1e-22 m/s inwards, however often it is taken.
+
+    The core sweeps 6 x 200 times in such a step; here a sweep that changes nothing ends it.
+    """
+    cloth = cs.Cloth((10, 10))
+    sphere = cs.Sphere(radius=0.45, response="continuous", offset="face")
+    scene, dt, spent = cs.Scene(cloth, sphere), 1e-4, []
+    with pytest.warns(cs.ContactWarning):
+        follow(scene, dt, 10, watched=())
+        stepper = cs.Stepper(scene, strict=True, backend="gpu")
+        for _ in range(10):
+            start = time.process_time()  # of lavapipe's threads too
+            stepper.advance(1, dt)
+            spent.append(time.process_time() - start)
+    assert cs.penetration(stepper.positions, sphere)["triangles"] > 0.4  # the pinned corner
+    assert max(spent[1:]) < 20 * np.median(spent[1:])
 
 
 def test_spheres_that_leave_no_place_are_refused_as_in_the_core(exact, closing):

@@ -126,7 +126,7 @@ class Block:
         self._results = np.zeros(self._told + words * len(self.members), np.uint32)
         self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
         if self.features.faces:  # the cells that may touch, and how far points were pushed
-            faces = np.full((len(self.members), 4 + self.points), NONE_BAD, np.uint32)
+            faces = np.full((len(self.members), 4 + 3 * self.points), NONE_BAD, np.uint32)
             self._results = np.concatenate([self._results, faces.ravel()])
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")

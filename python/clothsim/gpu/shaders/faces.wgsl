@@ -113,13 +113,30 @@ fn note_shut_in(i: u32) {
 }
 
 // Behind the points left over: the box of a member, then for every point how far it was pushed out of where it started
-// inside, this step [m], in float32.
+// inside, this step [m], as three float32 whose sum is the float64.
 fn faces_place(member: u32) -> u32 {
-    return flags_of(constants.members) + member * (4u + points());
+    return flags_of(constants.members) + member * (4u + 3u * points());
 }
 
-fn pushed_place(i: u32) -> u32 {
-    return faces_place(member_of_pass) + 4u + i;
+fn pushed_part(i: u32, part: u32) -> u32 {
+    return faces_place(member_of_pass) + 4u + 3u * i + part;
+}
+
+fn pushed_of(i: u32) -> wide {
+    var sum = zero;
+    for (var part = 0u; part < 3u; part++) {
+        sum += wide(bitcast<f32>(atomicLoad(&results[pushed_part(i, part)])));
+    }
+    return sum;
+}
+
+fn set_pushed(i: u32, value: wide) {
+    var rest = value;
+    for (var part = 0u; part < 3u; part++) {
+        let rounded = f32(rest);
+        atomicStore(&results[pushed_part(i, part)], bitcast<u32>(rounded));
+        rest -= wide(rounded);
+    }
 }
 
 // Which cells may touch -------------------------------------------------------------------------------------------
@@ -260,16 +277,20 @@ fn motion_of(i: u32) -> Motion {
     return Motion(now_of(base() + i, 0u), now_of(base() + i, 3u));
 }
 
-// Moves and turns the corners.
-fn apply(t: Triangle, h: Share, displacement: vec3<wide>, velocity: vec3<wide>) {
+// Moves and turns the corners. Whether that changes any number of the state.
+fn apply(t: Triangle, h: Share, displacement: vec3<wide>, velocity: vec3<wide>) -> bool {
+    var changed = false;
     for (var k = 0u; k < 3u; k++) {
         if (h.part[k] != zero) {
             let body = motion_of(t[k]);
             set_now(base() + t[k], Motion(
                 body.position + wide_scaled(h.part[k], displacement),
                 body.velocity + wide_scaled(h.part[k], velocity)));
+            let after = motion_of(t[k]);
+            changed = changed || any(after.position != body.position) || any(after.velocity != body.velocity);
         }
     }
+    return changed;
 }
 
 // As `apply` of a displacement, and what it does to the corners' potential energy [J].
@@ -386,7 +407,7 @@ fn lift_out(s: Swept, t: Triangle, p0: Corners, began: wide, foot: Foot, doing: 
         var pushed = vec3<wide>();
         let depths = vec3<wide>(wide_length(p0.a), wide_length(p0.b), wide_length(p0.c));
         for (var k = 0u; k < 3u; k++) {
-            pushed[k] = wide(bitcast<f32>(atomicLoad(&results[pushed_place(t[k])])));
+            pushed[k] = pushed_of(t[k]);
             if (pushed[k] == zero && depths[k] < innermost) {
                 pushed[k] = s.push;
             }
@@ -400,15 +421,14 @@ fn lift_out(s: Swept, t: Triangle, p0: Corners, began: wide, foot: Foot, doing: 
         lift = max(lift, zero);
         if (doing) {
             for (var k = 0u; k < 3u; k++) {
-                let sum = pushed[k] + wide_product(h.part[k], lift);
-                atomicStore(&results[pushed_place(t[k])], bitcast<u32>(f32(sum)));
+                if (h.part[k] != zero) {  // of a link, the third corner is the second one
+                    set_pushed(t[k], pushed[k] + wide_product(h.part[k], lift));
+                }
             }
         }
     }
-    if (doing) {
-        apply(t, h, wide_scaled(lift, n), wide_scaled(-inwards, n));
-    }
-    return true;
+    // A speed inwards of the size of rounding stays however often it is taken away.
+    return !doing || apply(t, h, wide_scaled(lift, n), wide_scaled(-inwards, n));
 }
 
 // Where sharing does not come to an end: every corner out to where a triangle of this size is safe.
@@ -447,8 +467,8 @@ fn note_left_over(s: Swept, t: Triangle, distance: wide) {
     }
 }
 
-// One triangle of a sweep. Whether it is touched; nothing is moved unless `doing`. All sweeps come through here, once
-// in the text, as compilers put a function's text wherever it is called.
+// One triangle of a sweep. Whether it is touched or, if `doing`, whether that changed anything; nothing is moved unless
+// `doing`. All sweeps come through here, once in the text, as compilers put a function's text wherever it is called.
 fn answer_triangle(s: Swept, cell: vec2<u32>, kind: u32, mode: u32, doing: bool) -> bool {
     let plane = plane_of(cell, kind);
     if (all(plane == vec3<wide>())) {
@@ -495,13 +515,20 @@ fn agreed(mine: bool) -> bool {
     return workgroupUniformLoad(&outcome) != 0u;
 }
 
+// What a sweep did. One that leaves the state as it was would be repeated by the core to the most sweeps of its mode:
+// here it ends them.
+const none_touched = 0u;
+const none_changed = 1u;
+const some_changed = 2u;
+
 fn kinds() -> u32 {
     return select(2u, 1u, is_chain());
 }
 
-// Through all triangles once: a look at all of them, then color by color. Whether any was touched.
-fn sweep(s: Swept, mode: u32) -> bool {
+// Through all triangles once: a look at all of them, then color by color.
+fn sweep(s: Swept, mode: u32) -> u32 {
     let end = cells_box.zw + 1u;
+    var changed = false;
     for (var phase = 0u; phase <= kinds() * apart * apart; phase++) {
         var first = cells_box.xy;
         var step = 1u;
@@ -523,12 +550,13 @@ fn sweep(s: Swept, mode: u32) -> bool {
             touched = answer_triangle(s, cell, kind + k % sides, mode, phase > 0u) || touched;
         }
         if (phase > 0u) {
+            changed = changed || touched;
             storageBarrier();
         } else if (!agreed(touched)) {
-            return false;
+            return none_touched;
         }
     }
-    return true;
+    return select(none_changed, some_changed, agreed(changed));
 }
 
 fn most_sweeps(mode: u32) -> u32 {
@@ -550,7 +578,7 @@ fn widen_box() {
 fn keep_out(s: Swept, first: u32) -> bool {
     var any_moved = false;
     for (var i = lane; i < points(); i += lanes) {
-        atomicStore(&results[pushed_place(i)], 0u);
+        set_pushed(i, zero);
     }
     for (var round = 0; round < 6; round++) {
         find_candidates(s);
@@ -559,13 +587,13 @@ fn keep_out(s: Swept, first: u32) -> bool {
         var mode = first;
         var count = 0u;
         while (!done) {
-            let touched = sweep(s, mode);
-            moved = moved || touched;
+            let did = sweep(s, mode);
+            moved = moved || did == some_changed;
             count++;
-            if (touched && count < most_sweeps(mode)) {
+            if (did == some_changed && count < most_sweeps(mode)) {
                 continue;
             }
-            done = mode == telling || (mode != bouncing && !touched);
+            done = mode == telling || (mode != bouncing && did == none_touched);
             mode++;
             count = 0u;
         }
