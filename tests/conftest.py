@@ -206,3 +206,12 @@ def closing():
         return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)
 
     return scene
+
+
+@pytest.fixture
+def diagonal_on_pins():
+    """A cell whose triangles share a pinned edge, and a sphere that rises against that edge."""
+    rising = cs.Linear((0, 1.0, 0))
+    sphere = cs.Sphere((0.5, -0.2, 0.5), 0.1, rising, "continuous", "face", 0.0, 0.0)
+    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=((0, 1), (1, 0)))
+    return cs.Scene(cloth, sphere, gravity=(0, 0, 0))

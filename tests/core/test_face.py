@@ -142,3 +142,10 @@ def test_two_spheres_that_leave_no_place_are_refused(closing, shape):
     assert 0.0249 < error.value.time < 0.0261
     for sphere in scene.spheres:
         assert cs.penetration(error.value.x, sphere, error.value.time)["triangles"] < 4e-3
+
+
+def test_a_warning_names_the_pinned_corner(diagonal_on_pins):
+    """The first corner of the triangles between is free."""
+    scene = diagonal_on_pins
+    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 1\)"):
+        cs.step(scene, scene.initial_position, scene.initial_velocity, 0.01, 12)

@@ -98,7 +98,7 @@ fn note_pinned(i: u32) {
     atomicMin(&results[1u + constants.members + member_of_pass], i);
 }
 
-fn pinned_corner(t: vec3<u32>) -> u32 {
+fn pinned_corner(t: Triangle) -> u32 {
     if (is_held(t.x)) {
         return t.x;
     }
