@@ -2,6 +2,7 @@
 oracle in NumPy that shares no code with the core."""
 
 import itertools
+import signal
 from dataclasses import dataclass
 
 import clothsim as cs
@@ -39,6 +40,12 @@ VARIANTS = [
     for parts in itertools.product(INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, (False, True))
     if not (parts[1] == "edge" and parts[3])  # the strict class is that of the gather kernel
 ]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c():
+    """Ctrl-C counts, also where the suite runs in the background of a script, which ignores it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _chosen(request, monkeypatch):

@@ -48,8 +48,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     std::vector<SphereOutline<Real>> outlines;
     std::int64_t steps_to_planes = 0;  // until planes are looked for again
     EdgeArguments<Real> stages[4];
-    std::int64_t number = 0;  // of the step's first stage
-    std::int64_t step = 0;    // to which the state belongs
+    std::int64_t step = 0;             // to which the state belongs
 
     // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on. Inlined,
     // because compilers take a function that does no more for one that does nothing, and drop it.
@@ -79,9 +78,14 @@ struct EdgeEngine<Real>::Band : RowBand {
                 band.engine->answer(band.contacts[std::size_t(sphere)], band.row(row), column);
         }
     }
+    // A call begins: nothing is in the mailboxes.
+    void begin() {
+        for (auto* box : {&from_near, &from_far}) box->newest.store(-1, std::memory_order_relaxed);
+        step = engine->step_;
+    }
     void give_border(int r, std::int64_t step) { engine->borders_.give(strip, row(r), rows[std::size_t(r)].state, step); }
     void give_borders() {
-        for (int r = 0; r < size(); ++r) give_border(r, step);
+        for (int r = 0; engine->layout_.strips > 1 && r < size(); ++r) give_border(r, step);
     }
     void take_border(int r) {
         if (r >= 0 && r < size()) engine->borders_.take(strip, row(r), rows[std::size_t(r)].state, step);
@@ -89,6 +93,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     // The state with which a step begins, to the neighbours.
     void hand_start() {
         const int n = size();
+        const std::int64_t number = 4 * step;
         if (near) hand(near->from_near, number, Stage::fourth, 0, 1);
         if (far) hand(far->from_far, number, Stage::fourth, n - 1, n - 2);
     }

@@ -153,7 +153,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
     const bool strips = layout_.strips > 1;
     const bool from_memory = std::ptrdiff_t(memory_.size() * sizeof(Real)) > bytes_in_shared_cache;
     EdgeArguments<Real>* const stages = band.stages;
-    const std::int64_t number = band.number;
+    const std::int64_t number = 4 * band.step;  // of the step's first stage
 
     // A stage begins with what the rows before the band hand on.
     const auto begin_at_edge = [&](int s) {
@@ -210,7 +210,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
         const int begin_bulk = first_inner + 3 * band.lag;
         for (int front = 0; front < n + 3 * band.lag; ++front) {
             const bool bulk = front >= begin_bulk && front < end_inner;
-            if (bulk && !from_memory && !strips) {
+            if (bulk && !from_memory) {
                 waves_kernel_(stages, 4, band.lag, front, end_inner);
                 front = end_inner - 1;
                 continue;
@@ -228,7 +228,6 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
             if (strips && last == n - 1) band.give_border(last, band.step + 1);
         }
     }
-    band.number += 4;
     ++band.step;
 }
 
@@ -245,8 +244,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
             e.hit = &Band::hit;
             e.context = &band(strip);
         }
-        band(strip).step = step_;
-        if (layout_.strips > 1 && !this->state_known_) band(strip).give_borders();
+        if (!this->state_known_) band(strip).give_borders();
     }
     for (std::int64_t k = 1; k <= steps; ++k) {
         for (int strip = 0; strip < layout_.strips; ++strip) step_band(band(strip), clock.at(k));
@@ -259,7 +257,13 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / RowBand::fewest_rows);
+    const auto begin = [this](int given) {
+        for (auto& band : bands(given)) band->begin();
+        if (layout_.strips == 1)
+            for (auto& band : bands(given)) band->hand_start();
+    };
     if (team <= 1) {
+        begin(1);
         run_bands(1, 0, steps, clock);
     } else {
 #pragma omp parallel num_threads(team)
@@ -267,16 +271,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
             // As many bands as threads were really given: a band without a thread would be waited for.
             const int given = omp_get_num_threads();
 #pragma omp single
-            {
-                auto& all = bands(given);
-                for (auto& band : all) {
-                    band->from_near.newest.store(-1, std::memory_order_relaxed);
-                    band->from_far.newest.store(-1, std::memory_order_relaxed);
-                    band->number = 0;
-                }
-                if (layout_.strips == 1)
-                    for (auto& band : all) band->hand_start();
-            }
+            begin(given);
             run_bands(given, omp_get_thread_num(), steps, clock);
         }
     }
@@ -286,14 +281,13 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 
 template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
-    for (int strip = 0; strip < layout_.strips; ++strip) {
-        Band& band = *bands(1)[std::size_t(strip)];
-        band.step = step_;
-        if (layout_.strips > 1 && !this->state_known_) band.give_borders();
+    for (auto& band : bands(1)) {
+        band->begin();
+        if (!this->state_known_) band->give_borders();
     }
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
-        for (int r = 0; layout_.strips > 1 && r < rows(); ++r) band.take_border(r);
+        for (int r = 0; r < rows(); ++r) band.take_border(r);
         EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.scratch.data());
         e.rows = band.rows.data();
         std::fill_n(e.received[0], 3 * handed_size(), Real(0));

@@ -48,9 +48,10 @@ void GatherEngine<Real>::build_coefficients() {
         Real* const damping = rest + width;
         const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
         const Real tension = Real(k * length / root_scale);
+        const Real rounded = plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension);
         for (int c = 0; c < cloth.columns; ++c) {
             if (c + neighbour.column < 0 || c + neighbour.column >= cloth.columns) continue;
-            stiffness[c] = plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension);
+            stiffness[c] = rounded;
             rest[c] = plan_.strict ? Real(length) : tension;
             damping[c] = Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale));
         }

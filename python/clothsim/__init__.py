@@ -9,11 +9,11 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 (32, 32, 3)
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from . import _openmp  # noqa: F401  # before anything that loads the core
 from . import scenes
+from ._on_demand import on_demand
 from .build import build_config
 from .cloth import Cloth
 from .errors import ContactError, ContactWarning, StabilityWarning, UnstableError
@@ -45,20 +45,8 @@ __all__ = [
     "stability_map", "step", "sweep", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip
 
-# What a simulation does without is imported when it is first asked for.
-_ON_DEMAND = {
+__getattr__, __dir__ = on_demand(globals(), {
     "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
     "open_sweep": ".sweep.dataset",
-}  # fmt: skip
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _ON_DEMAND:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_ON_DEMAND[name], __name__), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_ON_DEMAND})
+})  # fmt: skip

@@ -19,6 +19,7 @@ _DISPLACEMENT = 1e-7  # of the size, by which derivatives are taken
 class Stiffest:
     """Bounds of frequency and damping that a cloth has where it is.
 
+    Roughly, for the price of a few force evaluations; `stability.spectrum` finds the limit itself.
     Those of `mode_bounds` hold in any state, and are nearly twice too large about most. A product
     with K = -da/dx or C = -da/dv costs one force evaluation, as a difference of two; following the
     run from state to state, the vector stays close to the fastest motion, so that few are enough.

@@ -102,8 +102,6 @@ def test_arrays_of_an_unstable_step_are_as_they_were():
 
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
     scene, dt = cs.scenes.paper_swing(), 1e-4
-    # A process started in the background may ignore it.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT)
     stepper = cs.Stepper(scene, **GPU)
     stepper.advance(1, dt)  # compiles

@@ -19,7 +19,6 @@ NONE_BAD = 0xFFFFFFFF
 _BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
 
 
-
 def workgroups(shape: tuple[int, int], members: int = 1) -> tuple[int, int, int]:
     """Workgroups of a dispatch over cloths of `shape`, along columns, rows and members."""
     return math.ceil(shape[1] / GROUP[0]), math.ceil(shape[0] / GROUP[1]), members

@@ -7,8 +7,9 @@ one is; `batch` runs those that share a call, `task` those that one worker does 
 `plots` and `accessor` draw.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from .._on_demand import on_demand
 from .api import sweep
 
 if TYPE_CHECKING:
@@ -17,13 +18,4 @@ if TYPE_CHECKING:
 
 __all__ = ["METRICS", "open_sweep", "sweep"]
 
-
-def __getattr__(name: str) -> Any:
-    """What importing clothsim does without."""
-    if name == "open_sweep":
-        from .dataset import open_sweep as value
-    elif name == "METRICS":
-        from .metrics import METRICS as value
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return value
+__getattr__, __dir__ = on_demand(globals(), {"METRICS": ".metrics", "open_sweep": ".dataset"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,44 +32,20 @@ def run_sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None,
     *,
-    duration: float,
-    metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any],
-    dt: float | None,
-    integrator: str | None,
-    precision: str,
-    rtol: float | None,
-    atol: float | None,
-    every: int | float | None,
-    frames: bool,
     store: str | os.PathLike[str] | None,
     resume: bool,
     executor: Any,
     threads: int | None,
     progress: bool,
-    kernel: str,
-    strict: bool,
-    sampling: int,
     task_seconds: float | None,
+    **settings_given: Any,
 ) -> Any:
-    """As `sweep`."""
+    """As `sweep`; `settings_given` are those of `Settings`."""
     needed("xarray", "sweep")
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
     grid = make_grid(over)
-    settings = Settings(
-        duration=check.number("duration", duration, minimum=0, exclusive=True),
-        dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
-        integrator=integrator,
-        precision=precision,
-        rtol=rtol,
-        atol=atol,
-        kernel=kernel,
-        strict=check.boolean("strict", strict),
-        every=_every(every),
-        frames=check.boolean("frames", frames),
-        sampling=check.integer("sampling", sampling, minimum=1),
-        metrics=choose_metrics(metrics),
-    )
+    settings = _checked_settings(**settings_given)
     progress = check.boolean("progress", progress)
     _check_frames(grid, settings)
     members = _checked_members(scene, grid, settings)
@@ -93,6 +69,22 @@ def run_sweep(
         return open_sweep(store)
     sessions = results.attrs["sessions"] if isinstance(results, Store) else [session]
     return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": sessions})
+
+
+def _checked_settings(
+    *, duration: Any, dt: Any, strict: Any, every: Any, frames: Any, sampling: Any, metrics: Any,
+    **others: Any,
+) -> Settings:  # fmt: skip
+    return Settings(
+        duration=check.number("duration", duration, minimum=0, exclusive=True),
+        dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
+        strict=check.boolean("strict", strict),
+        every=_every(every),
+        frames=check.boolean("frames", frames),
+        sampling=check.integer("sampling", sampling, minimum=1),
+        metrics=choose_metrics(metrics),
+        **others,
+    )
 
 
 def _run(

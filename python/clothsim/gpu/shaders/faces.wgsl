@@ -98,14 +98,15 @@ fn note_pinned(i: u32) {
     atomicMin(&results[1u + constants.members + member_of_pass], i);
 }
 
+const no_corner = 0xffffffffu;
+
 fn pinned_corner(t: Triangle) -> u32 {
-    if (is_held(t.x)) {
-        return t.x;
+    for (var k = 0u; k < 3u; k++) {
+        if (is_held(t[k])) {
+            return t[k];
+        }
     }
-    if (is_held(t.y)) {
-        return t.y;
-    }
-    return t.z;
+    return no_corner;
 }
 
 fn note_shut_in(i: u32) {
@@ -460,8 +461,9 @@ fn note_left_over(s: Swept, t: Triangle, distance: wide) {
     if (distance >= s.radius) {
         return;
     }
-    if (is_held(t.x) || is_held(t.y) || is_held(t.z)) {
-        note_pinned(pinned_corner(t));
+    let held = pinned_corner(t);
+    if (held != no_corner) {
+        note_pinned(held);
     } else {
         note_shut_in(t.x);
     }
