@@ -9,7 +9,8 @@ over the mass points: ``atol + rtol * size`` with the longer side of the cloth a
    too large, a companion at a tenth of the tolerance decides, as it does for scenes of few modes,
    whose runs have few steps. If the error is above what is asked, the run is done again at a
    smaller tolerance.
-3. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
+3. **Few oscillations.** Where the method is not named, their runs go in equal steps (`refined`).
+4. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
    how much it is magnified (`growth`): the floor below which no method comes in that precision.
 
 After a contact no error can be told. Then a companion at a tenth of the tolerance shows how far
@@ -30,6 +31,7 @@ from .errors import UnstableError
 from .growth import growth_of_perturbations
 from .integration import integrators
 from .plan import core_cloth
+from .refined import is_few, refine
 from .runs import Floats, Options, Progress, Solution, frame_times, integrate, rms, run_fixed, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
@@ -93,21 +95,32 @@ def solve(
     choices: Sequence[Options],
     every: int | float | None,
     progress: Progress = iter,
+    named: bool = True,
 ) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or at the floor of rounding.
 
-    Each of `choices` is tried once, and the last one at smaller tolerances until it does.
+    Each of `choices` is tried once, and the last one at smaller tolerances until it does. `named`:
+    the caller named the method, so that its steps are its own.
     """
     size, rest = size_of(scene), list(choices)
     growth, floor, spent, wall_time = None, 0.0, 0, 0.0
     if asked < _MAY_BE_FLOOR * size * (1 - 1e-9):
-        found = growth_of_perturbations(scene, duration, rest[-1])
-        growth, spent, wall_time = found.factor, found.evaluations, found.wall_time
+        growth = 1.0
+        if not _forgets(scene, duration, asked):
+            found = growth_of_perturbations(scene, duration, rest[-1])
+            growth, spent, wall_time = found.factor, found.evaluations, found.wall_time
         rounding = np.finfo(np.float32 if rest[-1].precision == "single" else np.float64).eps
         floor = float(rounding) * size * growth
     goal = max(asked, floor)
     # At the floor runs differ by rounding, whatever their tolerance.
     enough = 10 * floor if asked <= floor else goal
+    if not named and rest[0].integrator == "dop853" and not scene.spheres and is_few(scene, duration):
+        few = refine(scene, duration, enough, rest[0], every, progress)
+        spent += few.evaluations
+        wall_time += few.wall_time
+        if few.solution:
+            return Controlled(few.solution, None, asked, floor, growth, few.error, spent, wall_time)
+        progress = iter
     damping = DAMPING if growth is None else _DAMPING_OF_SMALL
     options = rest.pop(0)
     stiffest = None
@@ -281,7 +294,7 @@ class _Fixed:
 
 # Above this part of the size an undamped scene is cheapest with PEFRL, and a damped cloth of many
 # modes, whose step stability limits, with the Verlet method in single or that of Runge and Kutta.
-_PEFRL_ABOVE = 1e-5
+_PEFRL_ABOVE = 3e-5
 _VERLET_ABOVE, _RK4_ABOVE = 3e-4, 8e-6
 
 # Point damping of rate g (1/s) takes errors down with exp(-g t / 2), unless a mode is slower yet.

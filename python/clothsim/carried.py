@@ -99,7 +99,6 @@ class CarriedError:
         return self._evaluations + self._stiffest.evaluations - self._looked
 
     def steps_at_once(self, t: float, dt: float, left: int) -> int:
-        """Of `left` equal steps from t on, how many may be told of as one."""
         if t >= self._next_sample or left == 1 or self._better is not None:
             return 1
         until_sample = math.ceil((self._next_sample - t) / dt)
@@ -108,10 +107,6 @@ class CarriedError:
     def observe(
         self, t: float, before: Frame, after: Frame, dt: float, steps: int, estimate: float
     ) -> None:
-        """The run went from `before` at t to `after` by so many steps of dt.
-
-        `estimate`: the method's own of the error of a step, in any unit.
-        """
         last = t + steps * dt > self._duration - dt / 2
         due = t >= self._next_sample and steps == 1 and not last
         if self._begin is None:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +18,27 @@ from .plan import core_cloth
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 
-if TYPE_CHECKING:
-    from .carried import CarriedError
-
 Floats = npt.NDArray[np.float64]
 Frame = tuple[Floats, Floats]  # positions and velocities
 Progress = Callable[[list[Any]], Iterable[Any]]
+
+
+class Observer(Protocol):
+    """Is told of the steps of a run."""
+
+    wall_time: float  # it took [s]
+
+    def steps_at_once(self, t: float, dt: float, left: int) -> int:
+        """Of `left` equal steps from t on, how many it may be told of as one."""
+
+    def observe(
+        self, t: float, before: Frame, after: Frame, dt: float, steps: int, estimate: float
+    ) -> None:
+        """The run went from `before` at t to `after` by so many steps of dt.
+
+        `estimate`: the method's own of the error of a step, in any unit.
+        """
+
 
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
@@ -99,18 +114,25 @@ def integrate(
     options: Options,
     every: int | float | None,
     progress: Progress = iter,
-    error: CarriedError | None = None,
+    error: Observer | None = None,
+    longest: float | None = None,
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
     `every`: an int stores each so many accepted steps, a float so many seconds by dense output.
-    `error`: is told of every step until a contact.
+    `error`: is told of every step until a contact. `longest`: the first step, and none is longer
+    [s]; at a tolerance that all steps meet they are equal.
     """
     state = options.state(scene)
     stiffness, _ = core_cloth(scene).mode_bounds
     rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
     controller = _core.StepController()
-    controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+    if longest is None:
+        longest = duration
+        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+    else:
+        # A hair more, so that what rounding leaves of the duration is not a step of its own.
+        controller.h = longest = (1 + 1e-9) * longest
     frames = _Frames(state)
     steps = rejected = 0
     first_contact = None
@@ -128,7 +150,7 @@ def integrate(
             one = watching or error is not None
             begin = state.core.time
             outcome = state.core.advance_adaptive(
-                until, duration, 1 if one else count, tolerance, tolerance * rate, duration,
+                until, duration, 1 if one else count, tolerance, tolerance * rate, longest,
                 controller, state.threads, state.threads_optional,
             )  # fmt: skip
             if "point" in outcome:
@@ -165,7 +187,7 @@ def run_fixed(
     times: list[float],
     progress: Progress = iter,
     own_step: bool = False,
-    error: CarriedError | None = None,
+    error: Observer | None = None,
 ) -> Solution:
     """One run at a fixed time step, a shorter one before a frame that it does not divide.
 
@@ -249,7 +271,7 @@ def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
 
 
 def _advance_told(
-    state: State, begin: float, end: float, dt: float, error: CarriedError, here: Frame
+    state: State, begin: float, end: float, dt: float, error: Observer, here: Frame
 ) -> tuple[int, Frame]:
     """As `advance_to`, from the state `here`, and `error` is told of all; steps, and the state."""
     whole = math.floor((end - begin) / dt + NEGLIGIBLE)
@@ -275,7 +297,7 @@ def _tell(
     t: float,
     dt: float,
     steps: int,
-    error: CarriedError,
+    error: Observer,
     estimate: float = 1.0,
 ) -> Frame:
     """The state after `steps` steps from `before`, of which `error` is told."""

@@ -165,7 +165,7 @@ def simulate(
         choices = [options]
         if integrator == "auto":
             choices = automatic(scene, duration, asked, options)
-        found = solve(scene, duration, asked, choices, every, shown)
+        found = solve(scene, duration, asked, choices, every, shown, integrator != "auto")
         solution, account = found.solution, of_tolerance(scene, found)
     return Run(
         scene, np.array(solution.t), solution.x, solution.v, report(scene, solution, account)
