@@ -46,13 +46,14 @@ public:
             load();
             find_candidates();
             bool moved = false;
+            // Whether they end with one that touches nothing. One that changes nothing would be the same for ever.
             const auto sweeps = [&](int count, auto&& one) {
                 for (int k = 0; k < count; ++k) {
-                    bool touched = false;
+                    bool touched = changed_ = false;
                     for (const auto& color : candidates_)
                         for (const auto& triangle : color) touched |= one(triangle);
-                    moved |= touched;
-                    if (!touched) return true;
+                    moved |= changed_;
+                    if (!changed_) return !touched;
                 }
                 return false;
             };
@@ -154,10 +155,17 @@ private:
             state.position += h.part[i] * displacement;
             state.velocity += h.part[i] * velocity;
             work += exact::potential(points_, t[i], state.position) - before;
-            points_.set(t[i], state);
-            end_[std::size_t(t[i])] = points_.position(t[i]) - exact::vec(s_.end);
+            set(t[i], state);
         }
         return work;
+    }
+
+    void set(int i, const PointState& state) {
+        const PointState before = points_.now(i);
+        points_.set(i, state);
+        const PointState after = points_.now(i);
+        changed_ |= after.position != before.position || after.velocity != before.velocity;
+        end_[std::size_t(i)] = points_.position(i) - exact::vec(s_.end);
     }
 
     bool separated(const Triangle& t) const {
@@ -260,8 +268,7 @@ private:
             if (points_.pinned(t[i]) || distance >= safe || distance == 0) continue;
             PointState state = points_.now(t[i]);
             state.position += (safe / distance - 1) * now[i];
-            points_.set(t[i], state);
-            end_[std::size_t(t[i])] = points_.position(t[i]) - exact::vec(s_.end);
+            set(t[i], state);
             moved = true;
         }
         return moved;
@@ -292,6 +299,7 @@ private:
     ContactReport& report_;
     double tolerance_;  // m
     std::vector<Vec3> start_, end_;  // in the sphere's frame
+    bool changed_ = false;           // whether the sweep changed a number
     std::vector<double> pushed_;     // how far corners were pushed out of where they started inside, this step [m]
     static constexpr int apart = 4;  // cells of one color, along rows and columns: springs reach two
     std::array<std::vector<Triangle>, 2 * apart * apart> candidates_;
@@ -301,7 +309,7 @@ private:
 template <class Points>
 void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const Sphere*>& spheres,
                     const std::vector<SweptSphere>& swept, SeparatingPlanes& planes, ContactReport& report) {
-    constexpr int rounds = 10;
+    constexpr int rounds = 30;
     planes.resize(spheres.size());
     for (int round = 0; round < rounds; ++round) {
         bool moved = false;

@@ -76,13 +76,17 @@ def test_a_sphere_between_pinned_points_warns_when_it_touches(pins):
     np.testing.assert_array_equal(stepper.positions, cloth.rest_positions)
 
 
-@pytest.mark.parametrize("way", [2e-4, 1e-3])
+@pytest.mark.parametrize("way", [2e-4, 1e-3, 5e-3])
 def test_a_link_turns_between_two_spheres(way):
     """One comes from below at a quarter, one from above at three quarters; there is a place.
 
-    It is found in rounds from one sphere to the other: 3 v0/4 + v1/4 is the speed of the one,
-    v0/4 + 3 v1/4 that of the other, so the ends go at twice theirs.
+    It is found in rounds from one sphere to the other, each of which leaves a third of the way: the
+    link turns by the angle q, 0.25 sin q + (0.1 - way/2) cos q = 0.1, and touches them at a part
+    0.25 + 0.1 sin q of its length, so that its ends go at a little more than twice their speed.
     """
+    middle = np.hypot(0.25, 0.1 - way / 2)
+    angle = np.arcsin(0.1 / middle) - np.arctan2(0.1 - way / 2, 0.25)
+    speed = way / (1 - 2 * (0.25 + 0.1 * np.sin(angle)))
     cloth = cs.Cloth((1, 2), (1.0, 1.0), 2.0, 0.0, 0.0, springs=("structural",), pins=())
     spheres = [
         cs.Sphere((0.5 - 0.25 * up, -0.1 * up * (1 + 1e-8 + 5 * way), 0), 0.1,
@@ -91,8 +95,9 @@ def test_a_link_turns_between_two_spheres(way):
     ]  # fmt: skip
     stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)))
     stepper.advance(1, DT)
-    np.testing.assert_allclose(stepper.positions[0, :, 1], (way, -way), rtol=2e-3)
-    np.testing.assert_allclose(stepper.velocities[0, :, 1] * DT, (2 * way, -2 * way), rtol=2e-3)
+    y, u = stepper.positions[0, :, 1], stepper.velocities[0, :, 1] * DT
+    np.testing.assert_allclose(y, np.tan(angle) / 2 * np.array((1, -1)), rtol=1e-4, atol=2e-7)
+    np.testing.assert_allclose(u, (speed, -speed), rtol=1e-4, atol=3e-7)
     x = stepper.positions[0]
     for sphere in spheres:
         assert distance(x[[0, 1, 1]] - sphere.center_at(DT)) >= sphere.radius

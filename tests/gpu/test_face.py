@@ -184,10 +184,7 @@ def test_a_sphere_that_starts_on_the_cloth_pushes_out_slowly_as_in_the_core(exac
 
 
 def test_speeds_of_rounding_beside_a_pin_inside(follow):
-    """Triangles beside a pinned corner inside keep 1e-22 m/s inwards, however often it is taken.
-
-    A sweep that changes no number ends them, where the core goes on to its limit: the same bits.
-    """
+    """Triangles beside a pinned corner inside keep 1e-22 m/s inwards, however often it is taken."""
     sphere = cs.Sphere(radius=0.45, response="continuous", offset="face")
     with pytest.warns(cs.ContactWarning):
         stepper = follow(cs.Scene(cs.Cloth((10, 10)), sphere), 1e-4, 10, watched=())

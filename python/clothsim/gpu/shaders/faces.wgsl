@@ -517,8 +517,7 @@ fn agreed(mine: bool) -> bool {
     return workgroupUniformLoad(&outcome) != 0u;
 }
 
-// What a sweep did. One that leaves the state as it was would be repeated by the core to the most sweeps of its mode:
-// here it ends them.
+// What a sweep did. One that leaves the state as it was would be the same for ever, so it ends its mode.
 const none_touched = 0u;
 const none_changed = 1u;
 const some_changed = 2u;
@@ -608,6 +607,8 @@ fn keep_out(s: Swept, first: u32) -> bool {
     return any_moved;
 }
 
+const most_rounds = 30;  // from sphere to sphere
+
 // Spheres in turn until none has moved anything; what they push into one another for ever has no place.
 @compute @workgroup_size(256, 1, 1)
 fn keep_faces_out(@builtin(workgroup_id) id: vec3<u32>, @builtin(local_invocation_index) index: u32) {
@@ -623,8 +624,8 @@ fn keep_faces_out(@builtin(workgroup_id) id: vec3<u32>, @builtin(local_invocatio
     if (cells_box.x == nowhere) {
         return;
     }
-    for (var round = 0; round <= 10; round++) {
-        let first = select(bouncing, telling, round == 10);  // the last one only tells what is left
+    for (var round = 0; round <= most_rounds; round++) {
+        let first = select(bouncing, telling, round == most_rounds);  // the last one only tells what is left
         var moved = false;
         for (var k = 0u; k < face_spheres; k++) {
             moved = keep_out(face_sphere(id.z, k), first) || moved;
