@@ -13,24 +13,47 @@ template <class Real>
 struct Mailbox {
     AlignedVector<Real> rows;
     int lanes = 0, vectors = 0;
-    std::ptrdiff_t row_size = 0;
+    std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0;
     alignas(64) std::atomic<std::int64_t> newest{-1};
 
     void prepare(const LiftedLayout& layout) {
         lanes = layout.lanes;
         vectors = layout.vectors;
-        row_size = std::max(layout.row_size(), std::ptrdiff_t(vectors) * WorkRecord::count * lanes);
+        state_stride = layout.stride;
+        work_stride = WorkRecord::count * lanes;
+        row_size = vectors * std::max(state_stride, work_stride);
         rows.assign(4 * row_size + lanes, Real(0));
     }
     Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
     void wait(std::int64_t stage) const { wait_for(newest, stage); }
-    // Of a row only the state is copied; `stride` is that of the rows the stage will look at.
-    void put(std::int64_t stage, const Real* border, const Real* second, std::ptrdiff_t stride) {
+    // From vector to vector of the rows at which the stage looks. The first of a step looks at states.
+    std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
+    // Of a row only the state is copied.
+    void put(std::int64_t stage, const Real* border, const Real* second) {
         for (int k = 0; k < vectors; ++k) {
-            std::copy_n(border + k * stride, 6 * lanes, row(stage, 0) + k * stride);
-            std::copy_n(second + k * stride, 6 * lanes, row(stage, 1) + k * stride);
+            const std::ptrdiff_t at = k * stride(stage);
+            std::copy_n(border + at, 6 * lanes, row(stage, 0) + at);
+            std::copy_n(second + at, 6 * lanes, row(stage, 1) + at);
         }
         tell(newest, stage);
+    }
+    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written. Inlined, because
+    // compilers take a function that does no more for one that does nothing, and drop it.
+    __attribute__((always_inline)) void fetch(std::int64_t stage) {
+        if (newest.load(std::memory_order_relaxed) < stage) return;
+        each_line(stage, [](const Real* p) __attribute__((always_inline)) { __builtin_prefetch(p); });
+    }
+    __attribute__((always_inline)) void claim(std::int64_t stage) {
+        each_line(stage, [](const Real* p) __attribute__((always_inline)) { prefetch_to_write(p); });
+    }
+
+private:
+    template <class Ask>
+    __attribute__((always_inline)) void each_line(std::int64_t stage, const Ask& ask) {
+        constexpr int line = 64 / int(sizeof(Real));
+        for (const int which : {0, 1})
+            for (int k = 0; k < vectors; ++k)
+                for (int i = 0; i < 6 * lanes; i += line) ask(row(stage, which) + k * stride(stage) + i);
     }
 };
 
@@ -50,8 +73,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;             // to which the state belongs
 
-    // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on. Inlined,
-    // because compilers take a function that does no more for one that does nothing, and drop it.
+    // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on.
     __attribute__((always_inline)) void prefetch(int row, int quarter) const {
         if (row >= size()) return;
         const std::ptrdiff_t share = engine->layout_.row_size() / 4, line = 64 / std::ptrdiff_t(sizeof(Real));
@@ -66,7 +88,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     void hand(Mailbox<Real>& box, std::int64_t number, Stage done, int border, int second) const {
         const bool whole = done == Stage::fourth;
         const auto row = [&](int r) { return whole ? rows[std::size_t(r)].state : rows[std::size_t(r)].work; };
-        box.put(number, row(border), row(second), whole ? engine->layout_.stride : work_stride());
+        box.put(number, row(border), row(second));
     }
 
     static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {

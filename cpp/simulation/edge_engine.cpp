@@ -201,8 +201,16 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
     if (band.lag >= n) {
         for (int row = 2; strips && row < n - 2; ++row) band.take_border(row);
         for (int s = 0; s < 4; ++s) {
+            if (band.far) {
+                band.from_far.fetch(number + s);
+                band.far->from_far.claim(number + s + 1);
+            }
             for (int row = 0; row < first_inner; ++row) run_row(s, row);
             waves_kernel_(stages + s, 1, 0, first_inner, end_inner);
+            if (band.near) {
+                band.from_near.fetch(number + s + 1);
+                band.near->from_near.claim(number + s + 2);
+            }
             for (int row = end_inner; row < n; ++row) run_row(s, row);
         }
         for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);

@@ -37,6 +37,15 @@ void wait_for(const std::atomic<Count>& reached, Count wanted) {
         reached.wait(seen, std::memory_order_acquire);
 }
 
+// A line that another processor has read is asked for before it is written: a store would wait for it.
+inline __attribute__((always_inline)) void prefetch_to_write(const void* p) {
+#if defined(__x86_64__)
+    asm volatile("prefetchw %0" : : "m"(*static_cast<const char*>(p)));
+#else
+    __builtin_prefetch(p, 1);
+#endif
+}
+
 template <class Count>
 void tell(std::atomic<Count>& reached, Count now) {
     reached.store(now, std::memory_order_release);
