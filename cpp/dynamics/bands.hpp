@@ -43,14 +43,18 @@ struct Band : RowBand {
 #pragma omp barrier
     }
 
-    // `work(i)` for every row; it returns of how many rows the next version is made.
+    // `work(begin, end)` for the rows, at most `several` at a time; it returns of how many the next version is made.
     template <class Work>
-    void each_row(Work work) {
-        const int n = size();
-        for (int i = 0, made = 0; i < n; ++i) {
-            if (far && i == n - 2) wait_for(far->far, version);
-            const int made_before = std::exchange(made, work(i));
+    void each_rows(int several, Work work) {
+        const int n = size(), waiting = far ? n - 2 : n;
+        for (int i = 0, made = 0; i < n;) {
+            if (i == waiting) wait_for(far->far, version);
+            // The neighbour is told as soon as two are made, which may take three.
+            const int most = near && made < 2 ? std::min(several, 3) : several;
+            const int end = std::min(i + most, i < waiting ? waiting : n);
+            const int made_before = std::exchange(made, work(i, end));
             if (near && made_before < 2 && made >= 2) tell(own->near, version + 1);
+            i = end;
         }
         ++version;
         if (far) tell(own->far, version);

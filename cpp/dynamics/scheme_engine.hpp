@@ -96,14 +96,14 @@ public:
         std::array<Combination<Real>, 2> errors;
         for (std::size_t e = 0; e < m.errors.size(); ++e)
             errors[e] = combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v);
-        const auto estimate = [&](int r) {
+        const auto estimate = [&](int begin, int end) {
             for (std::size_t e = 0; e < m.errors.size(); ++e)
-                square_rows(field_, r, r + 1, this->memory_.data(), errors[e], row_squares_[e].data());
+                square_rows(field_, begin, end, this->memory_.data(), errors[e], row_squares_[e].data());
         };
         in_bands(threads, [&](Band<Real>& band) {
-            run_stages(band, this->state_known_, [&](int r) {
-                advance_rows(field_, r, r + 1, this->memory_.data(), result_.data(), result_sum_);
-                if (!m.error_needs_end) estimate(r);
+            run_stages(band, this->state_known_, [&](int begin, int end) {
+                advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
+                if (!m.error_needs_end) estimate(begin, end);
             });
             if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
         });
@@ -170,10 +170,12 @@ public:
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         plan_stages(interpolated ? step_ : part * step_, previous_);
         if (interpolated) result_sum_ = combination(m.dense(part), step_);
-        const auto finish = [&](int r) { combine(field_, r, r + 1, previous_.data(), result_.data(), result_sum_); };
+        const auto finish = [&](int begin, int end) {
+            combine(field_, begin, end, previous_.data(), result_.data(), result_sum_);
+        };
         in_bands(threads, [&](Band<Real>& band) {
             if (!interpolated) run_stages(band, true, finish);
-            else for (int r = band.begin; r < band.end; ++r) finish(r);
+            else finish(band.begin, band.end);
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         for (int r = 0; r < this->rows(); ++r)
@@ -193,21 +195,24 @@ private:
     Real* acceleration(int index) {
         return accelerations_.data() + field_.acceleration(slot_[std::size_t(index)]);
     }
-    // Accelerations at a version of the state into slot `index`; after each row `then(row)` makes the next version of it.
+    // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)` makes the next version
+    // of them.
     template <class Then>
     void sweep(Band<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
         if (band.near) wait_for(band.near->near, band.version);
         this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
-        band.each_row([&, made = 0](int i) mutable {
-            for (const int known = this->sweep_row(i, *band.scratch); made < known; ++made) then(band.row(made));
-            return made;
+        band.each_rows(rows_at_once_, [&, made = 0](int begin, int end) mutable {
+            const int known = this->sweep_rows(begin, end, *band.scratch);
+            const auto [first, last] = band.rows(made, known);
+            then(first, last);
+            return made = known;
         });
         if (band.first) ++this->evaluations;
     }
     // The same for those who wait at barriers.
     void evaluate(Band<Real>& band, const AlignedVector<Real>& state, int index) {
         this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
-        for (int i = 0; i < band.size(); ++i) this->sweep_row(i, *band.scratch);
+        this->sweep_rows(0, band.size(), *band.scratch);
         if (band.first) ++this->evaluations;
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
@@ -233,18 +238,20 @@ private:
             stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
         result_sum_ = combination(explicit_->result, h);
     }
-    // The sweeps of a planned step; `known`: the acceleration at its start is. `finish(row)` after the last of them.
+    // The sweeps of a planned step; `known`: the acceleration at its start is. `finish(begin, end)` of rows after the last
+    // of them.
     template <class Finish>
     void run_stages(Band<Real>& band, bool known, Finish finish) {
         const auto next_stage = [&](int s) {
-            return [this, s](int r) {
-                combine(field_, r, r + 1, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
+            return [this, s](int begin, int end) {
+                combine(field_, begin, end, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
             };
         };
         if (known)
-            band.each_row([&](int i) {
-                next_stage(0)(band.row(i));
-                return i + 1;
+            band.each_rows(rows_at_once_, [&](int begin, int end) {
+                const auto [first, last] = band.rows(begin, end);
+                next_stage(0)(first, last);
+                return end;
             });
         else sweep(band, this->memory_, 0, next_stage(0));
         const int last = explicit_->stages - 1;
@@ -255,9 +262,9 @@ private:
         const bool tracked = this->track_contact_energy;
         std::vector<Contact> contacts;
         if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
-        run_stages(band, false, [&](int r) {
-            advance_rows(field_, r, r + 1, this->memory_.data(), this->memory_.data(), result_sum_);
-            if (!contacts.empty()) this->collide_rows(r, r + 1, contacts);
+        run_stages(band, false, [&](int begin, int end) {
+            advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
+            if (!contacts.empty()) this->collide_rows(begin, end, contacts);
         });
         if (tracked) this->collide_all(t);
     }
@@ -318,10 +325,15 @@ private:
         return value;
     }
 
+    // As many rows as the nearest cache holds some versions of: a call for each of the short ones costs as much as its
+    // combination.
+    static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
+
     const Method& method_;
     Scheme scheme_;
     const ExplicitMethod* explicit_;
     FieldLayout field_;
+    int rows_at_once_ = int(std::clamp<std::ptrdiff_t>(bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
     bool damped_;
     std::unique_ptr<ImplicitMidpoint> implicit_;
     AlignedVector<Real> accelerations_;

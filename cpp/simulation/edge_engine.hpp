@@ -27,10 +27,10 @@ protected:  // for cpp/dynamics, in edge_evaluate.cpp
 
     FieldLayout field() const;
     // Accelerations at a state in the engine's layout, of the rows of a band one after the other: `begin_sweep`, for
-    // which the two rows before the band have to be there, then `sweep_row` for i = 0, 1, ..., which looks at two rows
+    // which the two rows before the band have to be there, then `sweep_rows` from 0 on, which looks at two rows
     // more and returns how many of the rows are done. The state of a row that is done is not looked at again.
     void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
-    int sweep_row(int i, FieldScratch<Real>& scratch);
+    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
     // The collision pass over some rows; whether any point was found inside.
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 

@@ -53,14 +53,14 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
 }
 
 template <class Real>
-int EdgeEngine<Real>::sweep_row(int i, FieldScratch<Real>& scratch) {
-    const int known = int(scratch.rows.size());
+int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
+    const int known = int(scratch.rows.size()), inner = std::clamp(known - 2, begin, end);
     const auto source = [&](int at) -> const Real* { return at < known ? scratch.rows[std::size_t(at)].state : nullptr; };
-    if (i + 2 < known) waves_kernel_(&scratch.edge, 1, 0, i, i + 1);
-    else stage_kernel_(scratch.edge, i, {source(i), source(i + 1), source(i + 2)});
-    if (i < scratch.band.size() - 1) return i;  // the kernel finishes a row with the next one
+    waves_kernel_(&scratch.edge, 1, 0, begin, inner);
+    for (int i = inner; i < end; ++i) stage_kernel_(scratch.edge, i, {source(i), source(i + 1), source(i + 2)});
+    if (end < scratch.band.size()) return end - 1;  // the kernel finishes a row with the next one
     finish_kernel_(scratch.edge);
-    return i + 1;
+    return end;
 }
 
 template <class Real>
@@ -92,8 +92,8 @@ template FieldLayout EdgeEngine<float>::field() const;
 template FieldLayout EdgeEngine<double>::field() const;
 template void EdgeEngine<float>::begin_sweep(const float*, float*, const RowBand&, FieldScratch<float>&);
 template void EdgeEngine<double>::begin_sweep(const double*, double*, const RowBand&, FieldScratch<double>&);
-template int EdgeEngine<float>::sweep_row(int, FieldScratch<float>&);
-template int EdgeEngine<double>::sweep_row(int, FieldScratch<double>&);
+template int EdgeEngine<float>::sweep_rows(int, int, FieldScratch<float>&);
+template int EdgeEngine<double>::sweep_rows(int, int, FieldScratch<double>&);
 template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
 template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
 

@@ -179,10 +179,10 @@ void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, cons
 }
 
 template <class Real>
-int GatherEngine<Real>::sweep_row(int i, FieldScratch<Real>& scratch) {
-    const int r = scratch.band.row(i);
-    kernel_(scratch.gather, {r, r + 1, 0, columns()});
-    return i + 1;
+int GatherEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
+    const auto [first, last] = scratch.band.rows(begin, end);
+    kernel_(scratch.gather, {first, last, 0, columns()});
+    return end;
 }
 
 template <class Real>

@@ -48,7 +48,7 @@ protected:  // for cpp/dynamics; see EdgeEngine
 
     FieldLayout field() const;
     void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
-    int sweep_row(int i, FieldScratch<Real>& scratch);
+    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:

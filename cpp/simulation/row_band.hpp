@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <utility>
 
 namespace clothsim {
 
@@ -21,6 +22,11 @@ struct RowBand {
     int size() const { return end - begin; }
     // Of the cloth; also before the first (negative) and behind the last of the band.
     int row(int i) const { return upwards ? end - 1 - i : begin + i; }
+    // Of the cloth, [first, second): those of the band from one to before another.
+    std::pair<int, int> rows(int from, int to) const {
+        if (upwards) return {end - to, end - from};
+        return {begin + from, begin + to};
+    }
 };
 
 // A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
