@@ -29,7 +29,7 @@ def stepped(scene, x, v, dt, calls, **options):
 @pytest.mark.parametrize("mass", ["uniform", "per point"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_tiles_give_the_bits_of_groups(precision, crumpled, same_bits, shape, mass, strict):
-    """However many groups there are in a tile, and whether a thread's share ends within a row of groups."""
+    """However many groups a tile has, also where a share ends within a row of groups."""
     state = crumpled(shape=shape, mass=mass, spheres=BALLS)
     options = {"precision": precision, "strict": strict}
     groups = -(-shape[0] // 16) * -(-shape[1] // 16)
