@@ -47,12 +47,12 @@ void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
 }
 
 template <class T>
-void store(SharedSimulation& shared, Array<T>& x, Array<T>& v) {
+void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Array<T>> v) {
     auto simulation = shared.use();
-    const std::size_t size = std::size_t(x.size()) / simulation->size();
-    T* const px = x.mutable_data();
-    T* const pv = v.mutable_data();
-    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(px + i * size, pv + i * size);
+    const auto part = [&](std::optional<Array<T>>& array, std::size_t i) -> T* {
+        return array ? array->mutable_data() + i * (std::size_t(array->size()) / simulation->size()) : nullptr;
+    };
+    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
 }
 
 // What the errors of python/clothsim/_state.py are made from.

@@ -50,7 +50,7 @@ public:
     // Of continuous contact since the last look, see ContactReport.
     ContactReport contact_report;
 
-    // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0.
+    // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0. What is null is not stored.
     virtual void load(const float* x, const float* v) = 0;
     virtual void load(const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;

@@ -240,20 +240,24 @@ private:
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
+        if (x) store_part(0, origin_, x);
+        if (v) store_part(3, Vec3::Zero(), v);
+    }
+    // Three components of all points, from the first on.
+    template <class Out>
+    void store_part(int first, const Vec3& origin, Out* to) const {
         const int count = 3 * columns();
-        RowBuffer positions = row_buffer(origin_), velocities = row_buffer(Vec3::Zero());
-        for (int r = 0; r < rows(); ++r, x += count, v += count)
-            for (const int k : {0, 3}) {
-                const Real* const from = memory_.data() + layout_.at(r, 0, k);
-                if constexpr (!compensated && std::is_same_v<Out, Real>) {
-                    layout_.take_row(from, k == 0 ? x : v);
-                    continue;
-                }
-                RowBuffer& row = k == 0 ? positions : velocities;
-                layout_.take_row(from, row.high.data());
-                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
-                join(row.high.data(), row.compensation(), row.shift.data(), k == 0 ? x : v, count);
+        RowBuffer row = row_buffer(origin);
+        for (int r = 0; r < rows(); ++r, to += count) {
+            const Real* const from = memory_.data() + layout_.at(r, 0, first);
+            if constexpr (!compensated && std::is_same_v<Out, Real>) {
+                layout_.take_row(from, to);
+                continue;
             }
+            layout_.take_row(from, row.high.data());
+            if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
+            join(row.high.data(), row.compensation(), row.shift.data(), to, count);
+        }
     }
     template <class Visit>
     void for_each_place(Visit visit) const {

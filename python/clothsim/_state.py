@@ -231,7 +231,8 @@ class State:
             member=member if self.batched else None,
         )
 
-    def store(self, x: FloatArray, v: FloatArray) -> None:
+    def store(self, x: FloatArray | None, v: FloatArray | None) -> None:
+        """Write positions and velocities where they are wanted."""
         self.core.store(x, v)
 
 

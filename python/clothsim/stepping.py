@@ -322,12 +322,16 @@ class Stepper:
     @property
     def positions(self) -> FloatArray:
         """Positions [m], a copy, of the shape and dtype that the state was given in."""
-        return self._arrays()[0]
+        x = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(x, None)
+        return x
 
     @property
     def velocities(self) -> FloatArray:
         """Velocities [m/s], a copy, of the shape and dtype that the state was given in."""
-        return self._arrays()[1]
+        v = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(None, v)
+        return v
 
     @property
     def time(self) -> float:

@@ -120,10 +120,13 @@ class Simulation:
             self._copy_back()
         return self._safe.parts
 
-    def store(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Write positions and velocities into arrays of the shape that `load` takes."""
+    def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
+        """Write positions and velocities into arrays of the shape that `load` takes, or None."""
+        wanted = {k: array for k, array in enumerate((x, v)) if array is not None}
         with self._used():
-            x[...], v[...] = arrays_of(joined(self._state(), self._origins), x.shape)
+            planes = joined(self._state(), self._origins)
+            for k, array in wanted.items():
+                array[...] = arrays_of(planes, array.shape)[k]
 
     def snapshot(self) -> tuple[Any, ...]:
         """The clock and the whole state, in the form of the core's."""
