@@ -24,9 +24,13 @@ test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench
 
-# One build serves all; a stamp per extra, so that the demo does not bring the test tools.
-$(VENV)/.built-%: $(SOURCES) | $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check '.[$*]'
+# One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.
+$(VENV)/.built: $(SOURCES) | $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check .
+	touch $@
+
+$(VENV)/.built-%: $(VENV)/.built
+	$(BIN)/pip install --quiet --disable-pip-version-check 'clothsim[$*]'
 	touch $@
 
 $(BIN)/python:
