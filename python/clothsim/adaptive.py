@@ -114,12 +114,15 @@ def solve(
     goal = max(asked, floor)
     # At the floor runs differ by rounding, whatever their tolerance.
     enough = 10 * floor if asked <= floor else goal
-    if not named and rest[0].integrator == "dop853" and not scene.spheres and is_few(scene, duration):
-        few = refine(scene, duration, enough, rest[0], every, progress)
-        spent += few.evaluations
-        wall_time += few.wall_time
-        if few.solution:
-            return Controlled(few.solution, None, asked, floor, growth, few.error, spent, wall_time)
+    equal_steps = not named and rest[0].integrator == "dop853" and not scene.spheres
+    if equal_steps and is_few(scene, duration):
+        refined = refine(scene, duration, enough, rest[0], every, progress)
+        spent += refined.evaluations
+        wall_time += refined.wall_time
+        if refined.solution:
+            return Controlled(
+                refined.solution, None, asked, floor, growth, refined.error, spent, wall_time
+            )
         progress = iter
     damping = DAMPING if growth is None else _DAMPING_OF_SMALL
     options = rest.pop(0)
