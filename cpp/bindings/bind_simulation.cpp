@@ -1,4 +1,5 @@
 #include <atomic>
+#include <optional>
 
 #include "bindings/bindings.hpp"
 #include "simulation/simulation.hpp"

@@ -2,6 +2,7 @@
 // state: each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include "dynamics/adaptive.hpp"

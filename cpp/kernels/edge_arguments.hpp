@@ -14,8 +14,8 @@ inline constexpr int edge_kind_count = 5;
 
 // Coefficients of one vector of mass points: for every kind `stiffness`, `tension` and `damping`, a lane
 // each; all 0 in a lane whose point has no such spring. Scaled so that with r = scale / l
-//   force / mass = force_scale (r (damping (w.d) r - tension) + stiffness) d
-// Where all families are damped alike force_scale takes the damping, and no product with it is left. The first
+//   force / mass = scale (r (damping (w.d) r - tension) + stiffness) d
+// Where all families are damped alike the row's `scale` takes the damping, and no product with it is left. The first
 // class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at
 // rest (see exact_at_rest).
 struct EdgeCoefficientIndex {
@@ -45,9 +45,8 @@ template <class Real>
 struct EdgeRowPointers {
     Real* state;
     Real* work;
-    const Real* free;          // 0 for pinned and padding points, else 1
-    const Real* inverse_mass;  // null: uniform
-    bool special;              // pinned points or padding, mass or damping per point
+    const Real* scale;  // of the sums of spring forces: accelerations
+    const Real* free;   // 0 for pinned and padding points, else 1; null: there are none
 };
 
 // One stage over a band of rows.
@@ -65,9 +64,12 @@ struct EdgeArguments : StepConstants<Real> {
     // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
     int pending;
     const Real* pending_source;
-    Real* force;       // on the pending row
-    Real force_scale;  // of the sums of spring forces: accelerations
-    bool complete;     // rows end with a whole vector and all families are damped alike
+    Real* force;                  // on the pending row
+    std::ptrdiff_t scale_stride;  // of a row's `scale`, from vector to vector; 0: all points have one
+    bool complete;                // rows end with a whole vector and all families are damped alike
+    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) of each record of the state are fetched from
+    // memory while a row is worked on. 0: none.
+    int ahead, ahead_begin, ahead_end, row_count;
     SphereOutline<Real>* spheres;
     int sphere_count;
     void (*hit)(void* context, int sphere, int row, int vector, std::uint64_t lanes);

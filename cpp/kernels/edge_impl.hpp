@@ -40,6 +40,13 @@ CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
 
 #define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
 
+// What every spring needs. Constants that the compiler knows it would load for each spring.
+template <class V>
+struct SpringConstants {
+    V smallest = in_register(V(smallest_squared_length<typename V::value_type>));
+    V newton = in_register(V(newton_constant<typename V::value_type>));
+};
+
 template <class V>
 struct Points {
     Vector3<V> x, v;
@@ -57,11 +64,11 @@ struct Spring {
 
 // From points in registers to points in memory at `b`.
 template <bool damped, class V, class Real>
-CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b) {
+CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b, const SpringConstants<V>& constants) {
     constexpr int W = int(V::size);
     Spring<V> s;
     s.d = a.x - load3<V>(b, W);
-    s.root = xsimd::fma(s.d.x, s.d.x, V(smallest_squared_length<Real>));
+    s.root = xsimd::fma(s.d.x, s.d.x, constants.smallest);
     s.root = xsimd::fma(s.d.y, s.d.y, s.root);
     s.root = xsimd::fma(s.d.z, s.d.z, s.root);
     if constexpr (damped) {
@@ -74,12 +81,12 @@ CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b) {
 }
 
 template <class V>
-CLOTHSIM_INLINE void root(Spring<V>& s) {
-    s.root = scaled_reciprocal_root(s.root);
+CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
+    s.root = scaled_reciprocal_root(s.root, constants.newton);
 }
 
 // Force / mass on the points at b. `complete`: no lane lacks its spring and all families are damped alike, so that
-// the damping constant is folded into `force_scale`.
+// the damping constant is folded into the scale of the row.
 template <bool damped, bool complete, class V, class Real>
 CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
     constexpr int W = int(V::size);
@@ -117,10 +124,19 @@ struct PendingRow {
     Real* state;
     Real* work;
     const Real* source;
+    const Real* scale;
+    const Real* free;
 };
 
+template <class Real>
+CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
+    if (e.pending < 0) return {};
+    const EdgeRowPointers<Real>& row = e.rows[e.pending];
+    return {true, row.state, row.work, e.pending_source, row.scale, row.free};
+}
+
 // Finish the stage of one vector.
-template <class V, class Real, bool special, Stage stage>
+template <class V, class Real, Stage stage>
 CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
@@ -129,28 +145,31 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * state_stride;
     Real* const work = row.work + k * (WorkRecord::count * W);
+    const V scale = V::load_aligned(row.scale + k * e.scale_stride);
+    const V step(stage == Stage::third ? e.h : e.half_h), h2_6(e.h2_6), h_6(e.h_6);
+    V acceleration[3];
+    each<3>(CLOTHSIM_EACH(j) { acceleration[j] = V::load_aligned(force + j * W); });
+    if (__builtin_expect(e.point_damping != 0, 0))
+        each<3>(CLOTHSIM_EACH(j) {
+            acceleration[j] = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+        });
+    each<3>(CLOTHSIM_EACH(j) { acceleration[j] = xsimd::fma(acceleration[j], scale, V(e.gravity[j])); });
+    if (__builtin_expect(row.free != nullptr, 0)) {
+        const V zero(Real(0));
+        const auto free = V::load_aligned(row.free + k * W) != zero;
+        each<3>(CLOTHSIM_EACH(j) { acceleration[j] = xsimd::select(free, acceleration[j], zero); });
+    }
     each<3>(CLOTHSIM_EACH(j) {
         Real* const first = work + (WorkRecord::first + j) * W;
         Real* const sum = work + (WorkRecord::sum + j) * W;
         Real* const x = state + j * W;
         Real* const v = state + (3 + j) * W;
-        V a = V::load_aligned(force + j * W);
-        const V gravity(e.gravity[j]);
-        if constexpr (special) {
-            const EdgeRowPointers<Real>& pointers = e.rows[e.pending];
-            if (e.point_damping != 0) a = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), a);
-            const V scale = pointers.inverse_mass ? V::load_aligned(pointers.inverse_mass + k * W) : V(e.force_scale);
-            const V zero(Real(0));
-            a = xsimd::select(V::load_aligned(pointers.free + k * W) != zero, xsimd::fma(a, scale, gravity), zero);
-        } else {
-            a = xsimd::fma(a, V(e.force_scale), gravity);
-        }
+        const V a = acceleration[j];
         if constexpr (stage == Stage::evaluate) {
             a.store_aligned(first);
         } else if constexpr (stage == Stage::fourth) {
-            add_increment<compensated>(v, v + StateRecord::compensation * W, V(e.h_6) * (V::load_aligned(sum) + a));
+            add_increment<compensated>(v, v + StateRecord::compensation * W, h_6 * (V::load_aligned(sum) + a));
         } else {
-            const V step(stage == Stage::third ? e.h : e.half_h);
             const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
             xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
             xsimd::fma(step, a, v0).store_aligned(work + (3 + j) * W);
@@ -159,49 +178,42 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
             if constexpr (stage == Stage::third) {
                 const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
                 (three + middle).store_aligned(sum);
-                add_increment<compensated>(x, x + StateRecord::compensation * W, xsimd::fma(V(e.h), v0, V(e.h2_6) * three));
+                add_increment<compensated>(x, x + StateRecord::compensation * W, xsimd::fma(step, v0, h2_6 * three));
             }
         }
     });
 }
 
-template <class V, class Real, bool special, Stage stage>
+template <class V, class Real, Stage stage>
 CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
-    if constexpr (stage != any_stage) return finish_stage<V, Real, special, stage>(e, row, k);
+    if constexpr (stage != any_stage) return finish_stage<V, Real, stage>(e, row, k);
     switch (e.stage) {
-        case Stage::first: return finish_stage<V, Real, special, Stage::first>(e, row, k);
-        case Stage::second: return finish_stage<V, Real, special, Stage::second>(e, row, k);
-        case Stage::third: return finish_stage<V, Real, special, Stage::third>(e, row, k);
-        case Stage::fourth: return finish_stage<V, Real, special, Stage::fourth>(e, row, k);
-        case Stage::evaluate: return finish_stage<V, Real, special, Stage::evaluate>(e, row, k);
+        case Stage::first: return finish_stage<V, Real, Stage::first>(e, row, k);
+        case Stage::second: return finish_stage<V, Real, Stage::second>(e, row, k);
+        case Stage::third: return finish_stage<V, Real, Stage::third>(e, row, k);
+        case Stage::fourth: return finish_stage<V, Real, Stage::fourth>(e, row, k);
+        case Stage::evaluate: return finish_stage<V, Real, Stage::evaluate>(e, row, k);
     }
 }
 
-// Rows with something that most do without: mass or damping per point, pinned points or padding.
+// Ask for the share of a row ahead that belongs to a vector. In one go the requests would wait for each other, and the
+// arithmetic with them.
 template <class V, class Real>
-__attribute__((noinline)) void finish_special(const EdgeArguments<Real>& e, const PendingRow<Real>& row) {
-    for (int k = 0; k < e.vectors; ++k) finish<V, Real, true, any_stage>(e, row, k);
-}
-
-// The pending row. A special one is finished at once.
-template <class V, class Real>
-CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
-    if (e.pending < 0) return {};
-    const EdgeRowPointers<Real>& row = e.rows[e.pending];
-    const PendingRow<Real> pending{true, row.state, row.work, e.pending_source};
-    if (__builtin_expect(!row.special, 1)) return pending;
-    finish_special<V>(e, pending);
-    return {};
+CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
+    constexpr int W = int(V::size), line = 64 / int(sizeof(Real));
+    constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
+    const Real* const record = ahead + k * state_stride;
+    for (int i = e.ahead_begin; i < e.ahead_end; i += line) __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
 }
 
 // Where a vector stands among those of its row: how many of its springs along the row lead past the last vector.
 enum class Place { inner, second_last, last, any };
 
 // All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band). `fixed` is
-// the number of vectors of a row, 0 if it is not known here.
+// the number of vectors of a row, 0 if it is not known here. `ahead`: a row of which a share is fetched meanwhile.
 template <class Arch, class Real, int index, Stage stage, int fixed, bool own, bool has_below, bool has_below_2>
 CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, const Real* __restrict received,
-                              Real* __restrict hand_down, const PendingRow<Real>& pending) {
+                              Real* __restrict hand_down, const PendingRow<Real>& pending, const Real* ahead = nullptr) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     constexpr Features features = Features::from_index(index);
@@ -218,6 +230,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     const Real* const below_2 = source.below_2;
     Real* const __restrict received_2 = e.received_2;
     Real* const __restrict forces = e.force;
+    const Real* const __restrict all_springs = e.coefficients;
     const auto points = [&](const Real* p) __attribute__((always_inline)) -> Points<V> {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
@@ -228,9 +241,11 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
     Vector3<V> falling = none, rising = none;     // the half of a diagonal pair that the vector before has
+    Vector3<V> kept[2];                           // forces to which the row's end adds, where `fixed` keeps them in registers
+    const SpringConstants<V> constants{};
 
-    // `cut`: coefficients of springs that some lanes lack.
-    const auto column = [&]<Place place>(int k, const Real* cut) __attribute__((always_inline)) {
+    // `cut`: coefficients of springs that some lanes lack. `first`: the row's first vector, which is handed nothing.
+    const auto column = [&]<Place place, bool first>(int k, const Real* cut) __attribute__((always_inline)) {
         const std::ptrdiff_t at = k * stride;
         const std::ptrdiff_t next = place == Place::any ? place_of(k + 1) : place == Place::last ? 1 : at + stride;
         const std::ptrdiff_t next_2 = place == Place::any           ? place_of(k + 2)
@@ -241,24 +256,26 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         constexpr bool whole_next = place == Place::inner || place == Place::second_last;
         constexpr bool whole_next_2 = place == Place::inner;
         const auto coefficients = [&](EdgeKind kind, bool complete) __attribute__((always_inline)) {
-            return (complete ? e.coefficients : cut) + kind * (EdgeCoefficientIndex::count * W);
+            return (complete ? all_springs : cut) + kind * (EdgeCoefficientIndex::count * W);
         };
         const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
 
+        if constexpr (!fixed && own)
+            if (ahead) fetch<V>(e, ahead, k);
         Vector3<V> handed = falling, pair = rising, behind = none;
         Spring<V> to_up, to_down, to_far, to_down_2, to_side, to_side_2;
-        if constexpr (shear) to_up = stretch<damped>(points(here + next), below + at);
+        if constexpr (shear) to_up = stretch<damped>(points(here + next), below + at, constants);
         const Points<V> point = points(here + at);
-        if constexpr (vertical) to_down = stretch<damped>(point, below + at);
-        if constexpr (shear) root(to_up);
-        if constexpr (shear) to_far = stretch<damped>(point, below + next);
-        if constexpr (vertical) root(to_down);
+        if constexpr (vertical) to_down = stretch<damped>(point, below + at, constants);
+        if constexpr (shear) root(to_up, constants);
+        if constexpr (shear) to_far = stretch<damped>(point, below + next, constants);
+        if constexpr (vertical) root(to_down, constants);
         if constexpr (shear) {
             rising = force<damped, whole_next>(to_up, coefficients(to_diagonal, whole_next));
-            handed = falling + rising;
+            handed = first ? rising : falling + rising;
         }
-        if constexpr (bend_down) to_down_2 = stretch<damped>(point, below_2 + at);
-        if constexpr (shear) root(to_far);
+        if constexpr (bend_down) to_down_2 = stretch<damped>(point, below_2 + at, constants);
+        if constexpr (shear) root(to_far, constants);
         if constexpr (vertical) {
             behind = force<damped, whole>(to_down, coefficients(to_below, whole));
             const Vector3<V> straight = features.bend ? behind + load3<V>(received_2 + vector, W) : behind;
@@ -268,14 +285,14 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             handed = shear ? straight + handed : straight;
         }
         if constexpr (has_below) store3(hand_down + vector, W, handed);
-        if constexpr (along) to_side = stretch<damped>(point, here + next);
-        if constexpr (bend_down) root(to_down_2);
+        if constexpr (along) to_side = stretch<damped>(point, here + next, constants);
+        if constexpr (bend_down) root(to_down_2, constants);
         if constexpr (shear) {
             falling = force<damped, whole_next>(to_far, coefficients(to_diagonal, whole_next));
-            pair = pair + falling;
+            pair = first ? falling : pair + falling;
         }
-        if constexpr (along_2) to_side_2 = stretch<damped>(point, here + next_2);
-        if constexpr (along) root(to_side);
+        if constexpr (along_2) to_side_2 = stretch<damped>(point, here + next_2, constants);
+        if constexpr (along) root(to_side, constants);
         if constexpr (bend_down) {
             const Vector3<V> down_2 = force<damped, whole>(to_down_2, coefficients(to_below_2, whole));
             store3(received_2 + vector, W, down_2);
@@ -285,32 +302,38 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             if constexpr (shear) behind = vertical || bend_down ? behind + pair : pair;
             Vector3<V> before = load3<V>(received + vector, W);
             if constexpr (vertical || shear || bend_down) before = before - behind;
-            if (__builtin_expect(pending.there, 1)) finish<V, Real, false, stage>(e, pending, k);
-            if constexpr (along_2) root(to_side_2);
-            Vector3<V> within = to_next;
+            if (__builtin_expect(pending.there, 1)) finish<V, Real, stage>(e, pending, k);
+            if constexpr (along_2) root(to_side_2, constants);
+            Vector3<V> within = to_next, sum;  // what the row gives to the vector: of the first, what it takes
             to_next = to_next_2;
             if constexpr (along) {
                 const Vector3<V> side = force<damped, whole_next>(to_side, coefficients(to_right, whole_next));
-                within = within - side;
-                to_next = along_2 ? to_next + side : side;
+                within = first ? side : within - side;
+                to_next = along_2 && !first ? to_next + side : side;
             }
             if constexpr (along_2) {
                 to_next_2 = force<damped, whole_next_2>(to_side_2, coefficients(to_right_2, whole_next_2));
-                within = within - to_next_2;
+                within = !first ? within - to_next_2 : along ? within + to_next_2 : to_next_2;
             }
-            store3(forces + vector, W, within + before);
+            if constexpr (first) sum = along || along_2 ? before - within : before;
+            else sum = within + before;
+            if (fixed && k < 2) kept[k] = sum;
+            else store3(forces + vector, W, sum);
         }
     };
     constexpr int class_size = edge_kind_count * EdgeCoefficientIndex::count * W;
-    if (fixed || e.complete) {
-        if constexpr (fixed) each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner>(k, nullptr); });
-        else for (int k = 0; k < m - 2; ++k) column.template operator()<Place::inner>(k, nullptr);
+    if constexpr (fixed > 0) {
+        each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner, k == 0>(k, nullptr); });
         // The first class has all springs; so the last two vectors have the second and the third.
-        column.template operator()<Place::second_last>(m - 2, e.coefficients + class_size);
-        column.template operator()<Place::last>(m - 1, e.coefficients + 2 * class_size);
+        column.template operator()<Place::second_last, fixed == 2>(fixed - 2, all_springs + class_size);
+        column.template operator()<Place::last, false>(fixed - 1, all_springs + 2 * class_size);
+    } else if (e.complete) {
+        for (int k = 0; k < m - 2; ++k) column.template operator()<Place::inner, false>(k, nullptr);
+        column.template operator()<Place::second_last, false>(m - 2, all_springs + class_size);
+        column.template operator()<Place::last, false>(m - 1, all_springs + 2 * class_size);
     } else {
         for (int k = 0; k < m; ++k)
-            column.template operator()<Place::any>(k, e.coefficients + e.coefficient_class[k] * class_size);
+            column.template operator()<Place::any, false>(k, all_springs + e.coefficient_class[k] * class_size);
     }
 
     const std::ptrdiff_t past = std::ptrdiff_t(m) * 3 * W;
@@ -322,8 +345,10 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             past_last = (shear ? before - rising : before) + past_last;
         }
         // What is handed on past the last vector belongs to the first ones, a lane further.
-        store3(forces, W, load3<V>(forces, W) + shifted_lanes(past_last));
-        if constexpr (along_2) store3(forces + 3 * W, W, load3<V>(forces + 3 * W, W) + shifted_lanes(to_next_2));
+        const auto sum = [&](int k) { return fixed ? kept[k] : load3<V>(forces + k * 3 * W, W); };
+        store3(forces, W, sum(0) + shifted_lanes(past_last));
+        if constexpr (along_2) store3(forces + 3 * W, W, sum(1) + shifted_lanes(to_next_2));
+        else if constexpr (fixed > 0) store3(forces + 3 * W, W, kept[1]);
     }
 }
 
@@ -369,7 +394,7 @@ template <class Arch, class Real, int index>
 void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
     const auto run = [&]<bool has_below, bool has_below_2>() {
         edge_row<Arch, Real, index, any_stage, 0, true, has_below, has_below_2>(e, source, e.received[0], e.received[1],
-                                                                                  pending_row<Lanes<Real, Arch>>(e));
+                                                                                  pending_row(e));
     };
     if (source.below_2) run.template operator()<true, true>();
     else if (source.below) run.template operator()<true, false>();
@@ -384,22 +409,23 @@ void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source
 template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
-    const PendingRow<Real> pending = pending_row<V>(e);
-    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, false, any_stage>(e, pending, k);
+    const PendingRow<Real> pending = pending_row(e);
+    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, any_stage>(e, pending, k);
     end_pending<V>(e);
     e.pending = -1;
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in the band.
+// Rows [begin, end) in one stage, with one number of vectors; any_stage and 0: those of `e`.
 template <class Arch, class Real, int index, Stage stage, int fixed>
-__attribute__((noinline)) void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
+__attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
     const bool of_state = source_is_state(stage == any_stage ? e.stage : stage);
     const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
+    const auto ahead = [&](int row) { return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr; };
     Real* received = e.received[0];
     Real* hand_down = e.received[1];
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, pending_row<Lanes<Real, Arch>>(e));
+        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, pending_row(e), ahead(row));
         std::swap(received, hand_down);
         end_pending<Lanes<Real, Arch>>(e);
         e.pending = row;
@@ -413,23 +439,24 @@ __attribute__((noinline)) void edge_rows(EdgeArguments<Real>& e, int begin, int 
 template <class Arch, class Real>
 constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
 
-// The stages of `stages`, each `lag` rows behind the one before, the first of them over rows [begin, end); all
-// rows that are met have two more behind them in the band.
+template <class Arch, class Real>
+bool is_written_out(const EdgeArguments<Real>& e) {
+    return written_out<Arch, Real> > 0 && e.complete && e.vectors == written_out<Arch, Real>;
+}
+
+// One stage of rows [begin, end), of which all have two more behind them in the band.
 template <class Arch, class Real, int index>
-void edge_waves(EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end) {
+void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = written_out<Arch, Real>;
-    if (fixed && stage_count == 1 && stages->complete && stages->vectors == fixed)
-        switch (stages->stage) {
-            case Stage::first: return edge_rows<Arch, Real, index, Stage::first, fixed>(*stages, begin, end);
-            case Stage::second: return edge_rows<Arch, Real, index, Stage::second, fixed>(*stages, begin, end);
-            case Stage::third: return edge_rows<Arch, Real, index, Stage::third, fixed>(*stages, begin, end);
-            case Stage::fourth: return edge_rows<Arch, Real, index, Stage::fourth, fixed>(*stages, begin, end);
-            case Stage::evaluate: return edge_rows<Arch, Real, index, Stage::evaluate, fixed>(*stages, begin, end);
+    if (is_written_out<Arch>(e) && e.ahead == 0)
+        switch (e.stage) {
+            case Stage::first: return edge_rows_of<Arch, Real, index, Stage::first, fixed>(e, begin, end);
+            case Stage::second: return edge_rows_of<Arch, Real, index, Stage::second, fixed>(e, begin, end);
+            case Stage::third: return edge_rows_of<Arch, Real, index, Stage::third, fixed>(e, begin, end);
+            case Stage::fourth: return edge_rows_of<Arch, Real, index, Stage::fourth, fixed>(e, begin, end);
+            case Stage::evaluate: return edge_rows_of<Arch, Real, index, Stage::evaluate, fixed>(e, begin, end);
         }
-    if (stage_count == 1) return edge_rows<Arch, Real, index, any_stage, 0>(*stages, begin, end);
-    for (int front = begin; front < end; ++front)
-        for (int s = 0; s < stage_count; ++s)
-            edge_rows<Arch, Real, index, any_stage, 0>(stages[s], front - s * lag, front - s * lag + 1);
+    edge_rows_of<Arch, Real, index, any_stage, 0>(e, begin, end);
 }
 
 // What the two rows before a band hand on to its first two.
@@ -441,12 +468,13 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
     if constexpr (features.bend) {
         constexpr bool damped = features.spring_damping;
         const std::ptrdiff_t stride = source_stride<V>(e.stage);
+        const SpringConstants<V> constants{};
         for (int k = 0; k < e.vectors; ++k) {
             const Real* const p = before_2.here + k * stride;
             Points<V> points{load3<V>(p, W), {}};
             if constexpr (damped) points.v = load3<V>(p + 3 * W, W);
-            Spring<V> spring = stretch<damped>(points, before_2.below_2 + k * stride);
-            root(spring);
+            Spring<V> spring = stretch<damped>(points, before_2.below_2 + k * stride, constants);
+            root(spring, constants);
             const auto hand = [&]<bool complete>(int which) {
                 const Real* const c = e.coefficients + (which * edge_kind_count + to_below_2) * (EdgeCoefficientIndex::count * W);
                 store3(e.received_2 + k * 3 * W, W, force<damped, complete>(spring, c));
@@ -455,7 +483,11 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
             else hand.template operator()<false>(e.coefficient_class[k]);
         }
     }
-    edge_row<Arch, Real, index, any_stage, 0, false, true, true>(e, before, e.received[0], e.received[1], {});
+    const auto run = [&]<int fixed>() {
+        edge_row<Arch, Real, index, any_stage, fixed, false, true, true>(e, before, e.received[0], e.received[1], {});
+    };
+    if (is_written_out<Arch>(e)) run.template operator()<written_out<Arch, Real>>();
+    else run.template operator()<0>();
     std::swap(e.received[0], e.received[1]);
 }
 

@@ -47,6 +47,7 @@ struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
     int rows, columns;
+    bool from_memory;  // the cloth does not stay in the caches
     Stage stage;
     SpringCoefficients<Real> spring[neighbour_count];
     const Real* inverse_mass;     // null: uniform

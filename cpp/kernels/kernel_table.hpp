@@ -28,14 +28,13 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// The edge kernel: one row, the end of its stage, several stages over many rows, and what the two rows before a band
-// hand on to it.
+// The edge kernel: one row, the end of its stage, many rows, and what the two rows before a band hand on to it.
 template <class Real>
 using EdgeStageKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
 using EdgeFinishKernel = void (*)(EdgeArguments<Real>&);
 template <class Real>
-using EdgeWavesKernel = void (*)(EdgeArguments<Real>* stages, int stage_count, int lag, int begin, int end);
+using EdgeRowsKernel = void (*)(EdgeArguments<Real>&, int begin, int end);
 template <class Real>
 using EdgeHaloKernel = void (*)(EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
                                 const EdgeSources<Real>& before);
@@ -53,7 +52,7 @@ struct RealKernels {
     std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
     SphereKernel<Real> sphere;
     std::array<EdgeStageKernel<Real>, Features::count> edge_stage;
-    std::array<EdgeWavesKernel<Real>, Features::count> edge_waves;
+    std::array<EdgeRowsKernel<Real>, Features::count> edge_rows;
     std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
     EdgeFinishKernel<Real> edge_finish;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it

@@ -41,6 +41,15 @@ constexpr Real root_scale() {
 #endif
 }
 
+// A value that the compiler takes for unknown, so that it stays in a register where there are enough of them.
+template <class V>
+CLOTHSIM_INLINE V in_register(V a) {
+#if defined(__AVX512F__)
+    asm("" : "+v"(a.data));
+#endif
+    return a;
+}
+
 template <class V>
 CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
     constexpr bool single = sizeof(typename V::value_type) == 4;
@@ -64,15 +73,18 @@ CLOTHSIM_INLINE void each(F f) {
     }(std::make_integer_sequence<int, count>{});
 }
 
+// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it; half of that is made up for where
+// the constant can hold it, so that the next one begins with half the error.
+template <class Real>
+constexpr Real newton_constant = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
+
 template <class V>
-CLOTHSIM_INLINE V scaled_reciprocal_root(V a) {
+CLOTHSIM_INLINE V scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typename V::value_type>)) {
     using Real = typename V::value_type;
 #if defined(__AVX512F__)
-    // One step gives 2^-27, two 2^-54. A step ends below the root by up to 1.5 e^2 of it; half of that is made up for
-    // where the constant can hold it, so that the next one begins with half the error.
-    constexpr Real three = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
+    // One step gives 2^-27, two 2^-54.
     V y = reciprocal_root_estimate(a);
-    y = y * xsimd::fnma(a * y, y, V(three));
+    y = y * xsimd::fnma(a * y, y, newton);
     if constexpr (sizeof(Real) == 8) y = y * xsimd::fnma(a * y, y, V(Real(12)));
     return y;
 #else

@@ -65,29 +65,29 @@ struct EdgeEngine<Real>::Band : RowBand {
     Band* far = nullptr;   // the one where they end
     Mailbox<Real> from_near, from_far;
     AlignedVector<Real> scratch, work;
-    std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep
+    std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag;                                  // rows between two stages; all rows: stage by stage
     std::vector<Contact> contacts;
     std::vector<SphereOutline<Real>> outlines;
     std::int64_t steps_to_planes = 0;  // until planes are looked for again
     EdgeArguments<Real> stages[4];
-    std::int64_t step = 0;             // to which the state belongs
+    std::int64_t step = 0;  // to which the state belongs
 
-    // A quarter of a row's state on its way from memory, while the stages of rows before it are worked on.
-    __attribute__((always_inline)) void prefetch(int row, int quarter) const {
-        if (row >= size()) return;
-        const std::ptrdiff_t share = engine->layout_.row_size() / 4, line = 64 / std::ptrdiff_t(sizeof(Real));
-        const Real* const p = rows[std::size_t(row)].state + quarter * share;
-        for (std::ptrdiff_t i = 0; i < share; i += line) __builtin_prefetch(p + i, 0, 2);  // to the second-level cache
-    }
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {
         return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
     }
+    // Let the rows behind the last be those of the neighbour at a stage.
+    void look_beyond_far(std::int64_t number) {
+        for (int i = 0; i < 2; ++i) {
+            EdgeRowPointers<Real>& beyond = rows[std::size_t(size() + i)];
+            beyond.state = beyond.work = from_far.row(number, i);
+        }
+    }
     // Hand two rows that are done to the mailbox of a neighbour, which looks at them in stage `number`.
-    void hand(Mailbox<Real>& box, std::int64_t number, Stage done, int border, int second) const {
-        const bool whole = done == Stage::fourth;
-        const auto row = [&](int r) { return whole ? rows[std::size_t(r)].state : rows[std::size_t(r)].work; };
+    void hand(Mailbox<Real>& box, std::int64_t number, int border, int second) const {
+        const Stage next = Stage(number % 4);
+        const auto row = [&](int r) { return source(next, r); };
         box.put(number, row(border), row(second));
     }
 
@@ -112,12 +112,13 @@ struct EdgeEngine<Real>::Band : RowBand {
     void take_border(int r) {
         if (r >= 0 && r < size()) engine->borders_.take(strip, row(r), rows[std::size_t(r)].state, step);
     }
-    // The state with which a step begins, to the neighbours.
+    // The state with which a step begins, to the neighbours: with its halo, so the strips beside this one have to be there.
     void hand_start() {
         const int n = size();
         const std::int64_t number = 4 * step;
-        if (near) hand(near->from_near, number, Stage::fourth, 0, 1);
-        if (far) hand(far->from_far, number, Stage::fourth, n - 1, n - 2);
+        for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
+        if (near) hand(near->from_near, number, 0, 1);
+        if (far) hand(far->from_far, number, n - 1, n - 2);
     }
 
     void place_spheres(double t) {
@@ -154,10 +155,10 @@ struct EdgeEngine<Real>::Band : RowBand {
         Real low[3], high[3];
         std::fill_n(low, 3, std::numeric_limits<Real>::max());
         std::fill_n(high, 3, std::numeric_limits<Real>::lowest());
-        for (const EdgeRowPointers<Real>& row : rows)
+        for (int r = 0; r < size(); ++r)
             for (int k = 0; k < layout.vectors; ++k)
                 for (int c = 0; c < 3; ++c) {
-                    const Real* const x = row.state + k * layout.stride + c * layout.lanes;
+                    const Real* const x = rows[std::size_t(r)].state + k * layout.stride + c * layout.lanes;
                     for (int l = 0; l < layout.lanes; ++l) {
                         low[c] = std::min(low[c], x[l]);
                         high[c] = std::max(high[c], x[l]);

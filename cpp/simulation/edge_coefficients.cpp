@@ -61,7 +61,7 @@ void EdgeEngine<Real>::build_coefficients() {
             reach.push_back(std::clamp(layout_.window - 1 - (lane * layout_.vectors + k), -1, 2));
         coefficient_class_.push_back(std::uint8_t(class_of(reach)));
     }
-    for (Real& value : inverse_mass_) value = Real(double(value) * force_scale_);
+    for (Real& value : scale_) value = Real(double(value) * force_scale_);
 }
 
 template void EdgeEngine<float>::build_coefficients();

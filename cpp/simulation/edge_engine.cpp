@@ -21,6 +21,7 @@
 // the other (lifted_layout.hpp); every band has all of its rows in each strip.
 #include <omp.h>
 
+#include "simulation/caches.hpp"
 #include "simulation/edge_band.hpp"
 
 namespace clothsim {
@@ -29,20 +30,18 @@ namespace {
 // Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the next.
 constexpr int rows_between_stages = 3;
 
-// A band whose state and work fit into this many bytes is swept stage by stage.
-constexpr std::ptrdiff_t bytes_kept_in_cache = 768 * 1024;
-
-// A state of more bytes comes from memory in each step. The processor does not see the next row coming, so it is told to
-// fetch it; in a cloth that the shared cache holds that costs more than it gains.
+// A state of more bytes comes from memory in each step.
 constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
 
 template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = sizeof(Real) * (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count);
 
-// Columns of a strip, 0: the cloth is not cut. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. What is under way in it, 12 rows of work and 13 of state, takes half of the
+// second-level cache. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
-    constexpr int enough = sizeof(Real) == 4 ? 384 : 256;  // for halos to matter little; its ring is half a megabyte
+    constexpr std::ptrdiff_t under_way = 13 * bytes_of_point<Real> + 12 * WorkRecord::count * sizeof(Real);
+    const int enough = int(second_level_cache() / 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
     const bool narrow = plan.cloth.columns <= enough + enough / 3;
@@ -67,7 +66,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
     const int features = plan_.features().index();
     stage_kernel_ = kernels.edge_stage[features];
-    waves_kernel_ = kernels.edge_waves[features];
+    rows_kernel_ = kernels.edge_rows[features];
     halo_kernel_ = kernels.edge_halo[features];
     finish_kernel_ = kernels.edge_finish;
 
@@ -77,7 +76,8 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     place_far_away(memory_, std::ptrdiff_t(all_rows) * layout_.vectors, layout_.stride, layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
-    if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
+    if (cloth.uniform_mass) scale_.assign(std::size_t(layout_.lanes), Real(1));
+    else scale_.assign(free_.size(), Real(0));
     row_has_fixed_.assign(std::size_t(all_rows), layout_.window != layout_.width());
     for (int row = 0; row < all_rows; ++row)
         for (int c = 0; c < layout_.window; ++c) {
@@ -85,7 +85,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
             const std::ptrdiff_t place = row * layout_.width() + layout_.in_row(c);
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
-            if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
+            if (!cloth.uniform_mass) scale_[place] = Real(1 / cloth.mass[point]);
         }
     build_coefficients();
 }
@@ -101,7 +101,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.stage = stage;
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
-    e.force_scale = Real(force_scale_);
+    e.scale_stride = scale_stride();
     e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale() / force_scale_);
     e.complete = complete_;
     e.received[0] = scratch;
@@ -128,12 +128,13 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
-        band->lag = bytes <= bytes_kept_in_cache ? n : rows_between_stages;
+        band->lag = bytes <= bytes_kept_in_cache() ? n : rows_between_stages;
         const int ring = std::min(n, 3 * band->lag + 3);
         band->work.assign(ring * work_row + layout_.lanes, Real(0));
         place_far_away(band->work, ring * layout_.vectors, band->work_stride(), layout_.lanes);
         for (int j = 0; j < n; ++j)
             band->rows.push_back(row_pointers(memory_.data(), band->work.data() + j % ring * work_row, band->row(j), band->strip));
+        band->rows.resize(std::size_t(n + 2));
         bands.push_back(std::move(band));
     }
     for (int i = 0; i < layout_.strips * team; ++i) {
@@ -151,7 +152,6 @@ template <class Real>
 void EdgeEngine<Real>::step_band(Band& band, double t) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
-    const bool from_memory = std::ptrdiff_t(memory_.size() * sizeof(Real)) > bytes_in_shared_cache;
     EdgeArguments<Real>* const stages = band.stages;
     const std::int64_t number = 4 * band.step;  // of the step's first stage
 
@@ -172,21 +172,15 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
     const auto run_row = [&](int s, int row) {
         EdgeArguments<Real>& e = stages[s];
         if (row == 0 && band.near) begin_at_border(s);
-        const auto source = [&](int r) -> const Real* {
-            if (r < n) return band.source(e.stage, r);
-            if (!band.far) return nullptr;
-            band.from_far.wait(number + s);
-            return band.from_far.row(number + s, r - n);
-        };
-        stage_kernel_(e, row, {source(row), source(row + 1), source(row + 2)});
-        if (row == 2 && band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, e.stage, 0, 1);
+        if (row == n - 2 && band.far) band.from_far.wait(number + s);
+        if (row >= n - 2 && band.far) band.look_beyond_far(number + s);
+        if (row < n - 2 || band.far) rows_kernel_(e, row, row + 1);
+        else stage_kernel_(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
+        if (row == 2 && band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, 0, 1);
         if (row < n - 1) return;
         finish_kernel_(e);
-        if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, e.stage, n - 1, n - 2);
+        if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, n - 1, n - 2);
     };
-    // Rows that need neither neighbour are left to the kernel in one go.
-    const int first_inner = band.near ? std::min(3, n) : 0, end_inner = std::max(first_inner, n - 2);
-
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
         stages[3].spheres = band.outlines.data();
@@ -194,19 +188,17 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
     }
     if (!band.near)
         for (int s = 0; s < 4; ++s) begin_at_edge(s);
-    if (strips) {
-        for (const int row : {0, 1, n - 2, n - 1}) band.take_border(row);
-        band.hand_start();
-    }
     if (band.lag >= n) {
         for (int row = 2; strips && row < n - 2; ++row) band.take_border(row);
+        // Rows that need neither neighbour are left to the kernel in one go.
+        const int first_inner = band.near ? 3 : 0, end_inner = std::max(first_inner, n - 2);
         for (int s = 0; s < 4; ++s) {
             if (band.far) {
                 band.from_far.fetch(number + s);
                 band.far->from_far.claim(number + s + 1);
             }
             for (int row = 0; row < first_inner; ++row) run_row(s, row);
-            waves_kernel_(stages + s, 1, 0, first_inner, end_inner);
+            rows_kernel_(stages[s], first_inner, end_inner);
             if (band.near) {
                 band.from_near.fetch(number + s + 1);
                 band.near->from_near.claim(number + s + 2);
@@ -215,20 +207,11 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
         }
         for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);
     } else {
-        const int begin_bulk = first_inner + 3 * band.lag;
         for (int front = 0; front < n + 3 * band.lag; ++front) {
-            const bool bulk = front >= begin_bulk && front < end_inner;
-            if (bulk && !from_memory) {
-                waves_kernel_(stages, 4, band.lag, front, end_inner);
-                front = end_inner - 1;
-                continue;
-            }
             if (strips && front + 2 < n - 2) band.take_border(front + 2);
             for (int s = 0; s < 4; ++s) {
                 const int row = front - s * band.lag;
-                if (from_memory) band.prefetch(front + rows_between_stages, s);
-                if (bulk) waves_kernel_(stages + s, 1, 0, row, row + 1);
-                else if (row >= 0 && row < n) run_row(s, row);
+                if (row >= 0 && row < n) run_row(s, row);
             }
             // A row is finished with the next one, the last by itself.
             const int last = front - 3 * band.lag;
@@ -245,20 +228,37 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     const auto& all = bands(team);
     const auto band = [&](int strip) -> Band& { return *all[std::size_t(strip * team + thread)]; };
     for (int strip = 0; strip < layout_.strips; ++strip) {
+        Band& b = band(strip);
         for (int s = 0; s < 4; ++s) {
-            EdgeArguments<Real>& e = band(strip).stages[s] =
-                arguments(Stage(s), clock.dt, band(strip).scratch.data() + s * scratch_size());
-            e.rows = band(strip).rows.data();
+            EdgeArguments<Real>& e = b.stages[s] = arguments(Stage(s), clock.dt, b.scratch.data() + s * scratch_size());
+            e.rows = b.rows.data();
             e.hit = &Band::hit;
-            e.context = &band(strip);
+            e.context = &b;
+            if (b.lag == b.size()) continue;
+            // Each stage fetches a quarter of the row that the first one reaches next.
+            const int quarter = int(layout_.stride) / 4;
+            e.ahead = s * b.lag + rows_before_use;
+            e.ahead_begin = s * quarter;
+            e.ahead_end = (s + 1) * quarter;
+            e.row_count = b.size();
         }
-        if (!this->state_known_) band(strip).give_borders();
+        if (!this->state_known_) b.give_borders();
     }
+    const int last = layout_.strips - 1;
+    for (int strip = 0; strip <= last; ++strip) band(strip).hand_start();
     for (std::int64_t k = 1; k <= steps; ++k) {
-        for (int strip = 0; strip < layout_.strips; ++strip) step_band(band(strip), clock.at(k));
-        if (!this->track_contact_energy) continue;
-        this->collide_all(clock.at(k));
-        for (int strip = 0; strip < layout_.strips; ++strip) band(strip).give_borders();
+        // A strip hands over the state of its next step as soon as the one behind it has taken this one, so that
+        // threads need not meet at each strip.
+        for (int strip = 0; strip <= last; ++strip) {
+            step_band(band(strip), clock.at(k));
+            if (strip > 0 && !this->track_contact_energy) band(strip - 1).hand_start();
+        }
+        if (this->track_contact_energy) {
+            this->collide_all(clock.at(k));
+            for (int strip = 0; strip <= last; ++strip) band(strip).give_borders();
+            for (int strip = 0; strip < last; ++strip) band(strip).hand_start();
+        }
+        if (last > 0) band(last).hand_start();
     }
 }
 
@@ -267,8 +267,6 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / RowBand::fewest_rows);
     const auto begin = [this](int given) {
         for (auto& band : bands(given)) band->begin();
-        if (layout_.strips == 1)
-            for (auto& band : bands(given)) band->hand_start();
     };
     if (team <= 1) {
         begin(1);

@@ -3,6 +3,7 @@
 //
 // That stage writes an acceleration where a work record holds the first one. So the records of four stages
 // share the place of one work record, a quarter each, and nothing lies unused between them.
+#include "simulation/caches.hpp"
 #include "simulation/edge_engine.hpp"
 
 namespace clothsim {
@@ -46,6 +47,11 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
     }
     EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
     e.rows = scratch.rows.data();
+    if (band.size() * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
+        e.ahead = rows_before_use;
+        e.ahead_end = StateRecord::compensation * layout_.lanes;  // x and v
+        e.row_count = int(scratch.rows.size());
+    }
 
     const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
     if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
@@ -56,7 +62,7 @@ template <class Real>
 int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
     const int known = int(scratch.rows.size()), inner = std::clamp(known - 2, begin, end);
     const auto source = [&](int at) -> const Real* { return at < known ? scratch.rows[std::size_t(at)].state : nullptr; };
-    waves_kernel_(&scratch.edge, 1, 0, begin, inner);
+    rows_kernel_(scratch.edge, begin, inner);
     for (int i = inner; i < end; ++i) stage_kernel_(scratch.edge, i, {source(i), source(i + 1), source(i + 2)});
     if (end < scratch.band.size()) return end - 1;  // the kernel finishes a row with the next one
     finish_kernel_(scratch.edge);

@@ -125,6 +125,7 @@ std::int64_t Simulation::first_bad_member() const {
 // All of it member by member, so that the state of a member is in cache for it.
 void Simulation::run_member(std::size_t i, const Block& block, int threads) {
     if (frozen_[i]) return;
+    members_[i]->threads = threads;
     if (block.keep) members_[i]->save_checkpoint();
     members_[i]->advance_in_contact(block.steps, clock, threads);
     if (block.look) look(i);

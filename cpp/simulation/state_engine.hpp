@@ -17,6 +17,7 @@
 #include "simulation/finite.hpp"
 #include "simulation/row_band.hpp"
 #include "simulation/row_copies.hpp"
+#include "simulation/shares.hpp"
 
 namespace clothsim {
 
@@ -46,8 +47,7 @@ public:
     std::int64_t first_bad_point(double speed_limit) const final {
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
-        // The usual case, fast; padding is finite.
-        if (limit == largest && all_finite(memory_.data() + layout_.first(), layout_.state_blocks())) return -1;
+        if (limit == largest && finite()) return -1;  // the usual case, fast
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
                 for (int k = 0; k < 6; ++k)
@@ -72,7 +72,10 @@ public:
     }
 
     void save_checkpoint() final {
-        checkpoint_ = memory_;
+        checkpoint_.resize(memory_.size());
+        in_shares(std::ptrdiff_t(memory_.size()), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+            std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
+        });
         energy_at_checkpoint_ = contact_energy;
         contacts_at_checkpoint_ = contacts_answered;
     }
@@ -110,6 +113,11 @@ protected:
 
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
+    // Threads for work that is worth them.
+    int shares() const {
+        constexpr std::int64_t points_worth_threads = 100'000;
+        return plan_.cloth.points() >= points_worth_threads ? threads : 1;
+    }
     // 1 / mass where it is uniform and so folded into the coefficients.
     double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
 
@@ -247,17 +255,31 @@ private:
     template <class Out>
     void store_part(int first, const Vec3& origin, Out* to) const {
         const int count = 3 * columns();
-        RowBuffer row = row_buffer(origin);
-        for (int r = 0; r < rows(); ++r, to += count) {
-            const Real* const from = memory_.data() + layout_.at(r, 0, first);
-            if constexpr (!compensated && std::is_same_v<Out, Real>) {
-                layout_.take_row(from, to);
-                continue;
+        std::vector<RowBuffer> buffers(std::size_t(shares()), row_buffer(origin));
+        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
+            RowBuffer& row = buffers[std::size_t(share)];
+            for (int r = int(begin); r < int(end); ++r) {
+                const Real* const from = memory_.data() + layout_.at(r, 0, first);
+                Out* const out = to + std::ptrdiff_t(r) * count;
+                if constexpr (!compensated && std::is_same_v<Out, Real>) {
+                    layout_.take_row(from, out);
+                    continue;
+                }
+                layout_.take_row(from, row.high.data());
+                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
+                join(row.high.data(), row.compensation(), row.shift.data(), out, count);
             }
-            layout_.take_row(from, row.high.data());
-            if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
-            join(row.high.data(), row.compensation(), row.shift.data(), to, count);
-        }
+        });
+    }
+    // Whether the state is; padding is.
+    bool finite() const {
+        const Blocks all = layout_.state_blocks();
+        std::vector<std::uint8_t> shares_are(std::size_t(shares()), 1);
+        in_shares(all.count, shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
+            const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
+            shares_are[std::size_t(share)] = all_finite(first, Blocks{end - begin, all.size, all.stride});
+        });
+        return std::all_of(shares_are.begin(), shares_are.end(), [](std::uint8_t is) { return is != 0; });
     }
     template <class Visit>
     void for_each_place(Visit visit) const {

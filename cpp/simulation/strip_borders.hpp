@@ -24,14 +24,14 @@ public:
     }
     // `state`: a row of the strip, after the step of number `step`, of which its own columns are put down here.
     void give(int strip, int row, const Real* state, std::int64_t step) {
-        visit(strip, row, step, true, [&](std::ptrdiff_t place, Real* values) {
-            for (int k = 0; k < 6; ++k) values[k] = state[place + k * lanes_];
+        visit(strip, row, step, true, [state, lanes = lanes_](std::ptrdiff_t place, Real* values) {
+            for (int k = 0; k < 6; ++k) values[k] = state[place + k * lanes];
         });
     }
     // The columns of its halo.
     void take(int strip, int row, Real* state, std::int64_t step) {
-        visit(strip, row, step, false, [&](std::ptrdiff_t place, const Real* values) {
-            for (int k = 0; k < 6; ++k) state[place + k * lanes_] = values[k];
+        visit(strip, row, step, false, [state, lanes = lanes_](std::ptrdiff_t place, const Real* values) {
+            for (int k = 0; k < 6; ++k) state[place + k * lanes] = values[k];
         });
     }
 

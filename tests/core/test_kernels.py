@@ -66,6 +66,18 @@ def test_every_feature_agrees_with_the_reference(
     assert relative(result, expected, x) < BOUND[variant.precision]
 
 
+@pytest.mark.parametrize("shape", [(6, 19), (9, 32)], ids=str)
+@pytest.mark.parametrize("mass", MASS)
+def test_damping_that_all_families_share(variant, crumpled, relative, mass, shape):
+    """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""
+    scene, x, v, dt = crumpled(shape=shape, mass=mass)
+    for damping in (0.4, 1e-30):
+        one = scene.replace(cloth=scene.cloth.replace(damping=damping))
+        expected = cs.reference_step(one, x, v, dt, 40)
+        result = cs.step(one, x, v, dt, 40, **variant.options)
+        assert relative(result, expected, x) < BOUND[variant.precision]
+
+
 @pytest.mark.parametrize("mass", MASS)
 @pytest.mark.parametrize("damping", DAMPING)
 @pytest.mark.parametrize("springs", SUBSETS, ids="-".join)

@@ -88,6 +88,20 @@ def test_energy_of_contact_is_counted_once(crumpled):
     assert energies[1] == pytest.approx(energies[0], rel=1e-9, abs=0)
 
 
+@pytest.mark.parametrize("z", [0.0, 0.45, 0.9], ids=["first rows", "middle", "last rows"])
+def test_counting_energy_changes_nothing_else(options, crumpled, same_bits, z):
+    """Its contacts come after all strips: halos are brought once more, in the rows that begin and end a step too."""
+    ball = cs.Sphere((0.65, -0.2, z), 0.25, response="ray")
+    scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
+    ends = []
+    for counted in (False, True):
+        stepper = cs.Stepper(scene, x, v, **options, threads=1, track_contact_energy=counted)
+        stepper.advance(STEPS, dt)
+        assert stepper._state.core.contacts[0] > 100
+        ends.append((stepper.positions, stepper.velocities))
+    assert same_bits(*ends)
+
+
 def test_a_state_put_back_goes_on_the_same(options, crumpled, same_bits):
     """What is kept at the borders is of the state in memory."""
     scene, x, v, dt = crumpled(shape=SHAPES[0])

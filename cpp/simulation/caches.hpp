@@ -1,0 +1,25 @@
+// How much of a cloth stays near a processor.
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstddef>
+
+namespace clothsim {
+
+// Bytes of a processor's second-level cache: 1 MiB where the system does not tell, and never more than two, since some
+// processors share a larger one.
+inline std::ptrdiff_t second_level_cache() {
+    constexpr long megabyte = 1024 * 1024;
+    long told = 0;
+#if defined(_SC_LEVEL2_CACHE_SIZE)
+    told = sysconf(_SC_LEVEL2_CACHE_SIZE);
+#endif
+    return told > 0 ? std::clamp(told, megabyte / 4, 2 * megabyte) : megabyte;
+}
+
+// A band of rows whose state and work are no larger is swept stage by stage.
+inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 3; }
+
+}  // namespace clothsim
