@@ -6,6 +6,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <type_traits>
@@ -274,12 +275,12 @@ private:
     // Whether the state is; padding is.
     bool finite() const {
         const Blocks all = layout_.state_blocks();
-        std::vector<std::uint8_t> shares_are(std::size_t(shares()), 1);
-        in_shares(all.count, shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
+        std::atomic<bool> is{true};
+        in_shares(all.count, shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
             const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
-            shares_are[std::size_t(share)] = all_finite(first, Blocks{end - begin, all.size, all.stride});
+            if (!all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
         });
-        return std::all_of(shares_are.begin(), shares_are.end(), [](std::uint8_t is) { return is != 0; });
+        return is;
     }
     template <class Visit>
     void for_each_place(Visit visit) const {
