@@ -23,7 +23,8 @@ constexpr std::int64_t steps_between_energies = 16;
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;
 
-// A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often.
+// A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often:
+// sooner at first, as a trial may have met a busy moment.
 constexpr double seconds_of_trial = 2e-4;
 constexpr double seconds_between_trials = 0.5;
 constexpr double worth_a_change = 1.05, disaster = 3;  // times what the alternative cost
@@ -53,7 +54,8 @@ void TeamChoice::observe(std::int64_t steps, double seconds) {
     if (seconds_ < seconds_of_trial && !too_dear) return;
     cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
     on_trial_ = false;
-    if (other == 0 || cost_[use_team_] > worth_a_change * other || since_change_ > seconds_between_trials) {
+    if (other == 0 || cost_[use_team_] > worth_a_change * other || since_change_ > patience_) {
+        if (since_change_ > patience_) patience_ = std::min(2 * patience_, seconds_between_trials);
         use_team_ = !use_team_;
         just_changed_ = on_trial_ = true;
         since_change_ = 0;

@@ -42,6 +42,7 @@ private:
     double seconds_ = 0;       // of `steps_` steps since the last judgement
     std::int64_t steps_ = 0;
     double since_change_ = 0;  // seconds
+    double patience_ = 0.01;   // seconds until the other is tried again
     bool use_team_;
     bool just_changed_ = true, on_trial_ = true;
 };
