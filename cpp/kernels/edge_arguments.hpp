@@ -13,7 +13,7 @@ enum EdgeKind : int { to_right, to_right_2, to_below, to_diagonal, to_below_2 };
 inline constexpr int edge_kind_count = 5;
 
 // Coefficients of one vector of mass points: for every kind `stiffness`, `tension` and `damping`, a lane
-// each; all 0 in a lane whose point has no such spring. Scaled so that with r = scale / l
+// each; all 0 in a lane whose point has no such spring. Scaled so that with r = root_scale / l
 //   force / mass = scale (r (damping (w.d) r - tension) + stiffness) d
 // Where all families are damped alike the row's `scale` takes the damping, and no product with it is left. The first
 // class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at

@@ -444,7 +444,7 @@ bool is_written_out(const EdgeArguments<Real>& e) {
     return written_out<Arch, Real> > 0 && e.complete && e.vectors == written_out<Arch, Real>;
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in the band.
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
 template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = written_out<Arch, Real>;

@@ -2,6 +2,7 @@
 // looks at more pages at a time than the processor keeps in mind.
 #pragma once
 
+#include <cstddef>
 #include <new>
 #include <vector>
 

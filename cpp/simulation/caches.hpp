@@ -11,15 +11,18 @@ namespace clothsim {
 // Bytes of a processor's second-level cache: 1 MiB where the system does not tell, and never more than two, since some
 // processors share a larger one.
 inline std::ptrdiff_t second_level_cache() {
-    constexpr long megabyte = 1024 * 1024;
-    long told = 0;
+    static const long bytes = [] {
+        constexpr long megabyte = 1024 * 1024;
+        long told = 0;
 #if defined(_SC_LEVEL2_CACHE_SIZE)
-    told = sysconf(_SC_LEVEL2_CACHE_SIZE);
+        told = sysconf(_SC_LEVEL2_CACHE_SIZE);
 #endif
-    return told > 0 ? std::clamp(told, megabyte / 4, 2 * megabyte) : megabyte;
+        return told > 0 ? std::clamp(told, megabyte / 4, 2 * megabyte) : megabyte;
+    }();
+    return bytes;
 }
 
-// A band of rows whose state and work are no larger is swept stage by stage.
+// What a sweep goes over is no larger: a band's state and work are swept stage by stage, and rows need not be fetched ahead.
 inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 3; }
 
 }  // namespace clothsim

@@ -12,7 +12,8 @@
 
 namespace clothsim {
 
-// A row from memory is fetched this many rows before a stage looks at it first, as the last of three.
+// A stage looks at a row and the two after it. So a row from memory that is fetched this many rows ahead is there one row
+// before it is looked at first.
 inline constexpr int rows_before_use = 3;
 
 template <class Real>

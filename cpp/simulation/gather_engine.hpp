@@ -30,7 +30,7 @@ struct PaddedLayout {
         to_planes(row, to, plane, columns);
     }
     template <class Real>
-    void take_row(const Real* from, Real* row) const {
+    void take_row(const Real* from, Real* row, AlignedVector<Real>&) const {
         from_planes(from, plane, row, columns);
     }
 };

@@ -17,6 +17,7 @@
 #include "kernels/contact_arguments.hpp"
 #include "kernels/edge_arguments.hpp"
 #include "model/cloth.hpp"
+#include "simulation/aligned_vector.hpp"
 #include "simulation/finite.hpp"
 #include "simulation/row_copies.hpp"
 
@@ -67,15 +68,14 @@ struct LiftedLayout {
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
 
-    // (x, y, z) of the columns of a row into and out of three components of it.
+    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many.
     template <class Real>
     void put_row(const Real* row, Real* to) const {
         for (int s = 0; s < strips; ++s) to_lanes(row + 3 * start(s), to + s * strip_size(), lifted());
     }
     template <class Real>
-    void take_row(const Real* from, Real* row) const {
+    void take_row(const Real* from, Real* row, AlignedVector<Real>& part) const {
         if (strips == 1) return from_lanes(from, row, lifted());
-        std::vector<Real> part(std::size_t(3 * window));
         for (int s = 0; s < strips; ++s) {
             from_lanes(from + s * strip_size(), part.data(), lifted());
             const auto column = [&](int c) { return part.begin() + 3 * (c - start(s)); };

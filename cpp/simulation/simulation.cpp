@@ -53,9 +53,9 @@ void TeamChoice::observe(std::int64_t steps, double seconds) {
     steps_ += steps;
     if (seconds_ < seconds_of_trial && !too_dear) return;
     cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
-    on_trial_ = false;
-    if (other == 0 || cost_[use_team_] > worth_a_change * other || since_change_ > patience_) {
-        if (since_change_ > patience_) patience_ = std::min(2 * patience_, seconds_between_trials);
+    const bool due = !std::exchange(on_trial_, false) && since_change_ > patience_;
+    if (due) patience_ = std::min(2 * patience_, seconds_between_trials);
+    if (other == 0 || cost_[use_team_] > worth_a_change * other || due) {
         use_team_ = !use_team_;
         just_changed_ = on_trial_ = true;
         since_change_ = 0;

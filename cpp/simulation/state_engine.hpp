@@ -212,9 +212,9 @@ private:
     // An element of memory for every one of a row of the outside's (rows, columns, 3).
     struct RowBuffer {
         explicit RowBuffer(int columns)
-            : high(std::size_t(3 * columns)), low(compensated ? std::size_t(3 * columns) : 0), shift(high.size(), -0.0) {}
+            : high(std::size_t(3 * columns)), low(compensated ? std::size_t(3 * columns) : 0), part(high.size()), shift(high.size(), -0.0) {}
         Real* compensation() { return compensated ? low.data() : nullptr; }
-        AlignedVector<Real> high, low;
+        AlignedVector<Real> high, low, part;
         std::vector<double> shift;  // of positions; -0 changes nothing, not even the sign of 0
     };
     RowBuffer row_buffer(const Vec3& shift) const {
@@ -263,11 +263,11 @@ private:
                 const Real* const from = memory_.data() + layout_.at(r, 0, first);
                 Out* const out = to + std::ptrdiff_t(r) * count;
                 if constexpr (!compensated && std::is_same_v<Out, Real>) {
-                    layout_.take_row(from, out);
+                    layout_.take_row(from, out, row.part);
                     continue;
                 }
-                layout_.take_row(from, row.high.data());
-                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data());
+                layout_.take_row(from, row.high.data(), row.part);
+                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data(), row.part);
                 join(row.high.data(), row.compensation(), row.shift.data(), out, count);
             }
         });
@@ -276,7 +276,7 @@ private:
     bool finite() const {
         const Blocks all = layout_.state_blocks();
         std::atomic<bool> is{true};
-        in_shares(all.count, shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+        in_shares(all.count, int(std::min<std::ptrdiff_t>(shares(), all.count)), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
             const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
             if (!all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
         });
