@@ -73,5 +73,9 @@ def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
 
 def arrays_of(planes: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Planes (..., 6, points) as positions and velocities of `shape`."""
-    swapped = planes.swapaxes(-1, -2)
-    return swapped[..., :3].reshape(shape), swapped[..., 3:].reshape(shape)
+    return vectors_of(planes, 0, shape), vectors_of(planes, 3, shape)
+
+
+def vectors_of(planes: np.ndarray, first: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Three planes of (..., 6, points), from `first` on, as vectors of `shape`."""
+    return planes[..., first : first + 3, :].swapaxes(-1, -2).reshape(shape)

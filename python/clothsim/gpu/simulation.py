@@ -17,7 +17,7 @@ from .blocks import MOST_STEPS_UNCHECKED, Blocks
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts
-from .planes import arrays_of, far_origins, joined, planes_of, split
+from .planes import far_origins, joined, planes_of, split, vectors_of
 from .safe import SafeCopy
 from .watch import STEPS_BETWEEN_ENERGIES, EnergyWatches
 
@@ -122,11 +122,11 @@ class Simulation:
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes, or None."""
-        wanted = {k: array for k, array in enumerate((x, v)) if array is not None}
         with self._used():
             planes = joined(self._state(), self._origins)
-            for k, array in wanted.items():
-                array[...] = arrays_of(planes, array.shape)[k]
+            for first, array in ((0, x), (3, v)):
+                if array is not None:
+                    array[...] = vectors_of(planes, first, array.shape)
 
     def snapshot(self) -> tuple[Any, ...]:
         """The clock and the whole state, in the form of the core's."""
