@@ -8,13 +8,16 @@ namespace clothsim {
 // Where a band comes near a sphere, planes between the two are looked for no more often than this.
 inline constexpr std::int64_t steps_between_planes = 64;
 
-// Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it.
+// Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it, counted
+// from the call's first: the library wakes a waiter of an `int` through that int itself, but of a larger one through a
+// line that all threads write.
 template <class Real>
 struct Mailbox {
     AlignedVector<Real> rows;
     int lanes = 0, vectors = 0;
     std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0;
-    alignas(64) std::atomic<std::int64_t> newest{-1};
+    std::int64_t first = 0;  // stage of the call
+    alignas(64) std::atomic<int> newest{-1};
 
     void prepare(const LiftedLayout& layout) {
         lanes = layout.lanes;
@@ -24,8 +27,12 @@ struct Mailbox {
         row_size = vectors * std::max(state_stride, work_stride);
         rows.assign(4 * row_size + lanes, Real(0));
     }
+    void begin(std::int64_t stage) {
+        first = stage;
+        newest.store(-1, std::memory_order_relaxed);
+    }
     Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
-    void wait(std::int64_t stage) const { wait_for(newest, stage); }
+    void wait(std::int64_t stage) const { wait_for(newest, int(stage - first)); }
     // From vector to vector of the rows at which the stage looks. The first of a step looks at states.
     std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
     // Of a row only the state is copied.
@@ -35,12 +42,12 @@ struct Mailbox {
             std::copy_n(border + at, 6 * lanes, row(stage, 0) + at);
             std::copy_n(second + at, 6 * lanes, row(stage, 1) + at);
         }
-        tell(newest, stage);
+        tell(newest, int(stage - first));
     }
     // Ask for the lines of a stage a while before it is read, if it is there, and before it is written. Inlined, because
     // compilers take a function that does no more for one that does nothing, and drop it.
     __attribute__((always_inline)) void fetch(std::int64_t stage) {
-        if (newest.load(std::memory_order_relaxed) < stage) return;
+        if (newest.load(std::memory_order_relaxed) < stage - first) return;
         each_line(stage, [](const Real* p) __attribute__((always_inline)) { __builtin_prefetch(p); });
     }
     __attribute__((always_inline)) void claim(std::int64_t stage) {
@@ -102,8 +109,8 @@ struct EdgeEngine<Real>::Band : RowBand {
     }
     // A call begins: nothing is in the mailboxes.
     void begin() {
-        for (auto* box : {&from_near, &from_far}) box->newest.store(-1, std::memory_order_relaxed);
         step = engine->step_;
+        for (auto* box : {&from_near, &from_far}) box->begin(4 * step);
     }
     void give_border(int r, std::int64_t step) { engine->borders_.give(strip, row(r), rows[std::size_t(r)].state, step); }
     void give_borders() {

@@ -30,8 +30,7 @@ struct RowBand {
 };
 
 // A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
-template <class Count>
-void wait_for(const std::atomic<Count>& reached, Count wanted) {
+inline void wait_for(const std::atomic<int>& reached, int wanted) {
     constexpr int spins_before_sleep = 500;
     for (int spins = 0; spins < spins_before_sleep; ++spins) {
         if (reached.load(std::memory_order_acquire) >= wanted) return;
@@ -39,7 +38,7 @@ void wait_for(const std::atomic<Count>& reached, Count wanted) {
         __builtin_ia32_pause();
 #endif
     }
-    for (Count seen = reached.load(std::memory_order_acquire); seen < wanted; seen = reached.load(std::memory_order_acquire))
+    for (int seen = reached.load(std::memory_order_acquire); seen < wanted; seen = reached.load(std::memory_order_acquire))
         reached.wait(seen, std::memory_order_acquire);
 }
 
@@ -52,8 +51,7 @@ inline __attribute__((always_inline)) void prefetch_to_write(const void* p) {
 #endif
 }
 
-template <class Count>
-void tell(std::atomic<Count>& reached, Count now) {
+inline void tell(std::atomic<int>& reached, int now) {
     reached.store(now, std::memory_order_release);
     reached.notify_one();
 }
