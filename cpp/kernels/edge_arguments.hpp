@@ -8,15 +8,10 @@
 
 namespace clothsim {
 
-// The springs that start in a mass point, each taken once, by where they lead.
-enum EdgeKind : int { to_right, to_right_2, to_below, to_diagonal, to_below_2 };
-inline constexpr int edge_kind_count = 5;
-
-// Coefficients of one vector of mass points: for every kind `stiffness`, `tension` and `damping`, a lane
-// each; all 0 in a lane whose point has no such spring. Scaled so that with r = root_scale / l
-//   force / mass = scale (r (damping (w.d) r - tension) + stiffness) d
-// Where all families are damped alike the row's `scale` takes the damping, and no product with it is left. The first
-// class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at
+// Coefficients of one vector of mass points: for every kind of spring that starts in a point `stiffness`, `tension` and
+// `damping`, a lane each; all 0 in a lane whose point has no such spring. Scaled so that with r = root_scale / l
+//   force / mass = unit (r (damping (w.d) r - tension) + stiffness) d
+// The first class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at
 // rest (see exact_at_rest).
 struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
@@ -45,8 +40,8 @@ template <class Real>
 struct EdgeRowPointers {
     Real* state;
     Real* work;
-    const Real* scale;  // of the sums of spring forces: accelerations
-    const Real* free;   // 0 for pinned and padding points, else 1; null: there are none
+    const Real* inverse_mass;  // null: uniform
+    const Real* free;          // 0 for pinned and padding points, else 1; null: there are none
 };
 
 // One stage over a band of rows.
@@ -55,7 +50,7 @@ struct EdgeArguments : StepConstants<Real> {
     int vectors;  // per row, at least 2
     Stage stage;
     const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
-    const Real* coefficients;               // [class][EdgeKind][EdgeCoefficientIndex][lane]
+    const Real* coefficients;               // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
     // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what the
     // current row has received and what it hands to the next one (they take turns), and to the row after that.
@@ -64,9 +59,8 @@ struct EdgeArguments : StepConstants<Real> {
     // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
     int pending;
     const Real* pending_source;
-    Real* force;                  // on the pending row
-    std::ptrdiff_t scale_stride;  // of a row's `scale`, from vector to vector; 0: all points have one
-    bool complete;                // rows end with a whole vector and all families are damped alike
+    Real* force;    // on the pending row
+    bool complete;  // rows end with a whole vector, and all families are damped alike
     // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) of each record of the state are fetched from
     // memory while a row is worked on. 0: none.
     int ahead, ahead_begin, ahead_end, row_count;

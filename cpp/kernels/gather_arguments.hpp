@@ -24,22 +24,35 @@ enum class Stage : int { first, second, third, fourth, evaluate };
 template <class Real>
 inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
-// What every point of a cloth shares in a step, in either kernel.
+// What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of their own, in
+// which the damping constant is 1 where all families are damped alike: that saves a product for each spring. Gravity and
+// damping per point are in that unit; what accelerations are multiplied by holds it.
 template <class Real>
 struct StepConstants {
+    Real unit;  // m / s^2
     Real gravity[3];
-    Real half_h, h, h2_6, h_6;
-    Real point_damping;  // divided by mass where it is uniform; 0: none
+    Real point_damping;    // divided by mass where it is uniform; 0: none
+    Real half_h, h;        // of a velocity
+    Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
-// One value per column (padded like a row), so that a neighbour that does not exist has coefficient 0
-// and costs no test. Scaled by 1/mass where the mass is uniform. `rest` is the rest length L; in the fused class it is
+// The springs of a cloth by where they lead: to the next column, the one after it, the next row and so on.
+enum SpringKind : int { to_right, to_right_2, to_below, to_diagonal, to_below_2 };
+inline constexpr int spring_kind_count = 5;
+inline constexpr std::array<Neighbour, spring_kind_count> spring_kinds{
+    {{0, 1, structural}, {0, 2, bend}, {1, 0, structural}, {1, 1, shear}, {2, 0, bend}}};
+
+// Scaled by 1/mass where the mass is uniform, and by 1/unit. `rest` is the rest length L; in the fused class it is
 // the tension K L / root_scale, and damping is divided by root_scale twice.
 template <class Real>
 struct SpringCoefficients {
-    const Real* stiffness;
-    const Real* rest;
-    const Real* damping;
+    Real stiffness, rest, damping;
+};
+
+// Of a vector of points in a row the lanes whose point has a neighbour so many columns on.
+struct LanesWithNeighbour {
+    std::uint16_t bits[4] = {};
+    static constexpr int index(int column) { return column < 0 ? column + 2 : column > 0 ? column + 1 : 0; }
 };
 
 template <class Real>
@@ -49,7 +62,9 @@ struct GatherArguments : StepConstants<Real> {
     int rows, columns;
     bool from_memory;  // the cloth does not stay in the caches
     Stage stage;
-    SpringCoefficients<Real> spring[neighbour_count];
+    SpringCoefficients<Real> spring[spring_kind_count];
+    bool damped_alike;                 // the damping of all springs is 1
+    const LanesWithNeighbour* lanes;   // for each vector of a row
     const Real* inverse_mass;     // null: uniform
     const Real* free;             // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;

@@ -9,8 +9,9 @@
 //
 // and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
 //
-// Rows are padded: where a row has no neighbour the coefficients are 0 and the padding holds a far, finite
-// point, so that no lane branches. A whole row that lacks its upper or lower neighbour skips it.
+// What is damped alike in all families has its damping constant in the unit of acceleration (StepConstants). Rows are padded
+// with far, finite points, so that a lane may look at a neighbour that its point does not have, and takes no force
+// from it. A whole row that lacks its upper or lower neighbour skips it.
 #pragma once
 
 #include "kernels/kernel_table.hpp"
@@ -28,89 +29,137 @@ CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
     return multiply_add<A>(a.z, b.z, multiply_add<A>(a.y, b.y, a.x * b.x));
 }
 
-template <Arithmetic A, bool damped, class V, class Real>
-CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* other,
-                                std::ptrdiff_t plane, const SpringCoefficients<Real>& spring,
-                                std::ptrdiff_t column) {
-    const Vector3<V> xj = load3<V>(other, plane);
-    const Vector3<V> d = xj - x;
-    const V stiffness = V::load_unaligned(spring.stiffness + column);
-    const V rest = V::load_unaligned(spring.rest + column);
-    V damping_force;  // c (w.d)
-    if constexpr (damped) {
-        const Vector3<V> w = load3<V>(other + 3 * plane, plane) - v;
-        damping_force = V::load_unaligned(spring.damping + column) * dot<A>(w, d);
+constexpr SpringKind kind_of(const Neighbour& neighbour) {
+    if (neighbour.family == shear) return to_diagonal;
+    if (neighbour.family == bend) return neighbour.column != 0 ? to_right_2 : to_below_2;
+    return neighbour.column != 0 ? to_right : to_below;
+}
+
+// Whether forces have damping, and whether its constant is 1.
+enum class Damping { none, alike, by_kind };
+
+template <class V>
+struct SpringLanes {
+    V stiffness, rest, damping;
+};
+
+// Elements from a component to the ones after it.
+struct Planes {
+    std::ptrdiff_t one, three, five;
+    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane) : one(plane), three(3 * plane), five(5 * plane) {
+        // The compiler would make a pointer of each row and component, which are more than there are registers.
+        asm("" : "+r"(one), "+r"(three), "+r"(five));
     }
-    V scale;
+};
+
+template <class V, class Real>
+CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
+    return {V::load_unaligned(p), V::load_unaligned(p + planes.one), V::load_unaligned(p + 2 * planes.one)};
+}
+
+template <class V, class Real>
+CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
+    return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one), V::load_unaligned(p + planes.five)};
+}
+
+// `all`: every point has this neighbour; otherwise those of the lanes `there`.
+template <Arithmetic A, Damping damping, bool all, class V, class Real>
+CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* other,
+                                const Planes& planes, const SpringLanes<V>& spring, typename V::batch_bool_type there) {
+    const Vector3<V> d = position<V>(other, planes) - x;
+    // First what the most operations wait for.
+    V l, r;
     if constexpr (A == Arithmetic::strict) {
         // Coincident points: a spring without direction gives no force instead of a NaN.
-        const V l = xsimd::sqrt(xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>)));
-        const V r = V(Real(1)) / l;
-        scale = stiffness * (l - rest);
-        if constexpr (damped) scale = damping_force * r + scale;
-        scale = scale * r;
+        l = xsimd::sqrt(xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>)));
+        r = V(Real(1)) / l;
     } else {
         V l2 = xsimd::fma(d.x, d.x, V(smallest_squared_length<Real>));
         l2 = xsimd::fma(d.z, d.z, xsimd::fma(d.y, d.y, l2));
-        const V r = scaled_reciprocal_root(l2);
-        const V pull = damped ? xsimd::fms(damping_force, r, rest) : -rest;
-        scale = exact_at_rest<Real> ? pull * r + stiffness : xsimd::fma(pull, r, stiffness);
+        r = scaled_reciprocal_root(l2);
     }
+    V damping_force;  // c (w.d)
+    if constexpr (damping != Damping::none) {
+        damping_force = dot<A>(velocity<V>(other, planes) - v, d);
+        if constexpr (damping == Damping::by_kind) damping_force = spring.damping * damping_force;
+    }
+    V scale;
+    if constexpr (A == Arithmetic::strict) {
+        scale = spring.stiffness * (l - spring.rest);
+        if constexpr (damping != Damping::none) scale = damping_force * r + scale;
+        scale = scale * r;
+    } else {
+        const V pull = damping != Damping::none ? xsimd::fms(damping_force, r, spring.rest) : -spring.rest;
+        scale = exact_at_rest<Real> ? pull * r + spring.stiffness : xsimd::fma(pull, r, spring.stiffness);
+    }
+    if constexpr (!all) scale = xsimd::select(there, scale, V(Real(0)));
     force.x = multiply_add<A>(scale, d.x, force.x);
     force.y = multiply_add<A>(scale, d.y, force.y);
     force.z = multiply_add<A>(scale, d.z, force.z);
 }
 
-template <Arithmetic A, int index, class V, class Real>
-CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* point,
-                                 const GatherArguments<Real>& g, int row, int column) {
+// `inner`: the row has two rows on either side.
+template <Arithmetic A, int index, Damping damping, bool inner, class V, class Real>
+CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* point, const Planes& planes,
+                                 const SpringLanes<V> (&springs)[spring_kind_count], const LanesWithNeighbour& lanes, int rows, int row,
+                                 std::ptrdiff_t stride) {
     constexpr Features features = Features::from_index(index);
-#pragma GCC unroll 12
-    for (int n = 0; n < neighbour_count; ++n) {
-        const Neighbour neighbour = neighbours[n];
-        if (!wants(features, neighbour.family)) continue;
-        if (row + neighbour.row < 0 || row + neighbour.row >= g.rows) continue;
-        add_spring<A, features.spring_damping>(force, x, v, point + neighbour.row * g.stride + neighbour.column,
-                                               g.plane, g.spring[n], column);
-    }
+    each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
+        constexpr Neighbour neighbour = neighbours[n];
+        if constexpr (wants(features, neighbour.family))
+            if (inner || (row + neighbour.row >= 0 && row + neighbour.row < rows)) {
+                constexpr int which = LanesWithNeighbour::index(neighbour.column);
+                const auto there = lanes_of<V>(lanes.bits[which]);
+                add_spring<A, damping, neighbour.column == 0>(force, x, v, point + neighbour.row * stride + neighbour.column, planes,
+                                                              springs[kind_of(neighbour)], there);
+            }
+    });
 }
 
 template <Arithmetic A, class V, class Real>
-CLOTHSIM_INLINE void finish_component(const GatherArguments<Real>& g, std::ptrdiff_t at, V v_here, V a) {
-    Real* const x = g.state + at;
-    Real* const v = x + 3 * g.plane;
-    Real* const a1 = g.first_acceleration + at;
-    Real* const sum = g.acceleration_sum + at;
-    const auto advance = [&](V step) {
+CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes, const V (&v_here)[3],
+                                  const V (&a)[3]) {
+    const auto each_component = [&](auto finish) __attribute__((always_inline)) {
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            const std::ptrdiff_t at = point + k * planes.one;
+            finish(at, g.state + at, g.state + at + planes.three, v_here[k], a[k]);
+        });
+    };
+    const auto advance = [&](std::ptrdiff_t at, const Real* x, const Real* v, V v_here, V a, V step, V step_a) __attribute__((always_inline)) {
         multiply_add<A>(step, v_here, V::load_unaligned(x)).store_unaligned(g.target + at);
-        multiply_add<A>(step, a, V::load_unaligned(v)).store_unaligned(g.target + at + 3 * g.plane);
+        multiply_add<A>(step_a, a, V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
     };
     switch (g.stage) {
         case Stage::evaluate:
-            a.store_unaligned(a1);
-            break;
+            return each_component([&](std::ptrdiff_t at, Real*, Real*, V, V a) __attribute__((always_inline)) {
+                (a * V(g.unit)).store_unaligned(g.first_acceleration + at);
+            });
         case Stage::first:
-            advance(V(g.half_h));
-            a.store_unaligned(a1);
-            break;
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                a.store_unaligned(g.first_acceleration + at);
+            });
         case Stage::second:
-            advance(V(g.half_h));
-            a.store_unaligned(sum);
-            break;
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                a.store_unaligned(g.acceleration_sum + at);
+            });
         case Stage::third:
-            advance(V(g.h));
-            (V::load_unaligned(sum) + a).store_unaligned(sum);
-            break;
-        case Stage::fourth: {
-            const V first = V::load_unaligned(a1);
-            const V middle = V::load_unaligned(sum);
-            const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
-            const V dv = V(g.h_6) * ((first + a) + (middle + middle));
-            constexpr bool compensated = sizeof(Real) == 4;
-            add_increment<compensated>(x, g.compensation + at, dx);
-            add_increment<compensated>(v, g.compensation + at + 3 * g.plane, dv);
-            break;
-        }
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.h), V(g.h_a));
+                Real* const sum = g.acceleration_sum + at;
+                (V::load_unaligned(sum) + a).store_unaligned(sum);
+            });
+        case Stage::fourth:
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V, V a) __attribute__((always_inline)) {
+                const V first = V::load_unaligned(g.first_acceleration + at);
+                const V middle = V::load_unaligned(g.acceleration_sum + at);
+                const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
+                const V dv = V(g.h_6) * ((first + a) + (middle + middle));
+                constexpr bool compensated = sizeof(Real) == 4;
+                add_increment<compensated>(x, g.compensation + at, dx);
+                add_increment<compensated>(v, g.compensation + at + planes.three, dv);
+            });
     }
 }
 
@@ -129,48 +178,65 @@ CLOTHSIM_INLINE void fetch_next_row(const GatherArguments<Real>& g, std::ptrdiff
     if (last && g.compensation) fetch(g.compensation, 6);
 }
 
-// `special`: something that most rows do without, mass or damping per point, pinned points or padding.
-template <class V, class Real, Arithmetic A, int index, bool special>
-CLOTHSIM_INLINE void gather_row(const GatherArguments<Real>& g, int row, int begin, int end) {
+template <class V, class Real, Arithmetic A, int index, Damping damping, bool inner>
+CLOTHSIM_INLINE void gather_rows(const GatherArguments<Real>& g, const Tile& tile, int row_begin, int row_end) {
     const V zero(Real(0));
-    for (int column = begin; column < end; column += int(V::size)) {
-        const std::ptrdiff_t at = row * g.stride + column;
-        const Real* const point = g.source + at;
-        if (g.from_memory) fetch_next_row(g, at);
-        const Vector3<V> x = load3<V>(point, g.plane);
-        const Vector3<V> v = load3<V>(point + 3 * g.plane, g.plane);
-        Vector3<V> a{zero, zero, zero};
-        add_springs<A, index>(a, x, v, point, g, row, column);
-        if constexpr (special) {
-            if (g.point_damping != 0) {
+    const Planes planes(g.plane);
+    const std::ptrdiff_t stride = g.stride;
+    SpringLanes<V> springs[spring_kind_count];
+    each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
+        springs[kind] = {V(g.spring[kind].stiffness), V(g.spring[kind].rest), V(g.spring[kind].damping)};
+    });
+    for (int row = row_begin; row < row_end; ++row)
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
+            std::ptrdiff_t at = row * stride + column;
+            // The compiler would keep a pointer of its own to each row and array, which are more than there are registers.
+            asm("" : "+r"(at));
+            const Real* const point = g.source + at;
+            if (__builtin_expect(g.from_memory, 0)) fetch_next_row(g, at);
+            const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
+            Vector3<V> a{zero, zero, zero};
+            add_springs<A, index, damping, inner>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], g.rows, row, stride);
+            if (__builtin_expect(g.point_damping != 0, 0)) {
                 const V c(g.point_damping);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
             }
-            if (g.inverse_mass) {
+            if (__builtin_expect(g.inverse_mass != nullptr, 0)) {
                 const V w = V::load_unaligned(g.inverse_mass + at);
                 a = {a.x * w, a.y * w, a.z * w};
             }
+            a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
+            if (__builtin_expect(g.row_has_fixed[row], 0)) {
+                const auto moves = V::load_unaligned(g.free + at) != zero;
+                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero), xsimd::select(moves, a.z, zero)};
+            }
+            finish_stage<A>(g, at, planes, {v.x, v.y, v.z}, {a.x, a.y, a.z});
         }
-        a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
-        if constexpr (special) {
-            const auto moves = V::load_unaligned(g.free + at) != zero;
-            a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero), xsimd::select(moves, a.z, zero)};
-        }
-        finish_component<A>(g, at, v.x, a.x);
-        finish_component<A>(g, at + g.plane, v.y, a.y);
-        finish_component<A>(g, at + 2 * g.plane, v.z, a.z);
-    }
+}
+
+// Rows that lack some of the two above or below them. A damping constant of 1 changes nothing here.
+template <class V, class Real, Arithmetic A, int index>
+__attribute__((noinline)) void gather_border_rows(const GatherArguments<Real>& g, const Tile& tile, int begin, int end) {
+    constexpr Damping damping = Features::from_index(index).spring_damping ? Damping::by_kind : Damping::none;
+    gather_rows<V, Real, A, index, damping, false>(g, tile, begin, end);
 }
 
 template <class Arch, class Real, Arithmetic A, int index>
 void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
     using V = Lanes<Real, Arch>;
-    for (int row = tile.row_begin; row < tile.row_end; ++row) {
-        if (g.row_has_fixed[row] || g.inverse_mass || g.point_damping != 0)
-            gather_row<V, Real, A, index, true>(g, row, tile.column_begin, tile.column_end);
-        else
-            gather_row<V, Real, A, index, false>(g, row, tile.column_begin, tile.column_end);
+    const auto limited = [&](int row) { return row < tile.row_begin ? tile.row_begin : row > tile.row_end ? tile.row_end : row; };
+    const int first = limited(2), end = limited(g.rows - 2 > first ? g.rows - 2 : first);
+    const auto inner_rows = [&]<Damping damping>() __attribute__((always_inline)) {
+        gather_rows<V, Real, A, index, damping, true>(g, tile, first, end);
+    };
+    gather_border_rows<V, Real, A, index>(g, tile, tile.row_begin, first);
+    if constexpr (!Features::from_index(index).spring_damping) {
+        inner_rows.template operator()<Damping::none>();
+    } else {
+        if (A == Arithmetic::fused && g.damped_alike) inner_rows.template operator()<Damping::alike>();
+        else inner_rows.template operator()<Damping::by_kind>();
     }
+    gather_border_rows<V, Real, A, index>(g, tile, end, tile.row_end);
 }
 
 // Section 5.1 of Kim et al. a vector at a time; the rare point inside is answered in double by the caller.

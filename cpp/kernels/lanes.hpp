@@ -103,10 +103,28 @@ CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #if defined(__AVX512F__)
     return V::batch_bool_type::from_mask(bits);
 #else
-    using Real = typename V::value_type;
-    alignas(64) Real set[V::size];
-    for (int l = 0; l < int(V::size); ++l) set[l] = Real(bits >> l & 1);
-    return V::load_aligned(set) != V(Real(0));
+    using Integers = xsimd::batch<xsimd::as_unsigned_integer_t<typename V::value_type>, typename V::arch_type>;
+    using Integer = typename Integers::value_type;
+    const Integers own = [&]<int... lane>(std::integer_sequence<int, lane...>) {
+        return Integers(Integer(1) << lane...);
+    }(std::make_integer_sequence<int, int(V::size)>{});
+    return xsimd::batch_bool_cast<typename V::value_type>((Integers(Integer(bits)) & own) == own);
+#endif
+}
+
+// The last lane becomes 0.
+template <class V>
+CLOTHSIM_INLINE V without_last_lane(V a) {
+#if defined(__AVX512F__)
+    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm512_maskz_mov_ps(0x7fff, a));
+    else return V(_mm512_maskz_mov_pd(0x7f, a));
+#elif defined(__AVX2__)
+    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm256_blend_ps(a, _mm256_setzero_ps(), 0x80));
+    else return V(_mm256_blend_pd(a, _mm256_setzero_pd(), 0x8));
+#else
+    constexpr int all = -1;
+    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm_and_ps(a, _mm_castsi128_ps(_mm_setr_epi32(all, all, all, 0))));
+    else return V(_mm_move_sd(_mm_setzero_pd(), a));
 #endif
 }
 

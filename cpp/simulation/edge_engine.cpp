@@ -76,8 +76,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     place_far_away(memory_, std::ptrdiff_t(all_rows) * layout_.vectors, layout_.stride, layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
-    if (cloth.uniform_mass) scale_.assign(std::size_t(layout_.lanes), Real(1));
-    else scale_.assign(free_.size(), Real(0));
+    if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
     row_has_fixed_.assign(std::size_t(all_rows), layout_.window != layout_.width());
     for (int row = 0; row < all_rows; ++row)
         for (int c = 0; c < layout_.window; ++c) {
@@ -85,7 +84,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
             const std::ptrdiff_t place = row * layout_.width() + layout_.in_row(c);
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
-            if (!cloth.uniform_mass) scale_[place] = Real(1 / cloth.mass[point]);
+            if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
         }
     build_coefficients();
 }
@@ -96,13 +95,11 @@ EdgeEngine<Real>::~EdgeEngine() = default;
 template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
-    static_cast<StepConstants<Real>&>(e) = this->step_constants(dt);
+    static_cast<StepConstants<Real>&>(e) = this->step_constants(dt, unit_);
     e.vectors = layout_.vectors;
     e.stage = stage;
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
-    e.scale_stride = scale_stride();
-    e.point_damping = Real(plan_.cloth.point_damping * this->coefficient_scale() / force_scale_);
     e.complete = complete_;
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();
@@ -169,17 +166,29 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
     };
     // With strips the next step's state is handed over when their halos are filled.
     const auto hands = [&](int s) { return s < 3 || !strips; };
-    const auto run_row = [&](int s, int row) {
+    // The third row finishes the second one.
+    const auto hand_first = [&](int s) {
+        if (band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, 0, 1);
+    };
+    // Some of the last two rows.
+    const auto run_last = [&](int s, int begin, int end) {
         EdgeArguments<Real>& e = stages[s];
-        if (row == 0 && band.near) begin_at_border(s);
-        if (row == n - 2 && band.far) band.from_far.wait(number + s);
-        if (row >= n - 2 && band.far) band.look_beyond_far(number + s);
-        if (row < n - 2 || band.far) rows_kernel_(e, row, row + 1);
-        else stage_kernel_(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
-        if (row == 2 && band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, 0, 1);
-        if (row < n - 1) return;
+        if (band.far) {
+            band.from_far.wait(number + s);
+            band.look_beyond_far(number + s);
+            rows_kernel_(e, begin, end);
+        }
+        for (int row = begin; row < end && !band.far; ++row)
+            stage_kernel_(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
+        if (end < n) return;
         finish_kernel_(e);
         if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, n - 1, n - 2);
+    };
+    const auto run_row = [&](int s, int row) {
+        if (row == 0 && band.near) begin_at_border(s);
+        if (row < n - 2) rows_kernel_(stages[s], row, row + 1);
+        else run_last(s, row, row + 1);
+        if (row == 2) hand_first(s);
     };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
@@ -190,20 +199,23 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
         for (int s = 0; s < 4; ++s) begin_at_edge(s);
     if (band.lag >= n) {
         for (int row = 2; strips && row < n - 2; ++row) band.take_border(row);
-        // Rows that need neither neighbour are left to the kernel in one go.
         const int first_inner = band.near ? 3 : 0, end_inner = std::max(first_inner, n - 2);
         for (int s = 0; s < 4; ++s) {
             if (band.far) {
                 band.from_far.fetch(number + s);
                 band.far->from_far.claim(number + s + 1);
             }
-            for (int row = 0; row < first_inner; ++row) run_row(s, row);
+            if (band.near) {
+                begin_at_border(s);
+                rows_kernel_(stages[s], 0, first_inner);
+                hand_first(s);
+            }
             rows_kernel_(stages[s], first_inner, end_inner);
             if (band.near) {
                 band.from_near.fetch(number + s + 1);
                 band.near->from_near.claim(number + s + 2);
             }
-            for (int row = end_inner; row < n; ++row) run_row(s, row);
+            run_last(s, end_inner, n);
         }
         for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);
     } else {

@@ -50,10 +50,9 @@ private:
     // A strip's row in its place in `state`, which is laid out like memory.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
-        return {state + index * layout_.row_size(), work, scale_.data() + index * (scale_stride() * layout_.vectors),
+        return {state + index * layout_.row_size(), work, inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
                 row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
     }
-    std::ptrdiff_t scale_stride() const { return plan_.cloth.uniform_mass ? 0 : layout_.lanes; }
     // What a row hands on: a force for each point and one vector more. A stage has three of it, and the pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
@@ -62,9 +61,9 @@ private:
     EdgeRowsKernel<Real> rows_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
     EdgeFinishKernel<Real> finish_kernel_;
-    AlignedVector<Real> coefficients_, scale_, free_;
+    AlignedVector<Real> coefficients_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
-    double force_scale_ = 1;  // what the forces the kernel sums are to be multiplied by, beside 1 / mass per point
+    double unit_ = 1;  // of the accelerations the kernel sums
     bool complete_ = false;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
     StripBorders<Real> borders_;

@@ -58,38 +58,40 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
 template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
-    const double scale = this->coefficient_scale();
     const double root_scale = plan_.strict ? 1 : double(kernels_of<Real>(*plan_.kernels).root_scale);
-    const std::ptrdiff_t width = round_up(cloth.columns, group_size);
-    coefficients_.assign(3 * neighbour_count * width, Real(0));
-    for (int n = 0; n < neighbour_count; ++n) {
-        const Neighbour& neighbour = neighbours[n];
-        Real* const stiffness = coefficients_.data() + 3 * n * width;
-        Real* const rest = stiffness + width;
-        Real* const damping = rest + width;
+    const std::optional<double> shared = plan_.strict ? std::nullopt : this->shared_damping();
+    unit_ = shared.value_or(1);
+    damped_alike_ = shared.has_value();
+    const double scale = this->coefficient_scale() / unit_;
+    for (int kind = 0; kind < spring_kind_count; ++kind) {
+        const Neighbour& neighbour = spring_kinds[kind];
         const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
         const Real tension = Real(k * length / root_scale);
-        const Real rounded = plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension);
-        for (int c = 0; c < cloth.columns; ++c) {
-            if (c + neighbour.column < 0 || c + neighbour.column >= cloth.columns) continue;
-            stiffness[c] = rounded;
-            rest[c] = plan_.strict ? Real(length) : tension;
-            damping[c] = Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale));
-        }
-        spring_[n] = {stiffness, rest, damping};
+        spring_[kind] = {plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension),
+                         plan_.strict ? Real(length) : tension,
+                         Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
     }
+
+    const int lanes = kernels_of<Real>(*plan_.kernels).lanes;
+    lanes_.resize(std::size_t(round_up(cloth.columns, group_size) / lanes));
+    for (int column = 0; column < cloth.columns; ++column)
+        for (const int offset : {-2, -1, 1, 2})
+            if (column + offset >= 0 && column + offset < cloth.columns)
+                lanes_[std::size_t(column / lanes)].bits[LanesWithNeighbour::index(offset)] |= std::uint16_t(1 << column % lanes);
 }
 
 template <class Real>
 GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     GatherArguments<Real> g{};
-    static_cast<StepConstants<Real>&>(g) = this->step_constants(dt);
+    static_cast<StepConstants<Real>&>(g) = this->step_constants(dt, unit_);
     g.stride = layout_.stride;
     g.plane = layout_.plane;
     g.rows = rows();
     g.columns = columns();
     g.stage = stage;
     std::copy(std::begin(spring_), std::end(spring_), std::begin(g.spring));
+    g.damped_alike = damped_alike_;
+    g.lanes = lanes_.data();
     const std::ptrdiff_t origin = layout_.origin;
     const std::size_t values = memory_.size() + stage_a_.size() + stage_b_.size() + first_acceleration_.size() + acceleration_sum_.size();
     g.from_memory = values * sizeof(Real) > bytes_in_caches;

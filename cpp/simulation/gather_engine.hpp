@@ -52,7 +52,6 @@ protected:  // for cpp/dynamics; see EdgeEngine
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:
-
     void build_coefficients();
     GatherArguments<Real> arguments(Stage stage, double dt);
     bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
@@ -60,8 +59,11 @@ private:
     ThreadGrid grid_;
     GatherKernel<Real> kernel_;
     SphereKernel<Real> sphere_kernel_;
-    AlignedVector<Real> coefficients_, inverse_mass_, free_;
-    SpringCoefficients<Real> spring_[neighbour_count];
+    AlignedVector<Real> inverse_mass_, free_;
+    SpringCoefficients<Real> spring_[spring_kind_count];
+    double unit_ = 1;  // of the accelerations the kernel sums
+    bool damped_alike_ = false;
+    std::vector<LanesWithNeighbour> lanes_;
     std::vector<std::uint8_t> row_has_fixed_;
     AlignedVector<Real> stage_a_, stage_b_;                      // six planes each
     AlignedVector<Real> first_acceleration_, acceleration_sum_;  // three planes each

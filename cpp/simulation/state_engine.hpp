@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <type_traits>
 
 #include "collision/response.hpp"
@@ -134,13 +135,36 @@ protected:
         return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
     }
 
-    StepConstants<Real> step_constants(double dt) const {
-        return {{Real(plan_.gravity[0]), Real(plan_.gravity[1]), Real(plan_.gravity[2])},
+    // The damping constant that all families share as the fused kernels see it. None if it is so small or large that single
+    // might not hold what is divided by it.
+    std::optional<double> shared_damping() const {
+        const Cloth& cloth = plan_.cloth;
+        const double root_scale = double(kernels_of<Real>(*plan_.kernels).root_scale);
+        double damping = 0, stiffness = 0;
+        for (int f = 0; f < family_count; ++f)
+            if (cloth.present[f]) {
+                damping = std::max(damping, cloth.spring_damping[f]);
+                stiffness = std::max(stiffness, cloth.stiffness[f]);
+            }
+        for (int f = 0; f < family_count; ++f)
+            if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
+        const double shared = damping * coefficient_scale() / (root_scale * root_scale);
+        const bool held = stiffness * coefficient_scale() <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
+        return held ? std::optional(shared) : std::nullopt;
+    }
+
+    // `unit`: of accelerations.
+    StepConstants<Real> step_constants(double dt, double unit) const {
+        const auto g = [&](int k) { return Real(plan_.gravity[k] / unit); };
+        return {Real(unit),
+                {g(0), g(1), g(2)},
+                Real(plan_.cloth.point_damping * coefficient_scale() / unit),
                 Real(dt / 2),
                 Real(dt),
-                Real(dt * dt / 6),
-                Real(dt / 6),
-                Real(plan_.cloth.point_damping * coefficient_scale())};
+                Real(unit * dt / 2),
+                Real(unit * dt),
+                Real(unit * dt * dt / 6),
+                Real(unit * dt / 6)};
     }
 
     double value(std::ptrdiff_t place) const {

@@ -1,0 +1,100 @@
+// The edge kernel: a vector of springs, from points to forces.
+#pragma once
+
+#include "kernels/edge_arguments.hpp"
+#include "kernels/kernel_table.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class V>
+CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
+    return {next_lane(a.x), next_lane(a.y), next_lane(a.z)};
+}
+
+#define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
+
+// What every spring needs. Constants that the compiler knows it would load for each spring.
+template <class V>
+struct SpringConstants {
+    V smallest = in_register(V(smallest_squared_length<typename V::value_type>));
+    V newton = in_register(V(newton_constant<typename V::value_type>));
+};
+
+template <class V>
+struct Points {
+    Vector3<V> x, v;
+};
+
+// A vector of springs on its way to a force. One takes some sixty cycles from its first operation to the last, and each
+// of them waits for the one before; so a row is written with three springs under way, one in each of the steps
+// `stretch`, `root` and `force`.
+template <class V>
+struct Spring {
+    Vector3<V> d;  // difference of positions
+    V rate;        // its product with the difference of velocities
+    V root;        // squared length, then root_scale / length
+};
+
+// From points in registers to points in memory at `b`.
+template <bool damped, class V, class Real>
+CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b, const SpringConstants<V>& constants) {
+    constexpr int W = int(V::size);
+    Spring<V> s;
+    s.d = a.x - load3<V>(b, W);
+    s.root = xsimd::fma(s.d.x, s.d.x, constants.smallest);
+    s.root = xsimd::fma(s.d.y, s.d.y, s.root);
+    s.root = xsimd::fma(s.d.z, s.d.z, s.root);
+    if constexpr (damped) {
+        const Vector3<V> w = a.v - load3<V>(b + 3 * W, W);
+        s.rate = w.x * s.d.x;
+        s.rate = xsimd::fma(w.y, s.d.y, s.rate);
+        s.rate = xsimd::fma(w.z, s.d.z, s.rate);
+    }
+    return s;
+}
+
+template <class V>
+CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
+    s.root = scaled_reciprocal_root(s.root, constants.newton);
+}
+
+// Which lanes have a spring, and how: all of them, all but the last, or those whose coefficients are not 0. In the first
+// two all families are damped alike, so that the damping constant is folded into the unit of force.
+enum class Springs { all, all_but_last, by_coefficient };
+
+// Force / mass on the points at b.
+template <bool damped, Springs springs, class V, class Real>
+CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
+    constexpr int W = int(V::size);
+    const V stiffness = V::load_aligned(coefficients + EdgeCoefficientIndex::stiffness * W);
+    const V tension = V::load_aligned(coefficients + EdgeCoefficientIndex::tension * W);
+    V scale;
+    if constexpr (damped) {
+        scale = s.rate;
+        if constexpr (springs == Springs::by_coefficient) scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
+        scale = xsimd::fms(scale, s.root, tension);
+        scale = exact_at_rest<Real> ? scale * s.root + stiffness : xsimd::fma(scale, s.root, stiffness);
+    } else {
+        scale = exact_at_rest<Real> ? stiffness - s.root * tension : xsimd::fnma(s.root, tension, stiffness);
+    }
+    if constexpr (springs == Springs::all_but_last) scale = without_last_lane(scale);
+    return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
+}
+
+// Of code that serves all stages and asks which one it is.
+constexpr Stage any_stage = Stage(-1);
+
+// Whether a stage looks at x_n and v_n, in state records, or at what the stage before left in work records.
+constexpr bool source_is_state(Stage stage) { return stage == Stage::first || stage == Stage::evaluate; }
+
+// Elements from vector to vector of the rows at which a stage looks.
+template <class V>
+CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
+    constexpr int state = sizeof(typename V::value_type) == 4 ? StateRecord::count_compensated : StateRecord::count;
+    return (source_is_state(stage) ? state : WorkRecord::count) * int(V::size);
+}
+
+}  // namespace
+}  // namespace clothsim

@@ -1,0 +1,144 @@
+// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres it may have met.
+#pragma once
+
+#include "kernels/edge_spring.hpp"
+
+namespace clothsim {
+namespace {
+
+// The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
+template <class Real>
+struct PendingRow {
+    bool there = false;
+    Real* state;
+    Real* work;
+    const Real* source;
+    const Real* inverse_mass;
+    const Real* free;
+};
+
+template <class Real>
+CLOTHSIM_INLINE PendingRow<Real> row_to_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
+    const EdgeRowPointers<Real>& r = e.rows[row];
+    return {true, r.state, r.work, source, r.inverse_mass, r.free};
+}
+
+template <class Real>
+CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
+    if (e.pending < 0) return {};
+    return row_to_finish(e, e.pending, e.pending_source);
+}
+
+// Finish the stage of one vector on which these forces act.
+template <class V, class Real, Stage stage>
+CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k, const Vector3<V>& force) {
+    constexpr int W = int(V::size);
+    constexpr bool compensated = sizeof(Real) == 4;
+    constexpr int state_stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * W;
+    const Real* const source = row.source + k * source_stride<V>(stage);
+    Real* const state = row.state + k * state_stride;
+    Real* const work = row.work + k * (WorkRecord::count * W);
+    const V step(stage == Stage::third ? e.h : e.half_h), step_a(stage == Stage::third ? e.h_a : e.half_h_a);
+    const V h2_6(e.h2_6), h_6(e.h_6);
+    V acceleration[3] = {force.x, force.y, force.z};
+    if (__builtin_expect(e.point_damping != 0, 0))
+        each<3>(CLOTHSIM_EACH(j) {
+            acceleration[j] = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+        });
+    if (__builtin_expect(row.inverse_mass != nullptr, 0)) {
+        const V inverse_mass = V::load_aligned(row.inverse_mass + k * W);
+        each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] * inverse_mass; });
+    }
+    each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] + V(e.gravity[j]); });
+    if (__builtin_expect(row.free != nullptr, 0)) {
+        const V zero(Real(0));
+        const auto free = V::load_aligned(row.free + k * W) != zero;
+        each<3>(CLOTHSIM_EACH(j) { acceleration[j] = xsimd::select(free, acceleration[j], zero); });
+    }
+    each<3>(CLOTHSIM_EACH(j) {
+        Real* const first = work + (WorkRecord::first + j) * W;
+        Real* const sum = work + (WorkRecord::sum + j) * W;
+        Real* const x = state + j * W;
+        Real* const v = state + (3 + j) * W;
+        const V a = acceleration[j];
+        if constexpr (stage == Stage::evaluate) {
+            (a * V(e.unit)).store_aligned(first);
+        } else if constexpr (stage == Stage::fourth) {
+            add_increment<compensated>(v, v + StateRecord::compensation * W, h_6 * (V::load_aligned(sum) + a));
+        } else {
+            const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
+            xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
+            xsimd::fma(step_a, a, v0).store_aligned(work + (3 + j) * W);
+            if constexpr (stage == Stage::first) a.store_aligned(first);
+            if constexpr (stage == Stage::second) a.store_aligned(sum);
+            if constexpr (stage == Stage::third) {
+                const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
+                (three + middle).store_aligned(sum);
+                add_increment<compensated>(x, x + StateRecord::compensation * W, xsimd::fma(step, v0, h2_6 * three));
+            }
+        }
+    });
+}
+
+template <class V, class Real, Stage stage>
+CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    const Vector3<V> force = load3<V>(e.force + k * 3 * int(V::size), int(V::size));
+    if constexpr (stage != any_stage) return finish_stage<V, Real, stage>(e, row, k, force);
+    switch (e.stage) {
+        case Stage::first: return finish_stage<V, Real, Stage::first>(e, row, k, force);
+        case Stage::second: return finish_stage<V, Real, Stage::second>(e, row, k, force);
+        case Stage::third: return finish_stage<V, Real, Stage::third>(e, row, k, force);
+        case Stage::fourth: return finish_stage<V, Real, Stage::fourth>(e, row, k, force);
+        case Stage::evaluate: return finish_stage<V, Real, Stage::evaluate>(e, row, k, force);
+    }
+}
+
+// Whether all points of a row are beyond the sphere's plane; padding is above every plane.
+template <class V, class Real>
+CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride, const SphereOutline<Real>& sphere) {
+    if (sphere.axis < 0) return false;
+    const Real* const x = row + sphere.axis * int(V::size);
+    V nearest = V::load_unaligned(x);
+    if (sphere.above) {
+        for (int k = 1; k < e.vectors; ++k) nearest = xsimd::min(nearest, V::load_unaligned(x + k * stride));
+        return xsimd::all(nearest >= V(sphere.plane));
+    }
+    for (int k = 1; k < e.vectors; ++k) nearest = xsimd::max(nearest, V::load_unaligned(x + k * stride));
+    return xsimd::all(nearest <= V(sphere.plane));
+}
+
+template <class V, class Real>
+CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
+    constexpr int W = int(V::size);
+    constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
+    for (int s = 0; s < e.sphere_count; ++s) {
+        SphereOutline<Real>& sphere = e.spheres[s];
+        if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
+        sphere.crossed = true;
+        const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
+        for (int k = 0; k < e.vectors; ++k) {
+            const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
+            const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
+            if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
+        }
+    }
+}
+
+// What is left to do when the vectors of the pending row are finished.
+template <class V, class Real>
+CLOTHSIM_INLINE void end_pending(EdgeArguments<Real>& e) {
+    if (e.stage == Stage::fourth && e.sphere_count > 0 && e.pending >= 0) edge_spheres<V>(e, e.pending);
+}
+
+// The end of the stage of the row that is pending.
+template <class Arch, class Real>
+void edge_finish(EdgeArguments<Real>& e) {
+    using V = Lanes<Real, Arch>;
+    const PendingRow<Real> pending = pending_row(e);
+    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, any_stage>(e, pending, k);
+    end_pending<V>(e);
+    e.pending = -1;
+}
+
+}  // namespace
+}  // namespace clothsim
