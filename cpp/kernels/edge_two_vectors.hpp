@@ -45,8 +45,6 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     Real* const second = e.force + 3 * W;
     const auto finish_second = [&](int row) __attribute__((always_inline)) {
         finish_stage<V, Real, stage>(e, row_to_finish(e, row, source(row)), 1, load3<V>(second, W));
-        e.pending = row;
-        end_pending<V>(e);
     };
     for (int row = begin; row < end; ++row) {
         const Real* const here = source(row);
@@ -92,10 +90,15 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
         received_past = falls_1;
     }
     if (begin < end) finish_second(end - 1);
-    e.pending = -1;
     store3(e.received[0], W, received[0]);
     store3(e.received[0] + 3 * W, W, received[1]);
     store3(e.received[0] + 6 * W, W, received_past);
+    // Not row by row: the answer to a contact is a call, and the sums would not stay in registers.
+    for (int row = begin; row < end; ++row) {
+        e.pending = row;
+        end_pending<V>(e);
+    }
+    e.pending = -1;
 }
 
 }  // namespace
