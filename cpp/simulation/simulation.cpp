@@ -22,6 +22,8 @@ constexpr std::int64_t steps_between_energies = 16;
 // earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;
+// A batch is stepped member by member for as long, since each has to come into cache.
+constexpr double seconds_of_batch = 0.1;
 
 // A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often:
 // sooner at first, as a trial may have met a busy moment.
@@ -223,8 +225,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         start = end;
         seconds_kept_ = (keep ? 0 : seconds_kept_) + seconds;
         if (choose) choice_.observe(n, seconds);
-        chunk_ = std::clamp(std::int64_t(seconds_between_polls / std::max(per_step, 1e-9)), std::int64_t(1),
-                           most_steps_unchecked);
+        const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
+        chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1), most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {
             const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
             if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
