@@ -60,7 +60,7 @@ struct EdgeArguments : StepConstants<Real> {
     int pending;
     const Real* pending_source;
     Real* force;    // on the pending row
-    bool complete;  // rows end with a whole vector, and all families are damped alike
+    bool complete;  // rows end with a whole vector, and all families are damped alike or not at all
     // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) of each record of the state are fetched from
     // memory while a row is worked on. 0: none.
     int ahead, ahead_begin, ahead_end, row_count;

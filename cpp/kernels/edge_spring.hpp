@@ -2,7 +2,6 @@
 #pragma once
 
 #include "kernels/edge_arguments.hpp"
-#include "kernels/kernel_table.hpp"
 #include "kernels/vector3.hpp"
 
 namespace clothsim {
@@ -12,8 +11,6 @@ template <class V>
 CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
     return {next_lane(a.x), next_lane(a.y), next_lane(a.z)};
 }
-
-#define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
 
 // What every spring needs. Constants that the compiler knows it would load for each spring.
 template <class V>
@@ -61,10 +58,10 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
 }
 
 // Which lanes have a spring, and how: all of them, all but the last, or those whose coefficients are not 0. In the first
-// two all families are damped alike, so that the damping constant is folded into the unit of force.
+// two all families are damped alike or not at all: the damping constant is in the unit of acceleration.
 enum class Springs { all, all_but_last, by_coefficient };
 
-// Force / mass on the points at b.
+// On the points at b; an acceleration where all points have one mass.
 template <bool damped, Springs springs, class V, class Real>
 CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
     constexpr int W = int(V::size);

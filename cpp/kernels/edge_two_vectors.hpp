@@ -4,11 +4,12 @@
 #pragma once
 
 #include "kernels/edge_update.hpp"
+#include "kernels/kernel_table.hpp"
 
 namespace clothsim {
 namespace {
 
-// One stage of rows [begin, end).
+// One stage of rows [begin, end). None is pending when it returns.
 template <class Arch, class Real, int index, Stage stage>
 __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;

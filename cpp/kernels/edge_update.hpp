@@ -6,6 +6,8 @@
 namespace clothsim {
 namespace {
 
+#define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
+
 // The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
 template <class Real>
 struct PendingRow {

@@ -1,7 +1,8 @@
 // What one RK4 stage of the gather kernel reads and writes. Plain data: this header is shared by the
-// portable files and the per-instruction-set files, so it holds no code.
+// portable files and the per-instruction-set files, so it holds no code but constant expressions.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -59,7 +60,7 @@ template <class Real>
 struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
-    int rows, columns;
+    int rows;
     bool from_memory;  // the cloth does not stay in the caches
     Stage stage;
     SpringCoefficients<Real> spring[spring_kind_count];

@@ -1,5 +1,6 @@
 // The edge kernel's coefficients: springs as the vectors of a row have them.
 #include <map>
+#include <optional>
 
 #include "simulation/edge_engine.hpp"
 

@@ -2,6 +2,8 @@
 
 #include <omp.h>
 
+#include <optional>
+
 namespace clothsim {
 namespace {
 
@@ -69,7 +71,7 @@ void GatherEngine<Real>::build_coefficients() {
         const Real tension = Real(k * length / root_scale);
         spring_[kind] = {plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension),
                          plan_.strict ? Real(length) : tension,
-                         Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
+                         damped_alike_ ? Real(1) : Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
     }
 
     const int lanes = kernels_of<Real>(*plan_.kernels).lanes;
@@ -87,7 +89,6 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     g.stride = layout_.stride;
     g.plane = layout_.plane;
     g.rows = rows();
-    g.columns = columns();
     g.stage = stage;
     std::copy(std::begin(spring_), std::end(spring_), std::begin(g.spring));
     g.damped_alike = damped_alike_;

@@ -22,7 +22,7 @@ constexpr std::int64_t steps_between_energies = 16;
 // earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;
-// A batch is stepped member by member for as long, since each has to come into cache.
+// Of a batch later: each member has to come into cache, and should then be stepped more than once.
 constexpr double seconds_of_batch = 0.1;
 
 // A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often:

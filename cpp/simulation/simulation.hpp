@@ -67,7 +67,7 @@ public:
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
     // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
-    // `interrupted` is asked about every 10 ms, between steps.
+    // `interrupted` is asked about every 10 ms, of a batch every 100 ms, between steps.
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
