@@ -71,29 +71,27 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector; not where there are no
-// structural springs, which is rare. 0: they are not.
-template <class Arch, class Real, int index>
-constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 && Features::from_index(index).structural
-                                ? 32 / int(Lanes<Real, Arch>::size)
-                                : 0;
+// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector. 0: not in these lanes.
+template <class Arch, class Real>
+constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
 
-template <class Arch, int index, class Real>
+template <class Arch, class Real>
 bool is_written_out(const EdgeArguments<Real>& e) {
-    return e.complete && e.vectors == written_out<Arch, Real, index>;
+    return e.complete && e.vectors == written_out<Arch, Real>;
 }
 
 // One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
 template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
-    constexpr int fixed = written_out<Arch, Real, index>;
+    constexpr int fixed = written_out<Arch, Real>;
     constexpr Features features = Features::from_index(index);
+    constexpr bool in_registers = fixed == 2 && features.structural && features.shear && !features.bend;
     const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
-        if constexpr (fixed == 2 && features.shear && !features.bend) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
+        if constexpr (in_registers) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
         else edge_rows_of<Arch, Real, index, stage, fixed>(e, begin, end);
     };
     if constexpr (fixed > 0)
-        if (is_written_out<Arch, index>(e) && e.ahead == 0) switch (e.stage) {
+        if (is_written_out<Arch>(e) && e.ahead == 0) switch (e.stage) {
                 case Stage::first: return run.template operator()<Stage::first>();
                 case Stage::second: return run.template operator()<Stage::second>();
                 case Stage::third: return run.template operator()<Stage::third>();
@@ -130,7 +128,7 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
     const auto run = [&]<int fixed>() {
         edge_row<Arch, Real, index, any_stage, fixed, false, true, true>(e, before, e.received[0], e.received[1], {});
     };
-    if (is_written_out<Arch, index>(e)) run.template operator()<written_out<Arch, Real, index>>();
+    if (is_written_out<Arch>(e)) run.template operator()<written_out<Arch, Real>>();
     else run.template operator()<0>();
     std::swap(e.received[0], e.received[1]);
 }

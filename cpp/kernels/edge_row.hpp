@@ -125,9 +125,9 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             }
             if constexpr (along_2) {
                 to_next_2 = force<damped, to_next_2_columns>(to_side_2, coefficients(to_right_2));
-                within = first ? within + to_next_2 : within - to_next_2;
+                within = !first ? within - to_next_2 : along ? within + to_next_2 : to_next_2;
             }
-            if constexpr (first) sum = before - within;
+            if constexpr (first) sum = along || along_2 ? before - within : before;
             else sum = within + before;
             if (fixed && k < 2) kept[k] = sum;
             else store3(forces + vector, W, sum);

@@ -58,13 +58,20 @@ class Candidate:
 
 
 def run(
-    bench: Bench, candidates: Sequence[Candidate], error_steps: int = 0, large: bool = False
+    bench: Bench,
+    candidates: Sequence[Candidate],
+    error_steps: int = 0,
+    large: bool = False,
+    longer: int = 1,
 ) -> None:
-    """Time the candidates in turn and add their figures, with their errors if asked for."""
+    """Time the candidates in turn and add their figures, with their errors if asked for.
+
+    Windows are `longer` times as long as others, and as many times fewer.
+    """
     made = [candidate.make() for candidate in candidates]
     settings = bench.settings
-    windows = settings.large_windows if large else settings.windows
-    timings = measure(made, windows, settings.seconds, advance=bench.advance)
+    windows = max(1, (settings.large_windows if large else settings.windows) // longer)
+    timings = measure(made, windows, longer * settings.seconds, advance=bench.advance)
     errors: list[float | None] = [None] * len(made)
     flops = [getattr(work, "flops", None) for work in made]
     del made
@@ -229,7 +236,7 @@ def _like(base: Start, name: str, **changes: Any) -> Start:
 
 
 def batch(bench: Bench) -> None:
-    """64 cloths in one call."""
+    """64 cloths in one call, of as many steps as a sweep's: each cloth comes into cache for some."""
     start = works.batch()
     candidates = [
         bench.core(start, by=kernel, precision=precision, threads=threads)
@@ -243,7 +250,7 @@ def batch(bench: Bench) -> None:
             for precision in PRECISIONS
             for threads in bench.threads
         ]
-    run(bench, candidates)
+    run(bench, candidates, longer=8)
 
 
 def grids(bench: Bench) -> None:
