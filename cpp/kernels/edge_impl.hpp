@@ -13,8 +13,8 @@
 // opposite force on: within the row in registers, to the next row in `received`, to the row after it in
 // `received_2`; what passes the row's end belongs to its first vectors, a lane further, and reaches them last.
 // A row's forces are complete at its end; its Runge-Kutta stage is finished vector by vector while the next row's
-// springs are summed, between operations that wait for each other (or sooner, edge_two_vectors.hpp). Nothing needs the row's old stage state any
-// more: the new one replaces it.
+// springs are summed, between operations that wait for each other (or sooner, edge_two_vectors.hpp). Nothing
+// needs the row's old stage state any more: the new one replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //

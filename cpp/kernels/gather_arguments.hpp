@@ -32,8 +32,8 @@ template <class Real>
 struct StepConstants {
     Real unit;  // m / s^2
     Real gravity[3];
-    Real point_damping;    // divided by mass where it is uniform; 0: none
-    Real half_h, h;        // of a velocity
+    Real point_damping;             // divided by mass where it is uniform; 0: none
+    Real half_h, h;                 // of a velocity
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
@@ -64,10 +64,10 @@ struct GatherArguments : StepConstants<Real> {
     bool from_memory;  // the cloth does not stay in the caches
     Stage stage;
     SpringCoefficients<Real> spring[spring_kind_count];
-    bool damped_alike;                 // the damping of all springs is 1
-    const LanesWithNeighbour* lanes;   // for each vector of a row
-    const Real* inverse_mass;     // null: uniform
-    const Real* free;             // one plane, 0 for pinned and padding points, else 1
+    bool damped_alike;                // the damping of all springs is 1
+    const LanesWithNeighbour* lanes;  // for each vector of a row
+    const Real* inverse_mass;         // null: uniform
+    const Real* free;                 // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
     // Six planes each (x, y, z, vx, vy, vz).
     const Real* source;     // state at which this stage looks

@@ -236,7 +236,7 @@ def _like(base: Start, name: str, **changes: Any) -> Start:
 
 
 def batch(bench: Bench) -> None:
-    """64 cloths in one call, of as many steps as a sweep's: each cloth comes into cache for some."""
+    """64 cloths in one call, long enough that each is stepped several times while in cache."""
     start = works.batch()
     candidates = [
         bench.core(start, by=kernel, precision=precision, threads=threads)
