@@ -44,24 +44,28 @@ struct Mailbox {
         }
         tell(newest, int(stage - first));
     }
-    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written. Inlined, because
-    // compilers take a function that does no more for one that does nothing, and drop it.
-    __attribute__((always_inline)) void fetch(std::int64_t stage) {
+    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written.
+    void fetch(std::int64_t stage) {
         if (newest.load(std::memory_order_relaxed) < stage - first) return;
-        each_line(stage, [](const Real* p) __attribute__((always_inline)) { __builtin_prefetch(p); });
+        each_line(stage, prefetch_to_read);
     }
-    __attribute__((always_inline)) void claim(std::int64_t stage) {
-        each_line(stage, [](const Real* p) __attribute__((always_inline)) { prefetch_to_write(p); });
-    }
+    void claim(std::int64_t stage) { each_line(stage, prefetch_to_write); }
 
 private:
     template <class Ask>
-    __attribute__((always_inline)) void each_line(std::int64_t stage, const Ask& ask) {
+    void each_line(std::int64_t stage, const Ask& ask) {
         constexpr int line = 64 / int(sizeof(Real));
         for (const int which : {0, 1})
             for (int k = 0; k < vectors; ++k)
                 for (int i = 0; i < 6 * lanes; i += line) ask(row(stage, which) + k * stride(stage) + i);
     }
+};
+
+// What a thread works in: the rings of rows and what each of four stages hands on. A thread's strips have it in common, so
+// that it stays in cache.
+template <class Real>
+struct Workspace {
+    AlignedVector<Real> rows, scratch;
 };
 
 template <class Real>
@@ -71,7 +75,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     Band* near = nullptr;  // the neighbour at the border where sweeps begin
     Band* far = nullptr;   // the one where they end
     Mailbox<Real> from_near, from_far;
-    AlignedVector<Real> scratch, work;
+    std::shared_ptr<Workspace<Real>> work;
     std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag;                                  // rows between two stages; all rows: stage by stage
     std::vector<Contact> contacts;
@@ -79,6 +83,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     std::int64_t steps_to_planes = 0;  // until planes are looked for again
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
+    bool finite = true;     // the rows looked at in this call
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {
@@ -110,14 +115,20 @@ struct EdgeEngine<Real>::Band : RowBand {
     // A call begins: nothing is in the mailboxes.
     void begin() {
         step = engine->step_;
+        finite = true;
         for (auto* box : {&from_near, &from_far}) box->begin(4 * step);
     }
-    void give_border(int r, std::int64_t step) { engine->borders_.give(strip, row(r), rows[std::size_t(r)].state, step); }
+    void give_border(int r, std::int64_t step) {
+        if (r + 1 < size()) engine->borders_.claim(strip, row(r + 1), step);
+        engine->borders_.give(strip, row(r), rows[std::size_t(r)].state, step);
+    }
     void give_borders() {
         for (int r = 0; engine->layout_.strips > 1 && r < size(); ++r) give_border(r, step);
     }
     void take_border(int r) {
-        if (r >= 0 && r < size()) engine->borders_.take(strip, row(r), rows[std::size_t(r)].state, step);
+        if (r < 0 || r >= size()) return;
+        if (r + 1 < size()) engine->borders_.fetch(strip, row(r + 1), step);
+        engine->borders_.take(strip, row(r), rows[std::size_t(r)].state, step);
     }
     // The state with which a step begins, to the neighbours: with its halo, so the strips beside this one have to be there.
     void hand_start() {
@@ -126,6 +137,12 @@ struct EdgeEngine<Real>::Band : RowBand {
         for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
         if (near) hand(near->from_near, number, 0, 1);
         if (far) hand(far->from_far, number, n - 1, n - 2);
+    }
+
+    // While the row is in cache.
+    void look(int r) {
+        const LiftedLayout& layout = engine->layout_;
+        finite &= all_finite(rows[std::size_t(r)].state, Blocks{layout.vectors, StateRecord::compensation * layout.lanes, layout.stride});
     }
 
     void place_spheres(double t) {

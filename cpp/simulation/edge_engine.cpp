@@ -123,16 +123,21 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         static_cast<RowBand&>(*band) = RowBand::of(rows(), i % team, team);
         band->from_near.prepare(layout_);
         band->from_far.prepare(layout_);
-        band->scratch.assign(4 * scratch_size(), Real(0));
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
         band->lag = bytes <= bytes_kept_in_cache() ? n : rows_between_stages;
         const int ring = std::min(n, 3 * band->lag + 3);
-        band->work.assign(ring * work_row + layout_.lanes, Real(0));
-        place_far_away(band->work, ring * layout_.vectors, band->work_stride(), layout_.lanes);
+        if (band->strip == 0) {
+            band->work = std::make_shared<Workspace<Real>>();
+            band->work->scratch.assign(4 * scratch_size(), Real(0));
+            band->work->rows.assign(ring * work_row + layout_.lanes, Real(0));
+            place_far_away(band->work->rows, ring * layout_.vectors, band->work_stride(), layout_.lanes);
+        } else {
+            band->work = bands[std::size_t(i - team)]->work;
+        }
         for (int j = 0; j < n; ++j)
-            band->rows.push_back(row_pointers(memory_.data(), band->work.data() + j % ring * work_row, band->row(j), band->strip));
+            band->rows.push_back(row_pointers(memory_.data(), band->work->rows.data() + j % ring * work_row, band->row(j), band->strip));
         band->rows.resize(std::size_t(n + 2));
         bands.push_back(std::move(band));
     }
@@ -148,7 +153,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
 }
 
 template <class Real>
-void EdgeEngine<Real>::step_band(Band& band, double t) {
+void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
     EdgeArguments<Real>* const stages = band.stages;
@@ -192,6 +197,10 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
         else run_last(s, row, row + 1);
         if (row == 2) hand_first(s);
     };
+    const auto row_done = [&](int row) {
+        if (strips) band.give_border(row, band.step + 1);
+        if (look) band.look(row);
+    };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
         stages[3].spheres = band.outlines.data();
@@ -219,7 +228,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
             }
             run_last(s, end_inner, n);
         }
-        for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);
+        for (int row = 0; row < n; ++row) row_done(row);
     } else {
         for (int front = 0; front < n + 3 * band.lag; ++front) {
             if (strips && front + 2 < n - 2) band.take_border(front + 2);
@@ -229,8 +238,8 @@ void EdgeEngine<Real>::step_band(Band& band, double t) {
             }
             // A row is finished with the next one, the last by itself.
             const int last = front - 3 * band.lag;
-            if (strips && last > 0) band.give_border(last - 1, band.step + 1);
-            if (strips && last == n - 1) band.give_border(last, band.step + 1);
+            if (last > 0) row_done(last - 1);
+            if (last == n - 1) row_done(last);
         }
     }
     ++band.step;
@@ -244,7 +253,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& b = band(strip);
         for (int s = 0; s < 4; ++s) {
-            EdgeArguments<Real>& e = b.stages[s] = arguments(Stage(s), clock.dt, b.scratch.data() + s * scratch_size());
+            EdgeArguments<Real>& e = b.stages[s] = arguments(Stage(s), clock.dt, b.work->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
             e.hit = &Band::hit;
             e.context = &b;
@@ -264,7 +273,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
         // A strip hands over the state of its next step as soon as the one behind it has taken this one, so that
         // threads need not meet at each strip.
         for (int strip = 0; strip <= last; ++strip) {
-            step_band(band(strip), clock.at(k));
+            step_band(band(strip), clock.at(k), k == steps);
             if (strip > 0 && !this->track_contact_energy) band(strip - 1).hand_start();
         }
         if (this->track_contact_energy) {
@@ -279,7 +288,9 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / RowBand::fewest_rows);
-    const auto begin = [this](int given) {
+    int team_given = 1;
+    const auto begin = [&](int given) {
+        team_given = given;
         for (auto& band : bands(given)) band->begin();
     };
     if (team <= 1) {
@@ -297,6 +308,9 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
     }
     step_ += steps;
     this->state_known_ = true;
+    const auto& stepped = bands(team_given);
+    this->known_finite_ = steps > 0 && !this->track_contact_energy &&
+                          std::all_of(stepped.begin(), stepped.end(), [](const auto& band) { return band->finite; });
 }
 
 template <class Real>
@@ -308,7 +322,7 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
         for (int r = 0; r < rows(); ++r) band.take_border(r);
-        EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.scratch.data());
+        EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.work->scratch.data());
         e.rows = band.rows.data();
         std::fill_n(e.received[0], 3 * handed_size(), Real(0));
         const auto state = [&](int row) -> const Real* { return row < rows() ? band.rows[std::size_t(row)].state : nullptr; };

@@ -45,7 +45,8 @@ private:
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
-    void step_band(Band& band, double t);
+    // `look`: whether the state is finite then.
+    void step_band(Band& band, double t, bool look);
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
     // A strip's row in its place in `state`, which is laid out like memory.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {

@@ -42,8 +42,16 @@ inline void wait_for(const std::atomic<int>& reached, int wanted) {
         reached.wait(seen, std::memory_order_acquire);
 }
 
-// A line that another processor has read is asked for before it is written: a store would wait for it.
-inline __attribute__((always_inline)) void prefetch_to_write(const void* p) {
+// Ask for a line a while before it is read, or written: one that another processor has read would keep a store waiting.
+// Not by the builtin, because compilers take a function that does no more for one that does nothing, and drop it.
+inline void prefetch_to_read(const void* p) {
+#if defined(__x86_64__)
+    asm volatile("prefetcht0 %0" : : "m"(*static_cast<const char*>(p)));
+#else
+    __builtin_prefetch(p);
+#endif
+}
+inline void prefetch_to_write(const void* p) {
 #if defined(__x86_64__)
     asm volatile("prefetchw %0" : : "m"(*static_cast<const char*>(p)));
 #else

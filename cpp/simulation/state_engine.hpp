@@ -70,7 +70,7 @@ public:
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
         set_origin({next[0], next[1], next[2]});
-        state_known_ = false;
+        state_changed();
     }
 
     void save_checkpoint() final {
@@ -85,7 +85,7 @@ public:
         memory_ = checkpoint_;
         contact_energy = energy_at_checkpoint_;
         contacts_answered = contacts_at_checkpoint_;
-        state_known_ = false;
+        state_changed();
         contact_pass_.forget();
     }
     bool has_continuous() const final { return contact_pass_.needed(); }
@@ -101,7 +101,7 @@ protected:
 
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
-        state_known_ = false;
+        state_changed();
         return contact_pass_.answer(memory_, t0, t1, dt, threads);
     }
     bool changed_since_checkpoint() const final { return memory_ != checkpoint_; }
@@ -113,6 +113,7 @@ protected:
         return e.kinetic + e.elastic + e.gravity;
     }
 
+    void state_changed() { state_known_ = known_finite_ = false; }
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
     // Threads for work that is worth them.
@@ -230,6 +231,8 @@ protected:
     AlignedVector<Real> memory_;
     // What an engine has kept of the state in memory still holds; false after every change from elsewhere.
     bool state_known_ = false;
+    // The newest steps have found the state finite, and it is still theirs.
+    bool known_finite_ = false;
     ContactPass<Real, Layout> contact_pass_;
 
 private:
@@ -252,7 +255,7 @@ private:
     template <class In>
     void load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
-        state_known_ = false;
+        state_changed();
         contact_pass_.forget();
         const int count = 3 * columns();
         RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());
@@ -298,6 +301,7 @@ private:
     }
     // Whether the state is; padding is.
     bool finite() const {
+        if (known_finite_) return true;
         const Blocks all = layout_.state_blocks();
         std::atomic<bool> is{true};
         in_shares(all.count, int(std::min<std::ptrdiff_t>(shares(), all.count)), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {

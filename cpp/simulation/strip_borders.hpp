@@ -4,6 +4,7 @@
 
 #include "simulation/aligned_vector.hpp"
 #include "simulation/lifted_layout.hpp"
+#include "simulation/row_band.hpp"
 
 namespace clothsim {
 
@@ -24,26 +25,46 @@ public:
     }
     // `state`: a row of the strip, after the step of number `step`, of which its own columns are put down here.
     void give(int strip, int row, const Real* state, std::int64_t step) {
-        visit(strip, row, step, true, [state, lanes = lanes_](std::ptrdiff_t place, Real* values) {
-            for (int k = 0; k < 6; ++k) values[k] = state[place + k * lanes];
+        visit(strip, row, step, true, [&](Part part) {
+            for (int i = 0; i < part.count; ++i)
+                for (int k = 0; k < 6; ++k) part.values[6 * i + k] = state[part.places[i] + k * lanes_];
         });
     }
     // The columns of its halo.
     void take(int strip, int row, Real* state, std::int64_t step) {
-        visit(strip, row, step, false, [state, lanes = lanes_](std::ptrdiff_t place, const Real* values) {
-            for (int k = 0; k < 6; ++k) state[place + k * lanes] = values[k];
+        visit(strip, row, step, false, [&](Part part) {
+            for (int i = 0; i < part.count; ++i)
+                for (int k = 0; k < 6; ++k) state[part.places[i] + k * lanes_] = part.values[6 * i + k];
+        });
+    }
+    // Ask for what the two look at a while before, as it comes from memory.
+    void claim(int strip, int row, std::int64_t step) {
+        visit(strip, row, step, true, [](Part part) {
+            for (int i = 0; i < 6 * part.count; i += line) prefetch_to_write(part.values + i);
+        });
+    }
+    void fetch(int strip, int row, std::int64_t step) {
+        visit(strip, row, step, false, [](Part part) {
+            for (int i = 0; i < 6 * part.count; i += line) prefetch_to_read(part.values + i);
         });
     }
 
 private:
+    static constexpr int line = 64 / int(sizeof(Real));
     struct Border {
         int middle;  // how many of the columns are the first strip's own
         std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind
         AlignedVector<Real> values[2];          // (row, column, 6), by the parity of the step
     };
+    // Columns that one of two strips owns.
+    struct Part {
+        const std::ptrdiff_t* places;  // in a row of the strip that is visited
+        Real* values;
+        int count;
+    };
 
     template <class Visit>
-    void visit(int strip, int row, std::int64_t step, bool own, Visit visit) {
+    void visit(int strip, int row, std::int64_t step, bool own, const Visit& visit) {
         for (int side = 0; side < 2; ++side) {  // the border before the strip, of which it is the second, and that behind it
             const int index = strip - 1 + side;
             if (index < 0 || index >= int(borders_.size())) continue;
@@ -51,9 +72,8 @@ private:
             const auto& places = border.places[1 - side];
             const int count = int(places.size());
             const bool first_half = (side == 1) == own;
-            Real* const values = border.values[step & 1].data() + std::ptrdiff_t(row) * count * 6;
-            for (int i = first_half ? 0 : border.middle; i < (first_half ? border.middle : count); ++i)
-                visit(places[std::size_t(i)], values + 6 * i);
+            const int begin = first_half ? 0 : border.middle, end = first_half ? border.middle : count;
+            visit({places.data() + begin, border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin), end - begin});
         }
     }
 
