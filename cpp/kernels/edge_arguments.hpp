@@ -28,9 +28,10 @@ struct SphereOutline {
     bool crossed;  // set by the kernel when a row is not beyond the plane
 };
 
-// A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors:
-struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n; in single the same of their compensation
-    static constexpr int compensation = 6, count = 6, count_compensated = 12;
+// A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors. In single as many records
+// of their compensation stand behind those of the state, so that what all stages look at is one stream of memory.
+struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n
+    static constexpr int count = 6;
 };
 struct WorkRecord {  // the state at the stage, a1, a2 and then a1 + 2 (a2 + a3)
     static constexpr int first = 6, sum = 9, count = 12;
@@ -47,7 +48,8 @@ struct EdgeRowPointers {
 // One stage over a band of rows.
 template <class Real>
 struct EdgeArguments : StepConstants<Real> {
-    int vectors;  // per row, at least 2
+    int vectors;                  // per row, at least 2
+    std::ptrdiff_t compensation;  // from a value of the state to what rounding took from it
     Stage stage;
     const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
     const Real* coefficients;               // [class][SpringKind][EdgeCoefficientIndex][lane]
@@ -61,9 +63,11 @@ struct EdgeArguments : StepConstants<Real> {
     const Real* pending_source;
     Real* force;    // on the pending row
     bool complete;  // rows end with a whole vector, and all families are damped alike or not at all
-    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) of each record of the state are fetched from
-    // memory while a row is worked on. 0: none.
-    int ahead, ahead_begin, ahead_end, row_count;
+    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) from the start of each record of the state on are
+    // fetched from memory while a row is worked on. 0: none.
+    int ahead;
+    std::ptrdiff_t ahead_begin, ahead_end;
+    int row_count;
     SphereOutline<Real>* spheres;
     int sphere_count;
     void (*hit)(void* context, int sphere, int row, int vector, std::uint64_t lanes);

@@ -11,10 +11,9 @@ namespace {
 // arithmetic with them.
 template <class V, class Real>
 CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
-    constexpr int W = int(V::size), line = 64 / int(sizeof(Real));
-    constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
-    const Real* const record = ahead + k * state_stride;
-    for (int i = e.ahead_begin; i < e.ahead_end; i += line) __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
+    constexpr int line = 64 / int(sizeof(Real));
+    const Real* const record = ahead + k * (StateRecord::count * int(V::size));
+    for (std::ptrdiff_t i = e.ahead_begin; i < e.ahead_end; i += line) __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
 }
 
 // Where a vector stands among those of its row: how many of its springs along the row lead past the last vector.
@@ -114,7 +113,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             if constexpr (shear) behind = vertical || bend_down ? behind + pair : pair;
             Vector3<V> before = load3<V>(received + vector, W);
             if constexpr (vertical || shear || bend_down) before = before - behind;
-            if (__builtin_expect(pending.there, 1)) finish<V, Real, stage>(e, pending, k);
+            if (__builtin_expect(pending.there, 1)) finish<V, Real, stage, fixed>(e, pending, k);
             if constexpr (along_2) root(to_side_2, constants);
             Vector3<V> within = to_next, sum;  // what the row gives to the vector: of the first, what it takes
             to_next = to_next_2;

@@ -89,8 +89,7 @@ constexpr bool source_is_state(Stage stage) { return stage == Stage::first || st
 // Elements from vector to vector of the rows at which a stage looks.
 template <class V>
 CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
-    constexpr int state = sizeof(typename V::value_type) == 4 ? StateRecord::count_compensated : StateRecord::count;
-    return (source_is_state(stage) ? state : WorkRecord::count) * int(V::size);
+    return (source_is_state(stage) ? StateRecord::count : WorkRecord::count) * int(V::size);
 }
 
 }  // namespace

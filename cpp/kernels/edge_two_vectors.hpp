@@ -45,7 +45,7 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     // The forces on the second vector are known so late that its stage is finished in the next row.
     Real* const second = e.force + 3 * W;
     const auto finish_second = [&](int row) __attribute__((always_inline)) {
-        finish_stage<V, Real, stage>(e, row_to_finish(e, row, source(row)), 1, load3<V>(second, W));
+        finish_stage<V, Real, stage, 2>(e, row_to_finish(e, row, source(row)), 1, load3<V>(second, W));
     };
     for (int row = begin; row < end; ++row) {
         const Real* const here = source(row);
@@ -77,7 +77,7 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
         root(rising_0, constants);
         const auto drops_0 = end_spring.template operator()<all>(down_0, to_below);
         const auto force_0 = ((received[0] - (drops_0 + falls_0)) - pulls_0) + past_last;
-        finish_stage<V, Real, stage>(e, row_to_finish(e, row, here), 0, force_0);
+        finish_stage<V, Real, stage, 2>(e, row_to_finish(e, row, here), 0, force_0);
         Spring<V> down_1 = begin_spring(other, below + stride);
         root(falling_1, constants);
         const auto rises_0 = end_spring.template operator()<all>(rising_0, to_diagonal);

@@ -31,16 +31,16 @@ CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
     return row_to_finish(e, e.pending, e.pending_source);
 }
 
-// Finish the stage of one vector on which these forces act.
-template <class V, class Real, Stage stage>
+// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not known here.
+template <class V, class Real, Stage stage, int fixed = 0>
 CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k, const Vector3<V>& force) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
-    constexpr int state_stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * W;
     const Real* const source = row.source + k * source_stride<V>(stage);
-    Real* const state = row.state + k * state_stride;
+    Real* const state = row.state + k * (StateRecord::count * W);
     Real* const work = row.work + k * (WorkRecord::count * W);
     const V step(stage == Stage::third ? e.h : e.half_h), step_a(stage == Stage::third ? e.h_a : e.half_h_a);
+    const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
     const V h2_6(e.h2_6), h_6(e.h_6);
     V acceleration[3] = {force.x, force.y, force.z};
     if (__builtin_expect(e.point_damping != 0, 0))
@@ -66,7 +66,7 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
         if constexpr (stage == Stage::evaluate) {
             (a * V(e.unit)).store_aligned(first);
         } else if constexpr (stage == Stage::fourth) {
-            add_increment<compensated>(v, v + StateRecord::compensation * W, h_6 * (V::load_aligned(sum) + a));
+            add_increment<compensated>(v, v + compensation, h_6 * (V::load_aligned(sum) + a));
         } else {
             const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
             xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
@@ -76,16 +76,16 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
             if constexpr (stage == Stage::third) {
                 const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
                 (three + middle).store_aligned(sum);
-                add_increment<compensated>(x, x + StateRecord::compensation * W, xsimd::fma(step, v0, h2_6 * three));
+                add_increment<compensated>(x, x + compensation, xsimd::fma(step, v0, h2_6 * three));
             }
         }
     });
 }
 
-template <class V, class Real, Stage stage>
+template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
     const Vector3<V> force = load3<V>(e.force + k * 3 * int(V::size), int(V::size));
-    if constexpr (stage != any_stage) return finish_stage<V, Real, stage>(e, row, k, force);
+    if constexpr (stage != any_stage) return finish_stage<V, Real, stage, fixed>(e, row, k, force);
     switch (e.stage) {
         case Stage::first: return finish_stage<V, Real, Stage::first>(e, row, k, force);
         case Stage::second: return finish_stage<V, Real, Stage::second>(e, row, k, force);
@@ -111,8 +111,7 @@ CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row,
 
 template <class V, class Real>
 CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
-    constexpr int W = int(V::size);
-    constexpr int state_stride = (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count) * W;
+    constexpr int W = int(V::size), state_stride = StateRecord::count * W;
     for (int s = 0; s < e.sphere_count; ++s) {
         SphereOutline<Real>& sphere = e.spheres[s];
         if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
@@ -137,7 +136,7 @@ template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
     const PendingRow<Real> pending = pending_row(e);
-    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, any_stage>(e, pending, k);
+    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, any_stage, 0>(e, pending, k);
     end_pending<V>(e);
     e.pending = -1;
 }

@@ -142,7 +142,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     // While the row is in cache.
     void look(int r) {
         const LiftedLayout& layout = engine->layout_;
-        finite &= all_finite(rows[std::size_t(r)].state, Blocks{layout.vectors, StateRecord::compensation * layout.lanes, layout.stride});
+        finite &= all_finite(rows[std::size_t(r)].state, Blocks{1, layout.vectors * layout.stride, 0});
     }
 
     void place_spheres(double t) {

@@ -34,13 +34,13 @@ constexpr int rows_between_stages = 3;
 constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
 
 template <class Real>
-constexpr std::ptrdiff_t bytes_of_point = sizeof(Real) * (sizeof(Real) == 4 ? StateRecord::count_compensated : StateRecord::count);
+constexpr std::ptrdiff_t bytes_of_point = (sizeof(Real) == 4 ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. What is under way in it, 12 rows of work and 13 of state, takes half of the
-// second-level cache. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. What is under way in it, 13 rows of state, 4 of its compensation and 12 of
+// work, takes half of the second-level cache. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
-    constexpr std::ptrdiff_t under_way = 13 * bytes_of_point<Real> + 12 * WorkRecord::count * sizeof(Real);
+    constexpr std::ptrdiff_t under_way = ((sizeof(Real) == 4 ? 17 : 13) * StateRecord::count + 12 * WorkRecord::count) * sizeof(Real);
     const int enough = int(second_level_cache() / 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
@@ -50,8 +50,8 @@ int strip_columns(const Plan& plan) {
 
 // The positions of `records` records: where padding stays.
 template <class Real>
-void place_far_away(AlignedVector<Real>& memory, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
-    for (std::ptrdiff_t i = 0; i < records; ++i) std::fill_n(memory.begin() + i * stride, 3 * lanes, Real(far_away));
+void place_far_away(Real* first, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
+    for (std::ptrdiff_t i = 0; i < records; ++i) std::fill_n(first + i * stride, 3 * lanes, Real(far_away));
 }
 
 }  // namespace
@@ -73,7 +73,8 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(layout_.size() + layout_.lanes, Real(0));
     const int all_rows = layout_.strips * cloth.rows;
-    place_far_away(memory_, std::ptrdiff_t(all_rows) * layout_.vectors, layout_.stride, layout_.lanes);
+    for (int row = 0; row < all_rows; ++row)
+        place_far_away(memory_.data() + row * layout_.row_size(), layout_.vectors, layout_.stride, layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
@@ -99,6 +100,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     // Springs looked at from one end or the other may differ in the sign of a zero; +0 is added, so the bits do not.
     for (Real& g : e.gravity) g += Real(0);
     e.vectors = layout_.vectors;
+    e.compensation = layout_.compensation();
     e.stage = stage;
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
@@ -132,7 +134,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->work = std::make_shared<Workspace<Real>>();
             band->work->scratch.assign(4 * scratch_size(), Real(0));
             band->work->rows.assign(ring * work_row + layout_.lanes, Real(0));
-            place_far_away(band->work->rows, ring * layout_.vectors, band->work_stride(), layout_.lanes);
+            place_far_away(band->work->rows.data(), ring * layout_.vectors, band->work_stride(), layout_.lanes);
         } else {
             band->work = bands[std::size_t(i - team)]->work;
         }
@@ -258,11 +260,13 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
             e.hit = &Band::hit;
             e.context = &b;
             if (b.lag == b.size()) continue;
-            // Each stage fetches a quarter of the row that the first one reaches next.
-            const int quarter = int(layout_.stride) / 4;
-            e.ahead = s * b.lag + rows_before_use;
-            e.ahead_begin = s * quarter;
-            e.ahead_end = (s + 1) * quarter;
+            // Each stage fetches a share of the row that the first one reaches next; those that look at the compensation of
+            // positions and of velocities, a half of that instead.
+            const int sharing = Base::compensated ? 2 : 4, part = s / sharing;
+            const std::ptrdiff_t share = layout_.stride / sharing;
+            e.ahead = part == 0 ? s * b.lag + rows_before_use : 1;
+            e.ahead_begin = part * layout_.compensation() + s % sharing * share;
+            e.ahead_end = e.ahead_begin + share;
             e.row_count = b.size();
         }
         if (!this->state_known_) b.give_borders();

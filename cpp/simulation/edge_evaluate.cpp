@@ -49,7 +49,7 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
     e.rows = scratch.rows.data();
     if (band.size() * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
         e.ahead = rows_before_use;
-        e.ahead_end = StateRecord::compensation * layout_.lanes;  // x and v
+        e.ahead_end = layout_.stride;
         e.row_count = int(scratch.rows.size());
     }
 

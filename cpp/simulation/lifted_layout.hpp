@@ -28,6 +28,7 @@ inline constexpr int halo_columns = 8;
 
 struct LiftedLayout {
     int rows, columns, strips, window, lanes, vectors;
+    int parts;                          // of a row: the state, and its compensation
     std::ptrdiff_t stride;              // elements from vector to vector
     std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
     std::vector<std::ptrdiff_t> column_place;  // of a cloth's column in row 0, in the strip whose own it is
@@ -37,7 +38,8 @@ struct LiftedLayout {
         : rows(cloth.rows), columns(cloth.columns), strips(1), window(cloth.columns), lanes(lanes) {
         if (strip_columns > 0 && columns > strip_columns + 2 * halo_columns) cut(strip_columns);
         vectors = std::max(2, (window + lanes - 1) / lanes);
-        stride = (compensated ? StateRecord::count_compensated : StateRecord::count) * lanes;
+        stride = StateRecord::count * lanes;
+        parts = compensated ? 2 : 1;
         for (int k = 0; k < vectors; ++k)
             for (int component = 0; component < 3; ++component) place.push_back(k * stride + component * lanes);
         for (int s = 0; s < strips; ++s)
@@ -50,7 +52,7 @@ struct LiftedLayout {
         return strip == strips ? columns : (start(strip) + start(strip - 1) + window) / 2;
     }
 
-    std::ptrdiff_t row_size() const { return vectors * stride; }
+    std::ptrdiff_t row_size() const { return parts * vectors * stride; }
     std::ptrdiff_t strip_size() const { return rows * row_size(); }
     std::ptrdiff_t size() const { return strips * strip_size(); }
     std::ptrdiff_t at(int row, int column, int k = 0) const {
@@ -58,11 +60,11 @@ struct LiftedLayout {
     }
     // Where the column of a strip's window stands in its row.
     std::ptrdiff_t in_record(int column) const { return column % vectors * stride + column / vectors; }
-    std::ptrdiff_t compensation() const { return StateRecord::compensation * lanes; }
+    std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
     // Where the state stands, without its compensation.
     Blocks state_blocks() const {
-        return {std::ptrdiff_t(strips) * rows * vectors, StateRecord::compensation * lanes, stride};
+        return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};
     }
     // Of a cloth in one strip.
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }

@@ -116,10 +116,10 @@ protected:
     void state_changed() { state_known_ = known_finite_ = false; }
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
-    // Threads for work that is worth them.
+    // Threads for copies: those of the steps, in whose caches the state is, or one. A smaller team would end some of them.
     int shares() const {
-        constexpr std::int64_t points_worth_threads = 100'000;
-        return plan_.cloth.points() >= points_worth_threads ? threads : 1;
+        constexpr std::int64_t points_worth_a_thread = 2'000;
+        return plan_.cloth.points() >= points_worth_a_thread * threads ? threads : 1;
     }
     // 1 / mass where it is uniform and so folded into the coefficients.
     double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
