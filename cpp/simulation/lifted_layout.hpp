@@ -18,6 +18,7 @@
 #include "kernels/edge_arguments.hpp"
 #include "model/cloth.hpp"
 #include "simulation/aligned_vector.hpp"
+#include "simulation/caches.hpp"
 #include "simulation/finite.hpp"
 #include "simulation/row_copies.hpp"
 
@@ -70,13 +71,16 @@ struct LiftedLayout {
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
 
-    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many.
+    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many. The next row of a
+    // large cloth is fetched meanwhile, to the second-level cache: requests to the first would keep loads waiting.
     template <class Real>
     void put_row(const Real* row, Real* to) const {
         for (int s = 0; s < strips; ++s) to_lanes(row + 3 * start(s), to + s * strip_size(), lifted());
     }
     template <class Real>
     void take_row(const Real* from, Real* row, AlignedVector<Real>& part) const {
+        for (int s = 0; s < strips && size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache(); ++s)
+            for (const std::ptrdiff_t p : place) __builtin_prefetch(from + s * strip_size() + row_size() + p, 0, 2);
         if (strips == 1) return from_lanes(from, row, lifted());
         for (int s = 0; s < strips; ++s) {
             from_lanes(from + s * strip_size(), part.data(), lifted());

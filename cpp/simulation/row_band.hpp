@@ -46,7 +46,7 @@ inline void wait_for(const std::atomic<int>& reached, int wanted) {
 // Not by the builtin, because compilers take a function that does no more for one that does nothing, and drop it.
 inline void prefetch_to_read(const void* p) {
 #if defined(__x86_64__)
-    asm volatile("prefetcht0 %0" : : "m"(*static_cast<const char*>(p)));
+    asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));
 #else
     __builtin_prefetch(p);
 #endif
