@@ -139,10 +139,11 @@ struct EdgeEngine<Real>::Band : RowBand {
         if (far) hand(far->from_far, number, n - 1, n - 2);
     }
 
-    // While the row is in cache.
-    void look(int r) {
+    // Whether rows [begin, end) are finite, while they are in cache.
+    void look(int begin, int end) {
         const LiftedLayout& layout = engine->layout_;
-        finite &= all_finite(rows[std::size_t(r)].state, Blocks{1, layout.vectors * layout.stride, 0});
+        const Real* const first = rows[std::size_t(upwards ? end - 1 : begin)].state;
+        finite &= all_finite(first, Blocks{end - begin, layout.vectors * layout.stride, layout.row_size()});
     }
 
     void place_spheres(double t) {

@@ -201,7 +201,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     };
     const auto row_done = [&](int row) {
         if (strips) band.give_border(row, band.step + 1);
-        if (look) band.look(row);
+        if (look) band.look(row, row + 1);
     };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
@@ -230,7 +230,8 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
             }
             run_last(s, end_inner, n);
         }
-        for (int row = 0; row < n; ++row) row_done(row);
+        for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);
+        if (look) band.look(0, n);
     } else {
         for (int front = 0; front < n + 3 * band.lag; ++front) {
             if (strips && front + 2 < n - 2) band.take_border(front + 2);
