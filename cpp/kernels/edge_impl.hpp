@@ -35,22 +35,6 @@
 namespace clothsim {
 namespace {
 
-// The forces on one row, and the end of the stage of the row before.
-template <class Arch, class Real, int index>
-void edge_stage(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    const auto run = [&]<bool has_below, bool has_below_2>() {
-        edge_row<Arch, Real, index, any_stage, 0, true, has_below, has_below_2>(e, source, e.received[0], e.received[1],
-                                                                                  pending_row(e));
-    };
-    if (source.below_2) run.template operator()<true, true>();
-    else if (source.below) run.template operator()<true, false>();
-    else run.template operator()<false, false>();
-    std::swap(e.received[0], e.received[1]);
-    end_pending<Lanes<Real, Arch>>(e);
-    e.pending = row;
-    e.pending_source = source.here;
-}
-
 // Rows [begin, end) in one stage, with one number of vectors; any_stage and 0: those of `e`.
 template <class Arch, class Real, int index, Stage stage, int fixed>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
@@ -78,6 +62,25 @@ constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(La
 template <class Arch, class Real>
 bool is_written_out(const EdgeArguments<Real>& e) {
     return e.complete && e.vectors == written_out<Arch, Real>;
+}
+
+// The forces on one of the last two rows of a cloth, and the end of the stage of the row before.
+template <class Arch, class Real, int index>
+void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
+    const auto run = [&]<int fixed>() {
+        const auto row_with = [&]<bool has_below>() {
+            edge_row<Arch, Real, index, any_stage, fixed, true, has_below, false>(e, source, e.received[0], e.received[1],
+                                                                                  pending_row(e));
+        };
+        if (source.below) row_with.template operator()<true>();
+        else row_with.template operator()<false>();
+    };
+    if (is_written_out<Arch>(e)) run.template operator()<written_out<Arch, Real>>();
+    else run.template operator()<0>();
+    std::swap(e.received[0], e.received[1]);
+    end_pending<Lanes<Real, Arch>>(e);
+    e.pending = row;
+    e.pending_source = source.here;
 }
 
 // One stage of rows [begin, end), of which all have two more behind them in `e.rows`.

@@ -28,9 +28,10 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// The edge kernel: one row, the end of its stage, many rows, and what the two rows before a band hand on to it.
+// The edge kernel: one of the last two rows, the end of its stage, many rows, and what the two rows before a band hand on
+// to it.
 template <class Real>
-using EdgeStageKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
+using EdgeLastRowKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
 using EdgeFinishKernel = void (*)(EdgeArguments<Real>&);
 template <class Real>
@@ -51,7 +52,7 @@ struct RealKernels {
     std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
     std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
     SphereKernel<Real> sphere;
-    std::array<EdgeStageKernel<Real>, Features::count> edge_stage;
+    std::array<EdgeLastRowKernel<Real>, Features::count> edge_last_row;
     std::array<EdgeRowsKernel<Real>, Features::count> edge_rows;
     std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
     EdgeFinishKernel<Real> edge_finish;

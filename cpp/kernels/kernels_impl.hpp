@@ -21,7 +21,7 @@ constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, index...>) {
     return {{&gather_tile<Arch, Real, Arithmetic::fused, index>...},
             {&gather_tile<Arch, Real, Arithmetic::strict, index>...},
             &sphere_tile<Arch, Real>,
-            {&edge_stage<Arch, Real, index>...},
+            {&edge_last_row<Arch, Real, index>...},
             {&edge_rows<Arch, Real, index>...},
             {&edge_halo<Arch, Real, index>...},
             &edge_finish<Arch, Real>,

@@ -65,7 +65,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     const Cloth& cloth = plan_.cloth;
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
     const int features = plan_.features().index();
-    stage_kernel_ = kernels.edge_stage[features];
+    last_row_kernel_ = kernels.edge_last_row[features];
     rows_kernel_ = kernels.edge_rows[features];
     halo_kernel_ = kernels.edge_halo[features];
     finish_kernel_ = kernels.edge_finish;
@@ -188,7 +188,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
             rows_kernel_(e, begin, end);
         }
         for (int row = begin; row < end && !band.far; ++row)
-            stage_kernel_(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
+            last_row_kernel_(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
         if (end < n) return;
         finish_kernel_(e);
         if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, n - 1, n - 2);
@@ -332,7 +332,8 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
         std::fill_n(e.received[0], 3 * handed_size(), Real(0));
         const auto state = [&](int row) -> const Real* { return row < rows() ? band.rows[std::size_t(row)].state : nullptr; };
         for (int r = 0; r < rows(); ++r) {
-            stage_kernel_(e, r, {state(r), state(r + 1), state(r + 2)});
+            if (r < rows() - 2) rows_kernel_(e, r, r + 1);
+            else last_row_kernel_(e, r, {state(r), state(r + 1), nullptr});
             finish_kernel_(e);
             const Real* const work = band.rows[std::size_t(r)].work + WorkRecord::first * layout_.lanes;
             for (int column = layout_.own(strip); column < layout_.own(strip + 1); ++column) {

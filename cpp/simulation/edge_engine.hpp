@@ -58,7 +58,7 @@ private:
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 
-    EdgeStageKernel<Real> stage_kernel_;
+    EdgeLastRowKernel<Real> last_row_kernel_;
     EdgeRowsKernel<Real> rows_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
     EdgeFinishKernel<Real> finish_kernel_;

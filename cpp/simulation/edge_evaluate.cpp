@@ -63,7 +63,7 @@ int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch
     const int known = int(scratch.rows.size()), inner = std::clamp(known - 2, begin, end);
     const auto source = [&](int at) -> const Real* { return at < known ? scratch.rows[std::size_t(at)].state : nullptr; };
     rows_kernel_(scratch.edge, begin, inner);
-    for (int i = inner; i < end; ++i) stage_kernel_(scratch.edge, i, {source(i), source(i + 1), source(i + 2)});
+    for (int i = inner; i < end; ++i) last_row_kernel_(scratch.edge, i, {source(i), source(i + 1), nullptr});
     if (end < scratch.band.size()) return end - 1;  // the kernel finishes a row with the next one
     finish_kernel_(scratch.edge);
     return end;
