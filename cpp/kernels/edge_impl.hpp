@@ -7,7 +7,8 @@
 //     vector 1    1     m+1   2m+1    ...       the last vector stands vector 0 again, one lane further.
 //     ...
 //
-// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
+// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory. What
+// compensation keeps is another, behind it.
 //
 // A sweep goes from row to row. A row adds the force of each of its springs to its own points and hands the
 // opposite force on: within the row in registers, to the next row in `received`, to the row after it in

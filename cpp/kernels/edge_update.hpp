@@ -32,7 +32,7 @@ CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
 }
 
 // Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not known here.
-template <class V, class Real, Stage stage, int fixed = 0>
+template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k, const Vector3<V>& force) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
@@ -87,11 +87,11 @@ CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>
     const Vector3<V> force = load3<V>(e.force + k * 3 * int(V::size), int(V::size));
     if constexpr (stage != any_stage) return finish_stage<V, Real, stage, fixed>(e, row, k, force);
     switch (e.stage) {
-        case Stage::first: return finish_stage<V, Real, Stage::first>(e, row, k, force);
-        case Stage::second: return finish_stage<V, Real, Stage::second>(e, row, k, force);
-        case Stage::third: return finish_stage<V, Real, Stage::third>(e, row, k, force);
-        case Stage::fourth: return finish_stage<V, Real, Stage::fourth>(e, row, k, force);
-        case Stage::evaluate: return finish_stage<V, Real, Stage::evaluate>(e, row, k, force);
+        case Stage::first: return finish_stage<V, Real, Stage::first, fixed>(e, row, k, force);
+        case Stage::second: return finish_stage<V, Real, Stage::second, fixed>(e, row, k, force);
+        case Stage::third: return finish_stage<V, Real, Stage::third, fixed>(e, row, k, force);
+        case Stage::fourth: return finish_stage<V, Real, Stage::fourth, fixed>(e, row, k, force);
+        case Stage::evaluate: return finish_stage<V, Real, Stage::evaluate, fixed>(e, row, k, force);
     }
 }
 

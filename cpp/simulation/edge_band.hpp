@@ -24,7 +24,7 @@ struct Mailbox {
         vectors = layout.vectors;
         state_stride = layout.stride;
         work_stride = WorkRecord::count * lanes;
-        row_size = vectors * std::max(state_stride, work_stride);
+        row_size = vectors * work_stride;  // the larger one
         rows.assign(4 * row_size + lanes, Real(0));
     }
     void begin(std::int64_t stage) {
@@ -75,7 +75,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     Band* near = nullptr;  // the neighbour at the border where sweeps begin
     Band* far = nullptr;   // the one where they end
     Mailbox<Real> from_near, from_far;
-    std::shared_ptr<Workspace<Real>> work;
+    std::shared_ptr<Workspace<Real>> workspace;
     std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag;                                  // rows between two stages; all rows: stage by stage
     std::vector<Contact> contacts;

@@ -34,13 +34,15 @@ constexpr int rows_between_stages = 3;
 constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
 
 template <class Real>
-constexpr std::ptrdiff_t bytes_of_point = (sizeof(Real) == 4 ? 2 : 1) * StateRecord::count * sizeof(Real);
+constexpr bool compensated = sizeof(Real) == 4;
+template <class Real>
+constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
 // Columns of a strip, 0: the cloth is not cut. What is under way in it, 13 rows of state, 4 of its compensation and 12 of
 // work, takes half of the second-level cache. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
-    constexpr std::ptrdiff_t under_way = ((sizeof(Real) == 4 ? 17 : 13) * StateRecord::count + 12 * WorkRecord::count) * sizeof(Real);
+    constexpr std::ptrdiff_t under_way = ((compensated<Real> ? 17 : 13) * StateRecord::count + 12 * WorkRecord::count) * sizeof(Real);
     const int enough = int(second_level_cache() / 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
@@ -131,15 +133,15 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->lag = bytes <= bytes_kept_in_cache() ? n : rows_between_stages;
         const int ring = std::min(n, 3 * band->lag + 3);
         if (band->strip == 0) {
-            band->work = std::make_shared<Workspace<Real>>();
-            band->work->scratch.assign(4 * scratch_size(), Real(0));
-            band->work->rows.assign(ring * work_row + layout_.lanes, Real(0));
-            place_far_away(band->work->rows.data(), ring * layout_.vectors, band->work_stride(), layout_.lanes);
+            band->workspace = std::make_shared<Workspace<Real>>();
+            band->workspace->scratch.assign(4 * scratch_size(), Real(0));
+            band->workspace->rows.assign(ring * work_row + layout_.lanes, Real(0));
+            place_far_away(band->workspace->rows.data(), ring * layout_.vectors, band->work_stride(), layout_.lanes);
         } else {
-            band->work = bands[std::size_t(i - team)]->work;
+            band->workspace = bands[std::size_t(i - team)]->workspace;
         }
         for (int j = 0; j < n; ++j)
-            band->rows.push_back(row_pointers(memory_.data(), band->work->rows.data() + j % ring * work_row, band->row(j), band->strip));
+            band->rows.push_back(row_pointers(memory_.data(), band->workspace->rows.data() + j % ring * work_row, band->row(j), band->strip));
         band->rows.resize(std::size_t(n + 2));
         bands.push_back(std::move(band));
     }
@@ -256,29 +258,31 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& b = band(strip);
         for (int s = 0; s < 4; ++s) {
-            EdgeArguments<Real>& e = b.stages[s] = arguments(Stage(s), clock.dt, b.work->scratch.data() + s * scratch_size());
+            EdgeArguments<Real>& e = b.stages[s] = arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
             e.hit = &Band::hit;
             e.context = &b;
             if (b.lag == b.size()) continue;
             // Each stage fetches a share of the row that the first one reaches next; those that look at the compensation of
-            // positions and of velocities, a half of that instead.
-            const int sharing = Base::compensated ? 2 : 4, part = s / sharing;
+            // positions and of velocities, a half of that instead, and need it where a row is finished: one later.
+            const int sharing = Base::compensated ? 2 : 4;
+            const bool compensation = s >= sharing;
             const std::ptrdiff_t share = layout_.stride / sharing;
-            e.ahead = part == 0 ? s * b.lag + rows_before_use : 1;
-            e.ahead_begin = part * layout_.compensation() + s % sharing * share;
+            e.ahead = compensation ? 1 : s * b.lag + rows_before_use;
+            e.ahead_begin = (compensation ? layout_.compensation() : 0) + s % sharing * share;
             e.ahead_end = e.ahead_begin + share;
             e.row_count = b.size();
         }
         if (!this->state_known_) b.give_borders();
     }
+    const bool look = !moved_after_steps();
     const int last = layout_.strips - 1;
     for (int strip = 0; strip <= last; ++strip) band(strip).hand_start();
     for (std::int64_t k = 1; k <= steps; ++k) {
         // A strip hands over the state of its next step as soon as the one behind it has taken this one, so that
         // threads need not meet at each strip.
         for (int strip = 0; strip <= last; ++strip) {
-            step_band(band(strip), clock.at(k), k == steps);
+            step_band(band(strip), clock.at(k), look && k == steps);
             if (strip > 0 && !this->track_contact_energy) band(strip - 1).hand_start();
         }
         if (this->track_contact_energy) {
@@ -292,6 +296,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
+    this->known_finite_ = false;
     const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / RowBand::fewest_rows);
     int team_given = 1;
     const auto begin = [&](int given) {
@@ -314,7 +319,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
     step_ += steps;
     this->state_known_ = true;
     const auto& stepped = bands(team_given);
-    this->known_finite_ = steps > 0 && !this->track_contact_energy &&
+    this->known_finite_ = steps > 0 && !moved_after_steps() &&
                           std::all_of(stepped.begin(), stepped.end(), [](const auto& band) { return band->finite; });
 }
 
@@ -327,7 +332,7 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
         for (int r = 0; r < rows(); ++r) band.take_border(r);
-        EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.work->scratch.data());
+        EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.workspace->scratch.data());
         e.rows = band.rows.data();
         std::fill_n(e.received[0], 3 * handed_size(), Real(0));
         const auto state = [&](int row) -> const Real* { return row < rows() ? band.rows[std::size_t(row)].state : nullptr; };

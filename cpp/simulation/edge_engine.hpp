@@ -42,10 +42,12 @@ private:
     struct Band;
 
     void build_coefficients();
+    // Whether something else changes the state after the steps: contacts that are answered then.
+    bool moved_after_steps() const { return this->track_contact_energy || this->has_continuous(); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
-    // `look`: whether the state is finite then.
+    // `look`: at the state it leaves, whether that is finite.
     void step_band(Band& band, double t, bool look);
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
     // A strip's row in its place in `state`, which is laid out like memory.

@@ -50,7 +50,7 @@ public:
     // Of continuous contact since the last look, see ContactReport.
     ContactReport contact_report;
 
-    int threads = 1;  // that the newest steps might use, and copies of a large state may too
+    int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0. What is null is not stored.
     virtual void load(const float* x, const float* v) = 0;

@@ -1,5 +1,5 @@
 // The layout that cpp/kernels/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its vectors'
-// records one after the other.
+// records one after the other, and in single behind them those of their compensation.
 //
 // A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's window reaches
 // into its neighbours, by at least as many columns as a step can carry news:
@@ -71,15 +71,17 @@ struct LiftedLayout {
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
 
-    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many. The next row of a
-    // large cloth is fetched meanwhile, to the second-level cache: requests to the first would keep loads waiting.
+    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many. Out of a large
+    // cloth the next row is fetched meanwhile.
     template <class Real>
     void put_row(const Real* row, Real* to) const {
         for (int s = 0; s < strips; ++s) to_lanes(row + 3 * start(s), to + s * strip_size(), lifted());
     }
     template <class Real>
     void take_row(const Real* from, Real* row, AlignedVector<Real>& part) const {
-        for (int s = 0; s < strips && size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache(); ++s)
+        // To the second-level cache: requests to the first would keep loads waiting.
+        const bool from_memory = size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache();
+        for (int s = 0; s < strips && from_memory; ++s)
             for (const std::ptrdiff_t p : place) __builtin_prefetch(from + s * strip_size() + row_size() + p, 0, 2);
         if (strips == 1) return from_lanes(from, row, lifted());
         for (int s = 0; s < strips; ++s) {

@@ -1,4 +1,4 @@
-// A cloth's rows among threads, and how two threads wait for each other.
+// A cloth's rows among threads, how two threads wait for each other, and how they ask for memory ahead.
 #pragma once
 
 #include <atomic>
@@ -42,13 +42,14 @@ inline void wait_for(const std::atomic<int>& reached, int wanted) {
         reached.wait(seen, std::memory_order_acquire);
 }
 
-// Ask for a line a while before it is read, or written: one that another processor has read would keep a store waiting.
-// Not by the builtin, because compilers take a function that does no more for one that does nothing, and drop it.
+// Ask for a line a while before it is read, in the second-level cache, or written: one that another processor has read would
+// keep a store waiting. Not by the builtin, because g++ takes a function that does no more for one that does nothing, and
+// drops it.
 inline void prefetch_to_read(const void* p) {
 #if defined(__x86_64__)
     asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));
 #else
-    __builtin_prefetch(p);
+    __builtin_prefetch(p, 0, 2);
 #endif
 }
 inline void prefetch_to_write(const void* p) {

@@ -116,10 +116,11 @@ protected:
     void state_changed() { state_known_ = known_finite_ = false; }
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
-    // Threads for copies: those of the steps, in whose caches the state is, or one. A smaller team would end some of them.
+    // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some would end.
     int shares() const {
         constexpr std::int64_t points_worth_a_thread = 2'000;
-        return plan_.cloth.points() >= points_worth_a_thread * threads ? threads : 1;
+        const int team = track_contact_energy ? 1 : std::max(1, std::min(threads, rows() / RowBand::fewest_rows));
+        return plan_.cloth.points() >= points_worth_a_thread * team ? team : 1;
     }
     // 1 / mass where it is uniform and so folded into the coefficients.
     double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
@@ -231,7 +232,7 @@ protected:
     AlignedVector<Real> memory_;
     // What an engine has kept of the state in memory still holds; false after every change from elsewhere.
     bool state_known_ = false;
-    // The newest steps have found the state finite, and it is still theirs.
+    // The newest steps have found the state finite, and have left it as it is.
     bool known_finite_ = false;
     ContactPass<Real, Layout> contact_pass_;
 

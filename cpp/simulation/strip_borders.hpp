@@ -25,27 +25,27 @@ public:
     }
     // `state`: a row of the strip, after the step of number `step`, of which its own columns are put down here.
     void give(int strip, int row, const Real* state, std::int64_t step) {
-        visit(strip, row, step, true, [&](Part part) {
-            for (int i = 0; i < part.count; ++i)
-                for (int k = 0; k < 6; ++k) part.values[6 * i + k] = state[part.places[i] + k * lanes_];
+        visit(strip, row, step, true, [&](Columns columns) {
+            for (int i = 0; i < columns.count; ++i)
+                for (int k = 0; k < 6; ++k) columns.values[6 * i + k] = state[columns.places[i] + k * lanes_];
         });
     }
     // The columns of its halo.
     void take(int strip, int row, Real* state, std::int64_t step) {
-        visit(strip, row, step, false, [&](Part part) {
-            for (int i = 0; i < part.count; ++i)
-                for (int k = 0; k < 6; ++k) state[part.places[i] + k * lanes_] = part.values[6 * i + k];
+        visit(strip, row, step, false, [&](Columns columns) {
+            for (int i = 0; i < columns.count; ++i)
+                for (int k = 0; k < 6; ++k) state[columns.places[i] + k * lanes_] = columns.values[6 * i + k];
         });
     }
     // Ask for what the two look at a while before, as it comes from memory.
     void claim(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, true, [](Part part) {
-            for (int i = 0; i < 6 * part.count; i += line) prefetch_to_write(part.values + i);
+        visit(strip, row, step, true, [](Columns columns) {
+            for (int i = 0; i < 6 * columns.count; i += line) prefetch_to_write(columns.values + i);
         });
     }
     void fetch(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, false, [](Part part) {
-            for (int i = 0; i < 6 * part.count; i += line) prefetch_to_read(part.values + i);
+        visit(strip, row, step, false, [](Columns columns) {
+            for (int i = 0; i < 6 * columns.count; i += line) prefetch_to_read(columns.values + i);
         });
     }
 
@@ -56,8 +56,8 @@ private:
         std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind
         AlignedVector<Real> values[2];          // (row, column, 6), by the parity of the step
     };
-    // Columns that one of two strips owns.
-    struct Part {
+    // Those that one of two strips owns.
+    struct Columns {
         const std::ptrdiff_t* places;  // in a row of the strip that is visited
         Real* values;
         int count;

@@ -8,7 +8,7 @@ BOUND = {"double": 1e-12, "single": 5e-5}
 
 # More than 4 MiB each. The first is no multiple of a vector wide; of the second each band of rows
 # fits into cache; the third has several strips whatever the size of the second-level cache.
-SHAPES = [(61, 1531), (16, 5600), (40, 2600)]
+SHAPES = [(61, 1531), (16, 5464), (40, 2600)]
 STEPS = 4
 
 UNIFORM = {"mass": "uniform", "pins": (), "damping_model": "spring"}
