@@ -46,7 +46,7 @@ int strip_columns(const Plan& plan) {
     const int enough = int(second_level_cache() / 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
-    const bool narrow = plan.cloth.columns <= enough + enough / 3;
+    const bool narrow = plan.cloth.columns <= enough + enough / 16;
     return small || narrow || std::any_of(plan.spheres.begin(), plan.spheres.end(), continuous) ? 0 : enough;
 }
 
