@@ -201,6 +201,22 @@ def same_bits():
     return _same_bits
 
 
+def _overflowing(shape, point, precision, **cloth):
+    pins = np.ones(shape, bool)
+    pins[point] = False
+    springs = {"springs": ("structural",), "damping": 0.0, "stiffness": 1e-3}
+    scene = cs.Scene(cs.Cloth(shape, pins=pins, **springs, **cloth))
+    v = np.zeros_like(scene.initial_position)
+    v[point][2] = 0.9 * float(np.finfo(np.float32 if precision == "single" else np.float64).max)
+    return scene, v
+
+
+@pytest.fixture
+def overflowing():
+    """A scene of which one mass point only can move, and velocities with which it overflows within 5 steps of 0.9 s."""
+    return _overflowing
+
+
 @pytest.fixture
 def closing():
     """A cloth of a shape between two spheres, offset "face", that close upon its middle."""

@@ -54,10 +54,8 @@ struct Mailbox {
 private:
     template <class Ask>
     void each_line(std::int64_t stage, const Ask& ask) {
-        constexpr int line = 64 / int(sizeof(Real));
         for (const int which : {0, 1})
-            for (int k = 0; k < vectors; ++k)
-                for (int i = 0; i < 6 * lanes; i += line) ask(row(stage, which) + k * stride(stage) + i);
+            for (int k = 0; k < vectors; ++k) for_each_line(row(stage, which) + k * stride(stage), 6 * lanes, ask);
     }
 };
 

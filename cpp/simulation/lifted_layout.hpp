@@ -20,6 +20,7 @@
 #include "simulation/aligned_vector.hpp"
 #include "simulation/caches.hpp"
 #include "simulation/finite.hpp"
+#include "simulation/row_band.hpp"
 #include "simulation/row_copies.hpp"
 
 namespace clothsim {
@@ -79,10 +80,9 @@ struct LiftedLayout {
     }
     template <class Real>
     void take_row(const Real* from, Real* row, AlignedVector<Real>& part) const {
-        // To the second-level cache: requests to the first would keep loads waiting.
         const bool from_memory = size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache();
         for (int s = 0; s < strips && from_memory; ++s)
-            for (const std::ptrdiff_t p : place) __builtin_prefetch(from + s * strip_size() + row_size() + p, 0, 2);
+            for (const std::ptrdiff_t p : place) prefetch_to_read(from + s * strip_size() + row_size() + p);
         if (strips == 1) return from_lanes(from, row, lifted());
         for (int s = 0; s < strips; ++s) {
             from_lanes(from + s * strip_size(), part.data(), lifted());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 
@@ -42,9 +43,9 @@ inline void wait_for(const std::atomic<int>& reached, int wanted) {
         reached.wait(seen, std::memory_order_acquire);
 }
 
-// Ask for a line a while before it is read, in the second-level cache, or written: one that another processor has read would
-// keep a store waiting. Not by the builtin, because g++ takes a function that does no more for one that does nothing, and
-// drops it.
+// Ask for a line a while before it is read, in the second-level cache, as requests to the first would keep other loads
+// waiting; or before it is written: one that another processor has read would keep the store waiting. Not by the builtin,
+// because g++ takes a function that does no more for one that does nothing, and drops it.
 inline void prefetch_to_read(const void* p) {
 #if defined(__x86_64__)
     asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));
@@ -58,6 +59,13 @@ inline void prefetch_to_write(const void* p) {
 #else
     __builtin_prefetch(p, 1);
 #endif
+}
+
+// `ask(line)` for the cache lines of `count` elements.
+template <class Real, class Ask>
+void for_each_line(const Real* first, std::ptrdiff_t count, const Ask& ask) {
+    constexpr int line = 64 / int(sizeof(Real));
+    for (std::ptrdiff_t i = 0; i < count; i += line) ask(first + i);
 }
 
 inline void tell(std::atomic<int>& reached, int now) {

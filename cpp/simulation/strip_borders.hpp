@@ -39,18 +39,13 @@ public:
     }
     // Ask for what the two look at a while before, as it comes from memory.
     void claim(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, true, [](Columns columns) {
-            for (int i = 0; i < 6 * columns.count; i += line) prefetch_to_write(columns.values + i);
-        });
+        visit(strip, row, step, true, [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_write); });
     }
     void fetch(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, false, [](Columns columns) {
-            for (int i = 0; i < 6 * columns.count; i += line) prefetch_to_read(columns.values + i);
-        });
+        visit(strip, row, step, false, [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_read); });
     }
 
 private:
-    static constexpr int line = 64 / int(sizeof(Real));
     struct Border {
         int middle;  // how many of the columns are the first strip's own
         std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind

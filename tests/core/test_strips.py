@@ -136,18 +136,12 @@ def test_steps_repeated_from_a_checkpoint_are_the_same(options, crumpled, same_b
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("shape", [*SHAPES[:2], (400, 64)], ids=str)
-def test_one_number_that_is_not_finite_is_found_wherever_it_is(options, shape, threads):
+def test_one_number_that_is_not_finite_is_found_wherever_it_is(options, overflowing, shape, threads):
     """Each thread looks at its rows when the last step of a call is done with them."""
-    largest = float(np.finfo(np.float32 if options["precision"] == "single" else np.float64).max)
     rows, columns = shape
     middle = rows // 2  # where two threads share the rows
     for point in [(0, columns - 1), (1, columns // 3), (middle - 1, 9), (middle, 9), (rows - 1, 9)]:
-        pins = np.ones(shape, bool)
-        pins[point] = False
-        springs = {"springs": ("structural",), "damping": 0.0, "stiffness": 1e-3}
-        scene = cs.Scene(cs.Cloth(shape, pins=pins, mass=float(rows * columns), **springs))
-        v = np.zeros_like(scene.initial_position)
-        v[point][2] = 0.9 * largest
+        scene, v = overflowing(shape, point, options["precision"], mass=float(rows * columns))
         stepper = cs.Stepper(scene, scene.initial_position, v, **options, threads=threads)
         with pytest.raises(cs.UnstableError) as raised:
             stepper.advance(5, 0.9)
