@@ -56,13 +56,17 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector. 0: not in these lanes.
-template <class Arch, class Real>
-constexpr int written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
+// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector. 0: not in these lanes, nor
+// without structural springs, a cloth that is not worth the time it takes to compile.
+template <class Arch, class Real, int index>
+constexpr int written_out = [] {
+    constexpr int vectors = 32 / int(Lanes<Real, Arch>::size);
+    return vectors <= 4 && Features::from_index(index).structural ? vectors : 0;
+}();
 
-template <class Arch, class Real>
+template <class Arch, class Real, int index>
 bool is_written_out(const EdgeArguments<Real>& e) {
-    return e.complete && e.vectors == written_out<Arch, Real>;
+    return e.complete && e.vectors == written_out<Arch, Real, index>;
 }
 
 // The forces on one of the last two rows of a cloth, and the end of the stage of the row before.
@@ -76,7 +80,7 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
         if (source.below) row_with.template operator()<true>();
         else row_with.template operator()<false>();
     };
-    if (is_written_out<Arch>(e)) run.template operator()<written_out<Arch, Real>>();
+    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>>();
     else run.template operator()<0>();
     std::swap(e.received[0], e.received[1]);
     end_pending<Lanes<Real, Arch>>(e);
@@ -87,7 +91,7 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
 // One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
 template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
-    constexpr int fixed = written_out<Arch, Real>;
+    constexpr int fixed = written_out<Arch, Real, index>;
     constexpr Features features = Features::from_index(index);
     constexpr bool in_registers = fixed == 2 && features.structural && features.shear && !features.bend;
     const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
@@ -95,7 +99,7 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
         else edge_rows_of<Arch, Real, index, stage, fixed>(e, begin, end);
     };
     if constexpr (fixed > 0)
-        if (is_written_out<Arch>(e) && e.ahead == 0) switch (e.stage) {
+        if (is_written_out<Arch, Real, index>(e) && e.ahead == 0) switch (e.stage) {
                 case Stage::first: return run.template operator()<Stage::first>();
                 case Stage::second: return run.template operator()<Stage::second>();
                 case Stage::third: return run.template operator()<Stage::third>();
@@ -132,7 +136,7 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
     const auto run = [&]<int fixed>() {
         edge_row<Arch, Real, index, any_stage, fixed, false, true, true>(e, before, e.received[0], e.received[1], {});
     };
-    if (is_written_out<Arch>(e)) run.template operator()<written_out<Arch, Real>>();
+    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>>();
     else run.template operator()<0>();
     std::swap(e.received[0], e.received[1]);
 }

@@ -1,6 +1,11 @@
 // The edge kernel: all springs of a row.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <utility>
+
 #include "kernels/edge_update.hpp"
 #include "kernels/kernel_table.hpp"
 
@@ -19,6 +24,48 @@ CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int 
 // Where a vector stands among those of its row: how many of its springs along the row lead past the last vector.
 enum class Place { inner, second_last, last, any };
 
+// The springs that start in a vector of points, and the one that rises from the row below to the next vector.
+enum Leg : int { rising, down, falling, down_2, side, side_2, leg_count };
+using Legs = unsigned;  // a set of them
+inline constexpr std::array<SpringKind, leg_count> kind_of_leg{to_diagonal, to_below, to_diagonal, to_below_2, to_right, to_right_2};
+
+// A spring takes some sixty cycles from its first operation to the last, and each of them waits for the one before. So the
+// springs of a vector are written down as a pipeline: in each turn another one begins, the one that began `to_root` turns
+// before takes its root, and the one that began `to_force` turns before becomes a force. In one of the turns the row
+// before is finished. The bits are those of any pipeline; these were the fastest of some hundred.
+struct Pipeline {
+    std::array<Leg, leg_count> legs;
+    int to_root, to_force, finishing_turn;
+};
+#if defined(__AVX512F__)
+inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2};
+#else
+// An operation takes half the time, so that more of them fit between two that wait for each other.
+inline constexpr Pipeline pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1};
+#endif
+
+// The pipeline without what a scene or a row lacks.
+template <Legs present>
+struct Turns {
+    static constexpr int legs = std::popcount(present), count = legs + pipeline.to_force;
+    static constexpr std::array<Leg, leg_count> order = [] {
+        std::array<Leg, leg_count> order{};
+        int next = 0;
+        for (const Leg leg : pipeline.legs)
+            if (present >> leg & 1) order[std::size_t(next++)] = leg;
+        return order;
+    }();
+    static constexpr int first_of_point = order[0] == rising ? 1 : 0;
+    static constexpr int finishing = std::min(pipeline.finishing_turn, count - 1);
+    // The turn in which the last of these becomes a force; the first turn if there are none.
+    static constexpr int after(Legs wanted) {
+        int turn = 0;
+        for (int i = 0; i < legs; ++i)
+            if (wanted >> order[std::size_t(i)] & 1) turn = i + pipeline.to_force;
+        return turn;
+    }
+};
+
 // All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band). `fixed` is
 // the number of vectors of a row, 0 if it is not known here. `ahead`: a row of which a share is fetched meanwhile.
 template <class Arch, class Real, int index, Stage stage, int fixed, bool own, bool has_below, bool has_below_2>
@@ -33,6 +80,10 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     constexpr bool bend_down = features.bend && has_below_2;
     constexpr bool along = features.structural && own;
     constexpr bool along_2 = features.bend && own;
+    constexpr bool straight_down = has_below && (features.structural || features.bend);
+    constexpr auto only = [](Leg leg, bool there) { return Legs(there) << leg; };
+    constexpr Legs diagonals = only(rising, shear) | only(falling, shear), downs = only(down, vertical) | only(down_2, bend_down);
+    using Order = Turns<diagonals | downs | only(side, along) | only(side_2, along_2)>;
     const std::ptrdiff_t stride = source_stride<V>(stage == any_stage ? e.stage : stage);
     const int m = fixed ? fixed : e.vectors;
     const Real* const here = source.here;
@@ -50,7 +101,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
 
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
-    Vector3<V> falling = none, rising = none;     // the half of a diagonal pair that the vector before has
+    Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
     Vector3<V> kept[2];                           // forces to which the row's end adds, where `fixed` keeps them in registers
     const SpringConstants<V> constants{};
 
@@ -62,70 +113,77 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
                                       : place == Place::last        ? stride + 1
                                       : place == Place::second_last ? 1
                                                                     : at + 2 * stride;
-        constexpr bool whole = place != Place::any;
-        constexpr auto springs_to = [](bool inside) { return !whole ? Springs::by_coefficient : inside ? Springs::all : Springs::all_but_last; };
-        constexpr Springs straight_down = springs_to(true), to_next_column = springs_to(place != Place::last);
-        constexpr Springs to_next_2_columns = springs_to(place == Place::inner);
-        const auto coefficients = [&](SpringKind kind) __attribute__((always_inline)) {
-            return (whole ? all_springs : cut) + kind * (EdgeCoefficientIndex::count * W);
-        };
         const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
-
         if constexpr (!fixed && own)
             if (ahead) fetch<V>(e, ahead, k);
-        Vector3<V> handed = falling, pair = rising, behind = none;
-        Spring<V> to_up, to_down, to_far, to_down_2, to_side, to_side_2;
-        if constexpr (shear) to_up = stretch<damped>(points(here + next), below + at, constants);
-        const Points<V> point = points(here + at);
-        if constexpr (vertical) to_down = stretch<damped>(point, below + at, constants);
-        if constexpr (shear) root(to_up, constants);
-        if constexpr (shear) to_far = stretch<damped>(point, below + next, constants);
-        if constexpr (vertical) root(to_down, constants);
-        if constexpr (shear) {
-            rising = force<damped, to_next_column>(to_up, coefficients(to_diagonal));
-            handed = first ? rising : falling + rising;
-        }
-        if constexpr (bend_down) to_down_2 = stretch<damped>(point, below_2 + at, constants);
-        if constexpr (shear) root(to_far, constants);
-        if constexpr (vertical) {
-            behind = force<damped, straight_down>(to_down, coefficients(to_below));
-            const Vector3<V> straight = features.bend ? behind + load3<V>(received_2 + vector, W) : behind;
-            handed = shear ? straight + handed : straight;
-        } else if constexpr (has_below && features.bend) {
-            const Vector3<V> straight = load3<V>(received_2 + vector, W);
-            handed = shear ? straight + handed : straight;
-        }
-        if constexpr (has_below) store3(hand_down + vector, W, handed);
-        if constexpr (along) to_side = stretch<damped>(point, here + next, constants);
-        if constexpr (bend_down) root(to_down_2, constants);
-        if constexpr (shear) {
-            falling = force<damped, to_next_column>(to_far, coefficients(to_diagonal));
-            pair = first ? falling : pair + falling;
-        }
-        if constexpr (along_2) to_side_2 = stretch<damped>(point, here + next_2, constants);
-        if constexpr (along) root(to_side, constants);
-        if constexpr (bend_down) {
-            const Vector3<V> down_2 = force<damped, straight_down>(to_down_2, coefficients(to_below_2));
-            store3(received_2 + vector, W, down_2);
-            behind = vertical ? behind + down_2 : down_2;
-        }
+
+        Points<V> point;
+        Spring<V> springs[leg_count];
+        Vector3<V> f[leg_count];  // forces
+        // What the row gives to the vector is `within`; of the first, what it takes.
+        Vector3<V> straight, diagonal, pair, behind, before, within;
+        const auto take_turn = [&]<int turn>() __attribute__((always_inline)) {
+            constexpr int of_root = turn - pipeline.to_root, of_force = turn - pipeline.to_force;
+            if constexpr (turn < Order::legs) {
+                constexpr Leg leg = Order::order[turn];
+                const Real* const row = leg == side || leg == side_2 ? here : leg == down_2 ? below_2 : below;
+                const std::ptrdiff_t other_end = leg == falling || leg == side ? next : leg == side_2 ? next_2 : at;
+                if constexpr (leg == rising) {
+                    springs[leg] = stretch<damped>(points(here + next), row + other_end, constants);
+                } else {
+                    if constexpr (turn == Order::first_of_point) point = points(here + at);
+                    springs[leg] = stretch<damped>(point, row + other_end, constants);
+                }
+            }
+            if constexpr (own && turn == Order::finishing)
+                if (__builtin_expect(pending.there, 1)) finish<V, Real, stage, fixed>(e, pending, k);
+            if constexpr (of_root >= 0 && of_root < Order::legs) root(springs[Order::order[of_root]], constants);
+            if constexpr (of_force >= 0) {
+                constexpr Leg leg = Order::order[of_force];
+                constexpr SpringKind kind = kind_of_leg[leg];
+                constexpr int reach = place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
+                constexpr Springs lanes = place == Place::any                  ? Springs::by_coefficient
+                                          : spring_kinds[kind].column <= reach ? Springs::all
+                                                                               : Springs::all_but_last;
+                const Real* const coefficients = (place == Place::any ? cut : all_springs) + kind * (EdgeCoefficientIndex::count * W);
+                f[leg] = force<damped, lanes>(springs[leg], coefficients);
+            }
+
+            constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
+            if constexpr (straight_down && complete(only(down, vertical))) {
+                if constexpr (features.bend) straight = load3<V>(received_2 + vector, W);
+                if constexpr (vertical) straight = features.bend ? f[down] + straight : f[down];
+            }
+            if constexpr (shear && complete(only(rising, true))) diagonal = first ? f[rising] : fell + f[rising];
+            if constexpr (has_below && complete(only(rising, shear) | only(down, vertical)))
+                store3(hand_down + vector, W, !shear ? straight : straight_down ? straight + diagonal : diagonal);
+            if constexpr (shear && complete(diagonals)) {
+                pair = first ? f[falling] : rose + f[falling];
+                fell = f[falling];
+                rose = f[rising];
+            }
+            if constexpr (bend_down && complete(downs)) store3(received_2 + vector, W, f[down_2]);
+            if constexpr (own && downs && complete(downs)) behind = !bend_down ? f[down] : vertical ? f[down] + f[down_2] : f[down_2];
+            if constexpr (own && complete(downs | diagonals)) {
+                before = load3<V>(received + vector, W);
+                if constexpr (shear) behind = downs ? behind + pair : pair;
+                if constexpr (downs || shear) before = before - behind;
+            }
+            if constexpr (own && complete(only(side, along))) {
+                if constexpr (along) within = first ? f[side] : to_next - f[side];
+                else within = to_next;
+                to_next = !along ? to_next_2 : along_2 && !first ? to_next_2 + f[side] : f[side];
+            }
+            if constexpr (along_2 && complete(only(side, along) | only(side_2, true))) {
+                within = !first ? within - f[side_2] : along ? within + f[side_2] : f[side_2];
+                to_next_2 = f[side_2];
+            }
+        };
+        [&]<int... turn>(std::integer_sequence<int, turn...>) __attribute__((always_inline)) {
+            (take_turn.template operator()<turn>(), ...);
+        }(std::make_integer_sequence<int, Order::count>{});
         if constexpr (own) {
-            if constexpr (shear) behind = vertical || bend_down ? behind + pair : pair;
-            Vector3<V> before = load3<V>(received + vector, W);
-            if constexpr (vertical || shear || bend_down) before = before - behind;
-            if (__builtin_expect(pending.there, 1)) finish<V, Real, stage, fixed>(e, pending, k);
-            if constexpr (along_2) root(to_side_2, constants);
-            Vector3<V> within = to_next, sum;  // what the row gives to the vector: of the first, what it takes
-            to_next = to_next_2;
-            if constexpr (along) {
-                const Vector3<V> side = force<damped, to_next_column>(to_side, coefficients(to_right));
-                within = first ? side : within - side;
-                to_next = along_2 && !first ? to_next + side : side;
-            }
-            if constexpr (along_2) {
-                to_next_2 = force<damped, to_next_2_columns>(to_side_2, coefficients(to_right_2));
-                within = !first ? within - to_next_2 : along ? within + to_next_2 : to_next_2;
-            }
+            Vector3<V> sum;
             if constexpr (first) sum = along || along_2 ? before - within : before;
             else sum = within + before;
             if (fixed && k < 2) kept[k] = sum;
@@ -137,22 +195,25 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner, k == 0>(k, nullptr); });
         column.template operator()<Place::second_last, fixed == 2>(fixed - 2, nullptr);
         column.template operator()<Place::last, false>(fixed - 1, nullptr);
-    } else if (e.complete) {
-        for (int k = 0; k < m - 2; ++k) column.template operator()<Place::inner, false>(k, nullptr);
-        column.template operator()<Place::second_last, false>(m - 2, nullptr);
-        column.template operator()<Place::last, false>(m - 1, nullptr);
     } else {
-        for (int k = 0; k < m; ++k)
-            column.template operator()<Place::any, false>(k, all_springs + e.coefficient_class[k] * class_size);
+        int k = 0;
+        // Halo rows and the last two of a cloth are few: what serves any vector is all that is compiled of them.
+        if constexpr (own && has_below_2)
+            if (e.complete) {
+                for (; k < m - 2; ++k) column.template operator()<Place::inner, false>(k, nullptr);
+                column.template operator()<Place::second_last, false>(k++, nullptr);
+                column.template operator()<Place::last, false>(k++, nullptr);
+            }
+        for (; k < m; ++k) column.template operator()<Place::any, false>(k, all_springs + e.coefficient_class[k] * class_size);
     }
 
     const std::ptrdiff_t past = std::ptrdiff_t(m) * 3 * W;
-    if constexpr (shear) store3(hand_down + past, W, falling);
+    if constexpr (shear) store3(hand_down + past, W, fell);
     if constexpr (own) {
         Vector3<V> past_last = to_next;
         if constexpr (features.shear) {
             const Vector3<V> before = load3<V>(received + past, W);
-            past_last = (shear ? before - rising : before) + past_last;
+            past_last = (shear ? before - rose : before) + past_last;
         }
         // What is handed on past the last vector belongs to the first ones, a lane further.
         const auto sum = [&](int k) { return fixed ? kept[k] : load3<V>(forces + k * 3 * W, W); };

@@ -24,9 +24,7 @@ struct Points {
     Vector3<V> x, v;
 };
 
-// A vector of springs on its way to a force. One takes some sixty cycles from its first operation to the last, and each
-// of them waits for the one before; so a row is written with three springs under way, one in each of the steps
-// `stretch`, `root` and `force`.
+// A vector of springs on its way to a force, in the steps `stretch`, `root` and `force`, which wait for each other.
 template <class V>
 struct Spring {
     Vector3<V> d;  // difference of positions
