@@ -32,8 +32,8 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     cloth.uniform_mass = uniform_mass;
     if (mass.size() != cloth.points() || pinned.size() != cloth.points())
         throw std::invalid_argument("mass and pinned hold one value per mass point");
-    cloth.mass.assign(mass.data(), mass.data() + mass.size());
-    cloth.pinned.assign(pinned.data(), pinned.data() + pinned.size());
+    cloth.mass = {mass.data(), std::size_t(mass.size())};
+    cloth.pinned = {pinned.data(), std::size_t(pinned.size())};
     return cloth;
 }
 

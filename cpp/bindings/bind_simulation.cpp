@@ -11,7 +11,7 @@ namespace {
 // while the core works.
 class SharedSimulation {
 public:
-    SharedSimulation(const std::vector<Plan>& plans, double time) : simulation_(plans, time) {}
+    SharedSimulation(const std::vector<Plan>& plans, double time, int threads) : simulation_(plans, time, threads) {}
 
     class Use {
     public:
@@ -174,7 +174,7 @@ void bind_simulation(py::module_& m) {
         .def(py::init<>())
         .def_readwrite("h", &StepController::h);
     py::class_<S>(m, "Simulation")
-        .def(py::init<const std::vector<Plan>&, double>())
+        .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())

@@ -1,10 +1,11 @@
 // The mass-spring cloth on a regular grid: spring families, neighbours, parameters.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
-#include <vector>
+#include <cstddef>
+#include <memory>
 
 #include "model/thread_grid.hpp"
 
@@ -27,6 +28,20 @@ inline constexpr std::array<Neighbour, neighbour_count> neighbours{{
     {0, 2, bend},       {0, -2, bend},       {2, 0, bend},       {-2, 0, bend},
 }};
 
+// A value for each mass point that never changes, so that the copies of a cloth share it.
+template <class T>
+class PerPoint {
+public:
+    PerPoint() = default;
+    PerPoint(const T* values, std::size_t count) : values_(std::make_shared_for_overwrite<T[]>(count)) {
+        std::copy_n(values, count, values_.get());
+    }
+    const T& operator[](std::size_t point) const { return values_[std::ptrdiff_t(point)]; }
+
+private:
+    std::shared_ptr<T[]> values_;
+};
+
 struct Cloth {
     int rows = 0;
     int columns = 0;
@@ -37,8 +52,8 @@ struct Cloth {
     std::array<double, family_count> spring_damping{};  // N s/m, along the spring
     double point_damping = 0;                           // N s/m per mass point
     bool uniform_mass = true;
-    std::vector<double> mass;          // kg, rows * columns
-    std::vector<std::uint8_t> pinned;  // rows * columns
+    PerPoint<double> mass;  // kg
+    PerPoint<bool> pinned;
 
     int points() const { return rows * columns; }
     ThreadGrid grid() const { return {columns, rows}; }

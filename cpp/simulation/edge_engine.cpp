@@ -75,20 +75,21 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(layout_.size() + layout_.lanes, Real(0));
     const int all_rows = layout_.strips * cloth.rows;
-    for (int row = 0; row < all_rows; ++row)
+    const bool padded = layout_.window != layout_.width();
+    for (int row = 0; padded && row < all_rows; ++row)
         place_far_away(memory_.data() + row * layout_.row_size(), layout_.vectors, layout_.stride, layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
-    row_has_fixed_.assign(std::size_t(all_rows), layout_.window != layout_.width());
+    row_has_fixed_.assign(std::size_t(all_rows), padded);
     for (int row = 0; row < all_rows; ++row)
-        for (int c = 0; c < layout_.window; ++c) {
+        layout_.for_each_column([&](int c, std::ptrdiff_t in_row) {
             const int point = row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
-            const std::ptrdiff_t place = row * layout_.width() + layout_.in_row(c);
+            const std::ptrdiff_t place = row * layout_.width() + in_row;
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
             if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
-        }
+        });
     build_coefficients();
 }
 

@@ -90,8 +90,12 @@ struct LiftedLayout {
             std::copy(column(own(s)), column(own(s + 1)), row + 3 * own(s));
         }
     }
-    // Where a column of a window stands among values of which there is one a point.
-    std::ptrdiff_t in_row(int column) const { return column % vectors * lanes + column / vectors; }
+    // The columns of a window, and where they stand among values of which there is one a point.
+    template <class Visit>
+    void for_each_column(Visit visit) const {
+        for (int lane = 0, c = 0; lane < lanes; ++lane)
+            for (int k = 0; k < vectors && c < window; ++k, ++c) visit(c, std::ptrdiff_t(k) * lanes + lane);
+    }
     std::ptrdiff_t width() const { return vectors * lanes; }
 
 private:

@@ -64,9 +64,10 @@ void TeamChoice::observe(std::int64_t steps, double seconds) {
     }
 }
 
-Simulation::Simulation(const std::vector<Plan>& plans, double time) : plans_(plans) {
+Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
+    if (members_.size() == 1) members_[0]->threads = threads;
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);

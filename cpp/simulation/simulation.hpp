@@ -49,7 +49,8 @@ private:
 
 class Simulation {
 public:
-    explicit Simulation(const std::vector<Plan>& plans, double time);
+    // `threads`: that steps, and so copies of the state, may use.
+    Simulation(const std::vector<Plan>& plans, double time, int threads);
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }

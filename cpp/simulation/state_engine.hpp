@@ -259,19 +259,22 @@ private:
         state_changed();
         contact_pass_.forget();
         const int count = 3 * columns();
-        RowBuffer positions = row_buffer(-origin_), velocities = row_buffer(Vec3::Zero());
-        for (int r = 0; r < rows(); ++r, x += count, v += count)
-            for (const int k : {0, 3}) {
-                Real* const to = memory_.data() + layout_.at(r, 0, k);
-                if constexpr (!compensated && std::is_same_v<In, Real>) {
-                    layout_.put_row(k == 0 ? x : v, to);
-                    continue;
+        std::vector<RowBuffer> positions(std::size_t(shares()), row_buffer(-origin_)), velocities(positions.size(), row_buffer(Vec3::Zero()));
+        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
+            for (int r = int(begin); r < int(end); ++r)
+                for (const int k : {0, 3}) {
+                    const In* const from = (k == 0 ? x : v) + std::ptrdiff_t(r) * count;
+                    Real* const to = memory_.data() + layout_.at(r, 0, k);
+                    if constexpr (!compensated && std::is_same_v<In, Real>) {
+                        layout_.put_row(from, to);
+                        continue;
+                    }
+                    RowBuffer& row = (k == 0 ? positions : velocities)[std::size_t(share)];
+                    split(from, row.shift.data(), row.high.data(), row.compensation(), count);
+                    layout_.put_row(row.high.data(), to);
+                    if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
                 }
-                RowBuffer& row = k == 0 ? positions : velocities;
-                split(k == 0 ? x : v, row.shift.data(), row.high.data(), row.compensation(), count);
-                layout_.put_row(row.high.data(), to);
-                if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
-            }
+        });
         for (const int point : pinned_points_)
             for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
     }
