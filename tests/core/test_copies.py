@@ -4,7 +4,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 
-SHAPES = [(2, 2), (3, 5), (2, 17), (5, 31), (32, 32), (3, 33), (2, 48), (3, 64), (2, 127)]
+# The last has points enough for each of two threads to copy some of the rows.
+SHAPES = [(2, 2), (3, 5), (2, 17), (5, 31), (32, 32), (3, 33), (2, 48), (3, 64), (2, 127), (97, 90)]
 
 
 def state(shape, dtype):
@@ -33,7 +34,7 @@ def held(values, precision):
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_a_state_comes_out_as_it_went_in(variant, shape, dtype):
     scene, x, v = state(shape, dtype)
-    stepper = cs.Stepper(scene, x, v, **variant.options)
+    stepper = cs.Stepper(scene, x, v, **{**variant.options, "threads": 2})
     free = ~scene.cloth.pinned[..., None]
     for got, given in ((stepper.positions, x), (stepper.velocities, np.where(free, v, 0.0))):
         expected = held(given, variant.precision).astype(dtype)
@@ -50,7 +51,7 @@ def test_so_it_does_far_from_the_origin(single_variant, shape, dtype):
     scene, x, v = state(shape, dtype)
     x = x + np.array([1e4, -3e5, 7e3], dtype)
     scene = scene.replace(position=x.astype(np.float64))
-    stepper = cs.Stepper(scene, x, v, **single_variant.options)
+    stepper = cs.Stepper(scene, x, v, **{**single_variant.options, "threads": 2})
     low, high = (f(x.reshape(-1, 3).astype(np.float64), axis=0) for f in (np.min, np.max))
     middle = low / 2 + high / 2
     expected = (held(x.astype(np.float64) - middle, "single") + middle).astype(dtype)
