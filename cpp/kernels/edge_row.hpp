@@ -35,13 +35,13 @@ inline constexpr std::array<SpringKind, leg_count> kind_of_leg{to_diagonal, to_b
 // before is finished. The bits are those of any pipeline; these were the fastest of some hundred.
 struct Pipeline {
     std::array<Leg, leg_count> legs;
-    int to_root, to_force, finishing_turn;
+    int to_root, to_force, finishing_turn, finishing_turn_without_shear;
 };
 #if defined(__AVX512F__)
-inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2};
+inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2, 4};
 #else
 // An operation takes half the time, so that more of them fit between two that wait for each other.
-inline constexpr Pipeline pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1};
+inline constexpr Pipeline pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1, 1};
 #endif
 
 // The pipeline without what a scene or a row lacks.
@@ -56,7 +56,8 @@ struct Turns {
         return order;
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
-    static constexpr int finishing = std::min(pipeline.finishing_turn, count - 1);
+    static constexpr bool shear = present >> falling & 1;
+    static constexpr int finishing = std::min(shear ? pipeline.finishing_turn : pipeline.finishing_turn_without_shear, count - 1);
     // The turn in which the last of these becomes a force; the first turn if there are none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
