@@ -54,6 +54,9 @@ struct EdgeArguments : StepConstants<Real> {
     const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
     const Real* coefficients;               // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
+    const Real* reach;                      // [vector][columns - 1][lane]: all bits where so many columns follow, else none
+    bool complete;                          // rows end with a whole vector
+    bool damped_alike;                      // all families, or none of them
     // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what the
     // current row has received and what it hands to the next one (they take turns), and to the row after that.
     Real* received[2];
@@ -61,8 +64,7 @@ struct EdgeArguments : StepConstants<Real> {
     // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
     int pending;
     const Real* pending_source;
-    Real* force;    // on the pending row
-    bool complete;  // rows end with a whole vector, and all families are damped alike or not at all
+    Real* force;  // on the pending row
     // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) from the start of each record of the state on are
     // fetched from memory while a row is worked on. 0: none.
     int ahead;

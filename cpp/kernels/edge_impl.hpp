@@ -37,16 +37,17 @@ namespace clothsim {
 namespace {
 
 // Rows [begin, end) in one stage, with one number of vectors; any_stage and 0: those of `e`.
-template <class Arch, class Real, int index, Stage stage, int fixed>
+template <class Arch, class Real, int index, Stage stage, int fixed, Springs along>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
     const bool of_state = source_is_state(stage == any_stage ? e.stage : stage);
     const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
     const auto ahead = [&](int row) { return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr; };
+    const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
     Real* received = e.received[0];
     Real* hand_down = e.received[1];
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        edge_row<Arch, Real, index, stage, fixed, true, true, true>(e, sources, received, hand_down, pending_row(e), ahead(row));
+        edge_row<Arch, Real, index, stage, fixed, along, true, true, true>(e, sources, received, hand_down, pending_row(e), reach, ahead(row));
         std::swap(received, hand_down);
         end_pending<Lanes<Real, Arch>>(e);
         e.pending = row;
@@ -56,32 +57,42 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector. 0: not in these lanes, nor
-// without structural springs, a cloth that is not worth the time it takes to compile.
+// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector, with mask registers those that
+// end with padding too. 0: not in these lanes, nor without structural springs, a cloth that is not worth the time it takes to
+// compile.
 template <class Arch, class Real, int index>
 constexpr int written_out = [] {
     constexpr int vectors = 32 / int(Lanes<Real, Arch>::size);
     return vectors <= 4 && Features::from_index(index).structural ? vectors : 0;
 }();
 
+// With mask registers, to ask which lanes have a spring costs nothing.
+inline constexpr Springs along_written_out = masks_in_registers ? Springs::some : Springs::all;
+
 template <class Arch, class Real, int index>
 bool is_written_out(const EdgeArguments<Real>& e) {
-    return e.complete && e.vectors == written_out<Arch, Real, index>;
+    return e.damped_alike && (e.complete || masks_in_registers) && e.vectors == written_out<Arch, Real, index>;
+}
+
+// A single row. They are few: of those that are not written out, what serves any vector is all that is compiled.
+template <class Arch, class Real, int index, class Run>
+void run_row(const EdgeArguments<Real>& e, const Run& run) {
+    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>, along_written_out>();
+    else run.template operator()<0, Springs::by_coefficient>();
 }
 
 // The forces on one of the last two rows of a cloth, and the end of the stage of the row before.
 template <class Arch, class Real, int index>
 void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    const auto run = [&]<int fixed>() {
+    const auto run = [&]<int fixed, Springs along>() {
         const auto row_with = [&]<bool has_below>() {
-            edge_row<Arch, Real, index, any_stage, fixed, true, has_below, false>(e, source, e.received[0], e.received[1],
-                                                                                  pending_row(e));
+            edge_row<Arch, Real, index, any_stage, fixed, along, true, has_below, false>(e, source, e.received[0], e.received[1],
+                                                                                  pending_row(e), Reach<Lanes<Real, Arch>, fixed>(e.reach));
         };
         if (source.below) row_with.template operator()<true>();
         else row_with.template operator()<false>();
     };
-    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>>();
-    else run.template operator()<0>();
+    run_row<Arch, Real, index>(e, run);
     std::swap(e.received[0], e.received[1]);
     end_pending<Lanes<Real, Arch>>(e);
     e.pending = row;
@@ -93,10 +104,10 @@ template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = written_out<Arch, Real, index>;
     constexpr Features features = Features::from_index(index);
-    constexpr bool in_registers = fixed == 2 && features.structural && features.shear && !features.bend;
+    constexpr bool in_registers = fixed == 2 && features.shear && !features.bend;
     const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
         if constexpr (in_registers) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
-        else edge_rows_of<Arch, Real, index, stage, fixed>(e, begin, end);
+        else edge_rows_of<Arch, Real, index, stage, fixed, along_written_out>(e, begin, end);
     };
     if constexpr (fixed > 0)
         if (is_written_out<Arch, Real, index>(e) && e.ahead == 0) switch (e.stage) {
@@ -106,7 +117,10 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
                 case Stage::fourth: return run.template operator()<Stage::fourth>();
                 case Stage::evaluate: return run.template operator()<Stage::evaluate>();
             }
-    edge_rows_of<Arch, Real, index, any_stage, 0>(e, begin, end);
+    if constexpr (features.spring_damping)
+        if (!e.damped_alike) return edge_rows_of<Arch, Real, index, any_stage, 0, Springs::by_coefficient>(e, begin, end);
+    if (e.complete) edge_rows_of<Arch, Real, index, any_stage, 0, Springs::all>(e, begin, end);
+    else edge_rows_of<Arch, Real, index, any_stage, 0, Springs::some>(e, begin, end);
 }
 
 // What the two rows before a band hand on to its first two.
@@ -129,15 +143,15 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
                 const Real* const c = e.coefficients + (which * spring_kind_count + to_below_2) * (EdgeCoefficientIndex::count * W);
                 store3(e.received_2 + k * 3 * W, W, force<damped, springs>(spring, c));
             };
-            if (e.complete) hand.template operator()<Springs::all>(0);
+            if (e.damped_alike) hand.template operator()<Springs::all>(0);
             else hand.template operator()<Springs::by_coefficient>(e.coefficient_class[k]);
         }
     }
-    const auto run = [&]<int fixed>() {
-        edge_row<Arch, Real, index, any_stage, fixed, false, true, true>(e, before, e.received[0], e.received[1], {});
+    const auto run = [&]<int fixed, Springs along>() {
+        edge_row<Arch, Real, index, any_stage, fixed, along, false, true, true>(e, before, e.received[0], e.received[1], {},
+                                                                         Reach<Lanes<Real, Arch>, fixed>(e.reach));
     };
-    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>>();
-    else run.template operator()<0>();
+    run_row<Arch, Real, index>(e, run);
     std::swap(e.received[0], e.received[1]);
 }
 

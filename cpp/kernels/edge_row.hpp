@@ -68,10 +68,12 @@ struct Turns {
 };
 
 // All springs that start in a row (own), or only what they hand down to rows below (a halo row above a band). `fixed` is
-// the number of vectors of a row, 0 if it is not known here. `ahead`: a row of which a share is fetched meanwhile.
-template <class Arch, class Real, int index, Stage stage, int fixed, bool own, bool has_below, bool has_below_2>
+// the number of vectors of a row, 0 if it is not known here. `along`: springs from column to column are those of a whole row
+// (all), where `reach` has them (some), or where they have coefficients. `ahead`: a row of which a share is fetched meanwhile.
+template <class Arch, class Real, int index, Stage stage, int fixed, Springs along, bool own, bool has_below, bool has_below_2>
 CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, const Real* __restrict received,
-                              Real* __restrict hand_down, const PendingRow<Real>& pending, const Real* ahead = nullptr) {
+                              Real* __restrict hand_down, const PendingRow<Real>& pending, const Reach<Lanes<Real, Arch>, fixed>& reach,
+                              const Real* ahead = nullptr) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     constexpr Features features = Features::from_index(index);
@@ -79,12 +81,12 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     constexpr bool vertical = features.structural && has_below;
     constexpr bool shear = features.shear && has_below;
     constexpr bool bend_down = features.bend && has_below_2;
-    constexpr bool along = features.structural && own;
-    constexpr bool along_2 = features.bend && own;
+    constexpr bool sideways = features.structural && own;
+    constexpr bool sideways_2 = features.bend && own;
     constexpr bool straight_down = has_below && (features.structural || features.bend);
     constexpr auto only = [](Leg leg, bool there) { return Legs(there) << leg; };
     constexpr Legs diagonals = only(rising, shear) | only(falling, shear), downs = only(down, vertical) | only(down_2, bend_down);
-    using Order = Turns<diagonals | downs | only(side, along) | only(side_2, along_2)>;
+    using Order = Turns<diagonals | downs | only(side, sideways) | only(side_2, sideways_2)>;
     const std::ptrdiff_t stride = source_stride<V>(stage == any_stage ? e.stage : stage);
     const int m = fixed ? fixed : e.vectors;
     const Real* const here = source.here;
@@ -92,7 +94,6 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     const Real* const below_2 = source.below_2;
     Real* const __restrict received_2 = e.received_2;
     Real* const __restrict forces = e.force;
-    const Real* const __restrict all_springs = e.coefficients;
     const auto points = [&](const Real* p) __attribute__((always_inline)) -> Points<V> {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
@@ -106,15 +107,18 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     Vector3<V> kept[2];                           // forces to which the row's end adds, where `fixed` keeps them in registers
     const SpringConstants<V> constants{};
 
-    // `cut`: coefficients of springs that some lanes lack. `first`: the row's first vector, which is handed nothing.
-    const auto column = [&]<Place place, bool first>(int k, const Real* cut) __attribute__((always_inline)) {
+    // `first`: the row's first vector, which is handed nothing.
+    const auto column = [&]<Place place, bool first>(int k) __attribute__((always_inline)) {
         const std::ptrdiff_t at = k * stride;
-        const std::ptrdiff_t next = place == Place::any ? place_of(k + 1) : place == Place::last ? 1 : at + stride;
-        const std::ptrdiff_t next_2 = place == Place::any           ? place_of(k + 2)
-                                      : place == Place::last        ? stride + 1
+        constexpr int follow = place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;  // vectors, as far as is known
+        const std::ptrdiff_t next = follow > 0 ? at + stride : place == Place::last ? 1 : place_of(k + 1);
+        const std::ptrdiff_t next_2 = follow > 1                    ? at + 2 * stride
                                       : place == Place::second_last ? 1
-                                                                    : at + 2 * stride;
+                                      : place == Place::last        ? stride + 1
+                                                                    : place_of(k + 2);
         const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
+        constexpr int class_size = spring_kind_count * EdgeCoefficientIndex::count * W;
+        const Real* const coefficients = e.coefficients + (along == Springs::by_coefficient ? e.coefficient_class[k] * class_size : 0);
         if constexpr (!fixed && own)
             if (ahead) fetch<V>(e, ahead, k);
 
@@ -142,12 +146,13 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             if constexpr (of_force >= 0) {
                 constexpr Leg leg = Order::order[of_force];
                 constexpr SpringKind kind = kind_of_leg[leg];
-                constexpr int reach = place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
-                constexpr Springs lanes = place == Place::any                  ? Springs::by_coefficient
-                                          : spring_kinds[kind].column <= reach ? Springs::all
-                                                                               : Springs::all_but_last;
-                const Real* const coefficients = (place == Place::any ? cut : all_springs) + kind * (EdgeCoefficientIndex::count * W);
-                f[leg] = force<damped, lanes>(springs[leg], coefficients);
+                constexpr int columns = spring_kinds[kind].column;
+                // The force between padding and padding is 0.
+                constexpr bool all = columns == 0 || (columns <= follow && along == Springs::all);
+                constexpr Springs present = along == Springs::by_coefficient ? along : all ? Springs::all : Springs::some;
+                SomeLanes<V> lanes;
+                if constexpr (present == Springs::some) lanes = reach(k, columns);
+                f[leg] = force<damped, present>(springs[leg], coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
             }
 
             constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -170,13 +175,13 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
                 if constexpr (shear) behind = downs ? behind + pair : pair;
                 if constexpr (downs || shear) before = before - behind;
             }
-            if constexpr (own && complete(only(side, along))) {
-                if constexpr (along) within = first ? f[side] : to_next - f[side];
+            if constexpr (own && complete(only(side, sideways))) {
+                if constexpr (sideways) within = first ? f[side] : to_next - f[side];
                 else within = to_next;
-                to_next = !along ? to_next_2 : along_2 && !first ? to_next_2 + f[side] : f[side];
+                to_next = !sideways ? to_next_2 : sideways_2 && !first ? to_next_2 + f[side] : f[side];
             }
-            if constexpr (along_2 && complete(only(side, along) | only(side_2, true))) {
-                within = !first ? within - f[side_2] : along ? within + f[side_2] : f[side_2];
+            if constexpr (sideways_2 && complete(only(side, sideways) | only(side_2, true))) {
+                within = !first ? within - f[side_2] : sideways ? within + f[side_2] : f[side_2];
                 to_next_2 = f[side_2];
             }
         };
@@ -185,27 +190,26 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         }(std::make_integer_sequence<int, Order::count>{});
         if constexpr (own) {
             Vector3<V> sum;
-            if constexpr (first) sum = along || along_2 ? before - within : before;
+            if constexpr (first) sum = sideways || sideways_2 ? before - within : before;
             else sum = within + before;
             if (fixed && k < 2) kept[k] = sum;
             else store3(forces + vector, W, sum);
         }
     };
-    constexpr int class_size = spring_kind_count * EdgeCoefficientIndex::count * W;
     if constexpr (fixed > 0) {
-        each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner, k == 0>(k, nullptr); });
-        column.template operator()<Place::second_last, fixed == 2>(fixed - 2, nullptr);
-        column.template operator()<Place::last, false>(fixed - 1, nullptr);
+        each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner, k == 0>(k); });
+        column.template operator()<Place::second_last, fixed == 2>(fixed - 2);
+        column.template operator()<Place::last, false>(fixed - 1);
     } else {
         int k = 0;
-        // Halo rows and the last two of a cloth are few: what serves any vector is all that is compiled of them.
-        if constexpr (own && has_below_2)
-            if (e.complete) {
-                for (; k < m - 2; ++k) column.template operator()<Place::inner, false>(k, nullptr);
-                column.template operator()<Place::second_last, false>(k++, nullptr);
-                column.template operator()<Place::last, false>(k++, nullptr);
-            }
-        for (; k < m; ++k) column.template operator()<Place::any, false>(k, all_springs + e.coefficient_class[k] * class_size);
+        if constexpr (along != Springs::by_coefficient)
+            for (; k < m - 2; ++k) column.template operator()<Place::inner, false>(k);
+        if constexpr (along == Springs::all) {
+            column.template operator()<Place::second_last, false>(k++);
+            column.template operator()<Place::last, false>(k++);
+        } else {
+            for (; k < m; ++k) column.template operator()<Place::any, false>(k);
+        }
     }
 
     const std::ptrdiff_t past = std::ptrdiff_t(m) * 3 * W;
@@ -219,7 +223,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         // What is handed on past the last vector belongs to the first ones, a lane further.
         const auto sum = [&](int k) { return fixed ? kept[k] : load3<V>(forces + k * 3 * W, W); };
         store3(forces, W, sum(0) + shifted_lanes(past_last));
-        if constexpr (along_2) store3(forces + 3 * W, W, sum(1) + shifted_lanes(to_next_2));
+        if constexpr (sideways_2) store3(forces + 3 * W, W, sum(1) + shifted_lanes(to_next_2));
         else if constexpr (fixed > 0) store3(forces + 3 * W, W, kept[1]);
     }
 }

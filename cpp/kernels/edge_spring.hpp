@@ -55,13 +55,13 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
     s.root = scaled_reciprocal_root(s.root, constants.newton);
 }
 
-// Which lanes have a spring, and how: all of them, all but the last, or those whose coefficients are not 0. In the first
-// two all families are damped alike or not at all: the damping constant is in the unit of acceleration.
-enum class Springs { all, all_but_last, by_coefficient };
+// Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In the first two all families
+// are damped alike or not at all: the damping constant is in the unit of acceleration.
+enum class Springs { all, some, by_coefficient };
 
 // On the points at b; an acceleration where all points have one mass.
 template <bool damped, Springs springs, class V, class Real>
-CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
+CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, SomeLanes<V> lanes = {}) {
     constexpr int W = int(V::size);
     const V stiffness = V::load_aligned(coefficients + EdgeCoefficientIndex::stiffness * W);
     const V tension = V::load_aligned(coefficients + EdgeCoefficientIndex::tension * W);
@@ -74,9 +74,28 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients) {
     } else {
         scale = exact_at_rest<Real> ? stiffness - s.root * tension : xsimd::fnma(s.root, tension, stiffness);
     }
-    if constexpr (springs == Springs::all_but_last) scale = without_last_lane(scale);
+    if constexpr (springs == Springs::some) scale = only(lanes, scale);
     return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
+
+// The lanes of a row's vectors from which a spring leads one or two columns on: not of the last points, nor of padding. With
+// `fixed` vectors they are looked up once.
+template <class V, int fixed>
+class Reach {
+public:
+    using Real = typename V::value_type;
+    CLOTHSIM_INLINE explicit Reach(const Real* table) : table_(table) {
+        for (int i = 0; i < 2 * fixed; ++i) known_[i] = some_lanes<V>(table_ + i * int(V::size));
+    }
+    CLOTHSIM_INLINE SomeLanes<V> operator()(int k, int columns) const {
+        const int i = 2 * k + columns - 1;
+        return fixed ? known_[i] : some_lanes<V>(table_ + i * int(V::size));
+    }
+
+private:
+    const Real* table_;
+    SomeLanes<V> known_[fixed ? 2 * fixed : 1];
+};
 
 // Of code that serves all stages and asks which one it is.
 constexpr Stage any_stage = Stage(-1);

@@ -31,12 +31,14 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
         asm volatile("" : "+r"(b));
         return stretch<damped>(a, b, constants);
     };
-    const auto end_spring = [&]<Springs springs>(const Spring<V>& spring, SpringKind kind) __attribute__((always_inline)) {
+    const Reach<V, 2> reach(e.reach);
+    // Of the springs that start in one of the two vectors.
+    const auto end_spring = [&]<int vector, SpringKind kind>(const Spring<V>& spring) __attribute__((always_inline)) {
         const Real* coefficients = e.coefficients + kind * (EdgeCoefficientIndex::count * W);
         asm volatile("" : "+r"(coefficients));
-        return force<damped, springs>(spring, coefficients);
+        if constexpr (kind == to_below) return force<damped, Springs::all>(spring, coefficients);
+        else return force<damped, Springs::some>(spring, coefficients, reach(vector, 1));
     };
-    constexpr Springs all = Springs::all, cut = Springs::all_but_last;
 
     edge_finish<Arch, Real>(e);
     // Received by the row from the one before: its two vectors, and past its end.
@@ -57,34 +59,34 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
         const Points<V> first = points(here);
         Spring<V> side_0 = begin_spring(first, here + stride);
         root(side_1, constants);
-        const auto rises_1 = end_spring.template operator()<cut>(rising_1, to_diagonal);
+        const auto rises_1 = end_spring.template operator()<1, to_diagonal>(rising_1);
         const auto handed_past = received_past - rises_1;
         Spring<V> falling_0 = begin_spring(first, below + stride);
         root(side_0, constants);
-        const auto pulls_1 = end_spring.template operator()<cut>(side_1, to_right);
+        const auto pulls_1 = end_spring.template operator()<1, to_right>(side_1);
         const auto past_last = shifted_lanes(handed_past - pulls_1);
         if (row > begin) finish_second(row - 1);
         Spring<V> down_0 = begin_spring(first, below);
         root(falling_0, constants);
-        const auto pulls_0 = end_spring.template operator()<all>(side_0, to_right);
+        const auto pulls_0 = end_spring.template operator()<0, to_right>(side_0);
         const auto within_1 = pulls_0 + pulls_1;
         const Points<V> other = points(here + stride);
         Spring<V> rising_0 = begin_spring(other, below);
         root(down_0, constants);
-        const auto falls_0 = end_spring.template operator()<all>(falling_0, to_diagonal);
+        const auto falls_0 = end_spring.template operator()<0, to_diagonal>(falling_0);
         const auto diagonals_1 = falls_0 + rises_1;
         Spring<V> falling_1 = begin_spring(other, below + 1);
         root(rising_0, constants);
-        const auto drops_0 = end_spring.template operator()<all>(down_0, to_below);
+        const auto drops_0 = end_spring.template operator()<0, to_below>(down_0);
         const auto force_0 = ((received[0] - (drops_0 + falls_0)) - pulls_0) + past_last;
         finish_stage<V, Real, stage, 2>(e, row_to_finish(e, row, here), 0, force_0);
         Spring<V> down_1 = begin_spring(other, below + stride);
         root(falling_1, constants);
-        const auto rises_0 = end_spring.template operator()<all>(rising_0, to_diagonal);
+        const auto rises_0 = end_spring.template operator()<0, to_diagonal>(rising_0);
         const auto handed_0 = drops_0 + rises_0;
         root(down_1, constants);
-        const auto falls_1 = end_spring.template operator()<cut>(falling_1, to_diagonal);
-        const auto drops_1 = end_spring.template operator()<all>(down_1, to_below);
+        const auto falls_1 = end_spring.template operator()<1, to_diagonal>(falling_1);
+        const auto drops_1 = end_spring.template operator()<1, to_below>(down_1);
         store3(second, W, within_1 + (received[1] - (drops_1 + (rises_0 + falls_1))));
         received[0] = handed_0;
         received[1] = drops_1 + diagonals_1;

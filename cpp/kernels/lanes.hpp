@@ -112,21 +112,38 @@ CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #endif
 }
 
-// The last lane becomes 0.
-template <class V>
-CLOTHSIM_INLINE V without_last_lane(V a) {
+// Some of the lanes, of which a vector in memory has all bits, of the others none; and a value that is 0 in the others.
 #if defined(__AVX512F__)
-    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm512_maskz_mov_ps(0x7fff, a));
-    else return V(_mm512_maskz_mov_pd(0x7f, a));
-#elif defined(__AVX2__)
-    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm256_blend_ps(a, _mm256_setzero_ps(), 0x80));
-    else return V(_mm256_blend_pd(a, _mm256_setzero_pd(), 0x8));
-#else
-    constexpr int all = -1;
-    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm_and_ps(a, _mm_castsi128_ps(_mm_setr_epi32(all, all, all, 0))));
-    else return V(_mm_move_sd(_mm_setzero_pd(), a));
-#endif
+inline constexpr bool masks_in_registers = true;
+template <class V>
+struct SomeLanes {
+    typename V::batch_bool_type::register_type bits{};
+};
+template <class V>
+CLOTHSIM_INLINE SomeLanes<V> some_lanes(const typename V::value_type* bits) {
+    if constexpr (sizeof(*bits) == 4) return {_mm512_movepi32_mask(_mm512_load_si512(bits))};
+    else return {_mm512_movepi64_mask(_mm512_load_si512(bits))};
 }
+template <class V>
+CLOTHSIM_INLINE V only(SomeLanes<V> lanes, V a) {
+    if constexpr (sizeof(typename V::value_type) == 4) return V(_mm512_maskz_mov_ps(lanes.bits, a));
+    else return V(_mm512_maskz_mov_pd(lanes.bits, a));
+}
+#else
+inline constexpr bool masks_in_registers = false;
+template <class V>
+struct SomeLanes {
+    const typename V::value_type* bits = nullptr;
+};
+template <class V>
+CLOTHSIM_INLINE SomeLanes<V> some_lanes(const typename V::value_type* bits) {
+    return {bits};
+}
+template <class V>
+CLOTHSIM_INLINE V only(SomeLanes<V> lanes, V a) {
+    return a & V::load_aligned(lanes.bits);
+}
+#endif
 
 // Lane l takes lane l - 1, lane 0 takes 0.
 template <class V>

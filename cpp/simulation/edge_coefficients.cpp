@@ -1,4 +1,5 @@
 // The edge kernel's coefficients: springs as the vectors of a row have them.
+#include <cstring>
 #include <map>
 #include <optional>
 
@@ -13,8 +14,10 @@ void EdgeEngine<Real>::build_coefficients() {
     const double root_scale = double(kernels_of<Real>(*plan_.kernels).root_scale);
     const std::optional<double> shared = this->shared_damping();
     unit_ = shared.value_or(1);
-    complete_ = layout_.window == layout_.width() && (shared || !plan_.features().spring_damping);
+    damped_alike_ = shared || !plan_.features().spring_damping;
 
+    Real all_bits;
+    std::memset(&all_bits, 0xff, sizeof all_bits);
     // Vectors whose lanes have the same springs share a class; there are few. The first has them all.
     std::map<std::vector<int>, int> classes;
     const auto class_of = [&](const std::vector<int>& reach) {
@@ -40,6 +43,8 @@ void EdgeEngine<Real>::build_coefficients() {
         for (int lane = 0; lane < layout_.lanes; ++lane)
             reach.push_back(std::clamp(layout_.window - 1 - (lane * layout_.vectors + k), -1, 2));
         coefficient_class_.push_back(std::uint8_t(class_of(reach)));
+        for (const int columns : {1, 2})
+            for (const int follow : reach) reach_.push_back(follow >= columns ? all_bits : Real(0));
     }
 }
 

@@ -107,7 +107,9 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.stage = stage;
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
-    e.complete = complete_;
+    e.reach = reach_.data();
+    e.complete = layout_.window == layout_.width();
+    e.damped_alike = damped_alike_;
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();
     e.received_2 = scratch + 2 * handed_size();

@@ -64,10 +64,10 @@ private:
     EdgeRowsKernel<Real> rows_kernel_;
     EdgeHaloKernel<Real> halo_kernel_;
     EdgeFinishKernel<Real> finish_kernel_;
-    AlignedVector<Real> coefficients_, inverse_mass_, free_;
+    AlignedVector<Real> coefficients_, reach_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
     double unit_ = 1;  // of the accelerations the kernel sums
-    bool complete_ = false;
+    bool damped_alike_ = false;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
     StripBorders<Real> borders_;
     std::int64_t step_ = 0;  // of the state in memory

@@ -21,7 +21,7 @@ BACKENDS = ("cpu", "gpu")
 
 # Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
 # the second thread saves.
-_POINTS_WORTH_A_THREAD = 256
+_POINTS_WORTH_A_THREAD = 128
 
 # Floating-point operations, a root and a division counted as one each.
 _FLOPS_SPRING = 19

@@ -41,9 +41,12 @@ def test_every_shape_agrees_with_the_reference(variant, crumpled, relative, shap
     assert relative(result, expected, x) < BOUND[variant.precision]
 
 
-def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, crumpled, relative):
+@pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
+def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(
+    variant, crumpled, relative, damped
+):
     """There the edge kernel's four stages follow each other a few rows apart."""
-    (scene, x, v, dt), expected = _reference(crumpled, 20, shape=(90, 100))
+    (scene, x, v, dt), expected = _reference(crumpled, 20, shape=(90, 100), damped=damped)
     for threads in (1, 2):
         result = cs.step(scene, x, v, dt, 20, **{**variant.options, "threads": threads})
         assert relative(result, expected, x) < BOUND[variant.precision]
@@ -66,7 +69,10 @@ def test_every_feature_agrees_with_the_reference(
     assert relative(result, expected, x) < BOUND[variant.precision]
 
 
-@pytest.mark.parametrize("shape", [(6, 19), (9, 32)], ids=str)
+# The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
+@pytest.mark.parametrize(
+    "shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (5, 9), (40, 7)], ids=str
+)
 @pytest.mark.parametrize("mass", MASS)
 def test_damping_that_all_families_share(variant, crumpled, relative, mass, shape):
     """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""

@@ -40,7 +40,7 @@ class Settings:
     seconds: float = 4e-3
     large_windows: int = 7
     error_steps: int = 1000
-    sizes: tuple[int, ...] = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
+    sizes: tuple[int, ...] = (8, 16, 32, 64, 100, 128, 256, 512, 1024, 2048)
     numba_sizes: tuple[int, ...] = (1024,)
     numba_parallel: bool = True
     reference_dt: float = 1e-5
