@@ -25,4 +25,7 @@ inline std::ptrdiff_t second_level_cache() {
 // What a sweep goes over is no larger: a band's state and work are swept stage by stage, and rows need not be fetched ahead.
 inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 3; }
 
+// More than this comes from memory each time it is gone over.
+inline constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
+
 }  // namespace clothsim

@@ -30,9 +30,6 @@ namespace {
 // Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the next.
 constexpr int rows_between_stages = 3;
 
-// A state of more bytes comes from memory in each step.
-constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * 1024 * 1024;
-
 template <class Real>
 constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>

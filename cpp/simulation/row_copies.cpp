@@ -1,6 +1,8 @@
 #include "simulation/row_copies.hpp"
 
 #include <algorithm>
+#include <cstdint>
+#include <cstring>
 #include <emmintrin.h>
 #include <limits>
 #include <xmmintrin.h>
@@ -175,6 +177,21 @@ void from_lanes(const Real* records, Real* row, const LiftedRow& lifted) {
             for (int i = 0; i < size; ++i) s.store(i, row + (lane + i) * width + element);
         },
         [&](int lane, int element) { row[lane * width + element] = records[place[element] + lane]; });
+}
+
+void copy_past_caches(const void* from, void* to, std::size_t bytes) {
+    constexpr std::size_t size = sizeof(__m128i);
+    const char* next = static_cast<const char*>(from);
+    char* place = static_cast<char*>(to);
+    const auto copy = [&](std::size_t count) {
+        std::memcpy(place, next, count);
+        next += count, place += count, bytes -= count;
+    };
+    copy(std::min(bytes, -reinterpret_cast<std::uintptr_t>(place) % size));
+    for (; bytes >= size; next += size, place += size, bytes -= size)
+        _mm_stream_si128(reinterpret_cast<__m128i*>(place), _mm_loadu_si128(reinterpret_cast<const __m128i*>(next)));
+    copy(bytes);
+    _mm_sfence();
 }
 
 template void to_planes(const float*, float*, std::ptrdiff_t, int);

@@ -35,6 +35,9 @@ void to_lanes(const Real* row, Real* records, const LiftedRow& lifted);
 template <class Real>
 void from_lanes(const Real* records, Real* row, const LiftedRow& lifted);
 
+// To memory past the caches: nothing there makes room for it, and what it replaces is not fetched first.
+void copy_past_caches(const void* from, void* to, std::size_t bytes);
+
 // Smallest and largest of each component of `points` points.
 void extent(const double* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]);
 void extent(const float* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]);

@@ -14,6 +14,7 @@
 
 #include "collision/response.hpp"
 #include "simulation/aligned_vector.hpp"
+#include "simulation/caches.hpp"
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
 #include "simulation/finite.hpp"
@@ -288,18 +289,23 @@ private:
     void store_part(int first, const Vec3& origin, Out* to) const {
         const int count = 3 * columns();
         std::vector<RowBuffer> buffers(std::size_t(shares()), row_buffer(origin));
+        const std::ptrdiff_t bytes = count * std::ptrdiff_t(sizeof(Out));
+        const bool large = rows() * bytes > bytes_in_shared_cache;
+        std::vector<AlignedVector<Out>> outside(large ? buffers.size() : 0, AlignedVector<Out>(std::size_t(count)));
         in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
             RowBuffer& row = buffers[std::size_t(share)];
             for (int r = int(begin); r < int(end); ++r) {
                 const Real* const from = memory_.data() + layout_.at(r, 0, first);
-                Out* const out = to + std::ptrdiff_t(r) * count;
+                Out* const place = to + std::ptrdiff_t(r) * count;
+                Out* const out = large ? outside[std::size_t(share)].data() : place;
                 if constexpr (!compensated && std::is_same_v<Out, Real>) {
                     layout_.take_row(from, out, row.part);
-                    continue;
+                } else {
+                    layout_.take_row(from, row.high.data(), row.part);
+                    if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data(), row.part);
+                    join(row.high.data(), row.compensation(), row.shift.data(), out, count);
                 }
-                layout_.take_row(from, row.high.data(), row.part);
-                if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data(), row.part);
-                join(row.high.data(), row.compensation(), row.shift.data(), out, count);
+                if (large) copy_past_caches(out, place, std::size_t(bytes));
             }
         });
     }

@@ -6,6 +6,8 @@ import pytest
 
 # The last has points enough for each of two threads to copy some of the rows.
 SHAPES = [(2, 2), (3, 5), (2, 17), (5, 31), (32, 32), (3, 33), (2, 48), (3, 64), (2, 127), (97, 90)]
+# More than the caches hold, in rows that do not begin where a vector does.
+LARGE = (17, 21_001)
 
 
 def state(shape, dtype):
@@ -31,7 +33,7 @@ def held(values, precision):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("shape", [*SHAPES, LARGE], ids=str)
 def test_a_state_comes_out_as_it_went_in(variant, shape, dtype):
     scene, x, v = state(shape, dtype)
     stepper = cs.Stepper(scene, x, v, **{**variant.options, "threads": 2})
