@@ -11,14 +11,14 @@
 // version before it is not in.
 #pragma once
 
-#include <omp.h>
-
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "simulation/row_band.hpp"
 #include "simulation/state_engine.hpp"
+#include "simulation/threads.hpp"
 
 namespace clothsim {
 
@@ -31,16 +31,16 @@ struct alignas(64) Progress {
 
 template <class Real>
 struct Band : RowBand {
-    bool first = true, alone = true;
+    bool first = true;
     FieldScratch<Real>* scratch = nullptr;
     Progress* own = nullptr;
+    Barrier* all = nullptr;  // null: there is only one
     // Of the neighbours at the two borders; null where the cloth ends.
     const Progress *near = nullptr, *far = nullptr;
     int version = 0;  // at which the next sweep looks
 
     void barrier() const {
-        if (alone) return;
-#pragma omp barrier
+        if (all) all->wait();
     }
 
     // `work(begin, end)` for the rows, at most `several` at a time; it returns of how many the next version is made.
@@ -68,43 +68,29 @@ public:
     // `work(band)` by at most `threads` threads.
     template <class Work>
     void run(int rows, int threads, Work work) {
-        const int team = std::max(1, std::min(threads, rows / RowBand::fewest_rows));
-        while (int(scratch_.size()) < team) scratch_.push_back(std::make_unique<FieldScratch<Real>>());
-        if (team == 1) {
-            Band<Real> band{RowBand::of(rows, 0, 1)};
-            band.scratch = scratch_[0].get();
-            work(band);
-            return;
-        }
-        if (count_ < team) {
+        const auto begin = [&](int team) {
+            while (int(scratch_.size()) < team) scratch_.push_back(std::make_unique<FieldScratch<Real>>());
             progress_ = std::make_unique<Progress[]>(std::size_t(team));
-            count_ = team;
-        }
-        for (int t = 0; t < team; ++t) {
-            progress_[std::size_t(t)].near.store(0, std::memory_order_relaxed);
-            progress_[std::size_t(t)].far.store(0, std::memory_order_relaxed);
-        }
-#pragma omp parallel num_threads(team)
-        {
-            // As many bands as threads were really given: a band without a thread would be waited for.
-            const int n = omp_get_num_threads(), t = omp_get_thread_num();
-            Band<Real> band{RowBand::of(rows, t, n)};
+            barrier_.emplace(team);
+        };
+        in_team(RowBand::team(rows, threads), begin, [&](int t, int team) {
+            Band<Real> band{RowBand::of(rows, t, team)};
             band.first = t == 0;
-            band.alone = n == 1;
             band.scratch = scratch_[std::size_t(t)].get();
             band.own = &progress_[std::size_t(t)];
+            band.all = team > 1 ? &*barrier_ : nullptr;
             const Progress* const above = t > 0 ? &progress_[std::size_t(t - 1)] : nullptr;
-            const Progress* const below = t + 1 < n ? &progress_[std::size_t(t + 1)] : nullptr;
+            const Progress* const below = t + 1 < team ? &progress_[std::size_t(t + 1)] : nullptr;
             band.near = band.upwards ? below : above;
             band.far = band.upwards ? above : below;
             work(band);
-        }
+        });
     }
 
 private:
     std::vector<std::unique_ptr<FieldScratch<Real>>> scratch_;
     std::unique_ptr<Progress[]> progress_;
-    int count_ = 0;
+    std::optional<Barrier> barrier_;
 };
 
 }  // namespace clothsim

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "simulation/edge_engine.hpp"
+#include "simulation/threads.hpp"
 
 namespace clothsim {
 

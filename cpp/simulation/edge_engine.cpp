@@ -19,8 +19,6 @@
 // rows apart, so that a step reads and writes the state about once; what a stage leaves for the next one lives
 // in a ring of rows. For that ring to stay in cache a wide cloth is cut into strips, which take each step one after
 // the other (lifted_layout.hpp); every band has all of its rows in each strip.
-#include <omp.h>
-
 #include "simulation/caches.hpp"
 #include "simulation/edge_band.hpp"
 
@@ -297,25 +295,13 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     this->known_finite_ = false;
-    const int team = this->track_contact_energy ? 1 : std::min(threads, rows() / RowBand::fewest_rows);
     int team_given = 1;
-    const auto begin = [&](int given) {
-        team_given = given;
-        for (auto& band : bands(given)) band->begin();
+    const auto begin = [&](int team) {
+        team_given = team;
+        for (auto& band : bands(team)) band->begin();
     };
-    if (team <= 1) {
-        begin(1);
-        run_bands(1, 0, steps, clock);
-    } else {
-#pragma omp parallel num_threads(team)
-        {
-            // As many bands as threads were really given: a band without a thread would be waited for.
-            const int given = omp_get_num_threads();
-#pragma omp single
-            begin(given);
-            run_bands(given, omp_get_thread_num(), steps, clock);
-        }
-    }
+    in_team(this->track_contact_energy ? 1 : RowBand::team(rows(), threads), begin,
+            [&](int thread, int team) { run_bands(team, thread, steps, clock); });
     step_ += steps;
     this->state_known_ = true;
     const auto& stepped = bands(team_given);

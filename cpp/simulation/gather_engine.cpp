@@ -4,6 +4,8 @@
 
 #include <optional>
 
+#include "simulation/threads.hpp"
+
 namespace clothsim {
 namespace {
 
@@ -130,17 +132,13 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
         }
     };
 
-    const int team = tracked ? 1 : std::min(threads, grid_.groups());
-    if (team == 1) {
-        work(0, 1, [] {});
-        return;
-    }
-#pragma omp parallel num_threads(team)
-    {
-        work(omp_get_thread_num(), omp_get_num_threads(), [] {
-#pragma omp barrier
+    std::optional<Barrier> barrier;
+    in_team(
+        tracked ? 1 : std::min(threads, grid_.groups()), [&](int team) { barrier.emplace(team); },
+        [&](int thread, int team) {
+            if (team == 1) work(0, 1, [] {});
+            else work(thread, team, [&] { barrier->wait(); });
         });
-    }
 }
 
 template <class Real>

@@ -1,7 +1,7 @@
-// A cloth's rows among threads, how two threads wait for each other, and how they ask for memory ahead.
+// A cloth's rows among threads, and how they ask for memory ahead.
 #pragma once
 
-#include <atomic>
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
@@ -20,6 +20,8 @@ struct RowBand {
         const auto border = [&](int n) { return int(std::int64_t(rows) * n / count); };
         return {border(number), border(number + 1), count > 1 && number % 2 == 0};
     }
+    // How many of these threads have work enough.
+    static int team(int rows, int threads) { return std::clamp(rows / fewest_rows, 1, threads); }
     int size() const { return end - begin; }
     // Of the cloth; also before the first (negative) and behind the last of the band.
     int row(int i) const { return upwards ? end - 1 - i : begin + i; }
@@ -29,19 +31,6 @@ struct RowBand {
         return {begin + from, begin + to};
     }
 };
-
-// A neighbour answers within microseconds unless its processor is taken; then sleeping lets it have this one.
-inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    constexpr int spins_before_sleep = 500;
-    for (int spins = 0; spins < spins_before_sleep; ++spins) {
-        if (reached.load(std::memory_order_acquire) >= wanted) return;
-#if defined(__x86_64__)
-        __builtin_ia32_pause();
-#endif
-    }
-    for (int seen = reached.load(std::memory_order_acquire); seen < wanted; seen = reached.load(std::memory_order_acquire))
-        reached.wait(seen, std::memory_order_acquire);
-}
 
 // Ask for a line a while before it is read, in the second-level cache, as requests to the first would keep other loads
 // waiting; or before it is written: one that another processor has read would keep the store waiting. Not by the builtin,
@@ -66,11 +55,6 @@ template <class Real, class Ask>
 void for_each_line(const Real* first, std::ptrdiff_t count, const Ask& ask) {
     constexpr int line = 64 / int(sizeof(Real));
     for (std::ptrdiff_t i = 0; i < count; i += line) ask(first + i);
-}
-
-inline void tell(std::atomic<int>& reached, int now) {
-    reached.store(now, std::memory_order_release);
-    reached.notify_one();
 }
 
 }  // namespace clothsim

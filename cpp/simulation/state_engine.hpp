@@ -120,7 +120,7 @@ protected:
     // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some would end.
     int shares() const {
         constexpr std::int64_t points_worth_a_thread = 2'000;
-        const int team = track_contact_energy ? 1 : std::max(1, std::min(threads, rows() / RowBand::fewest_rows));
+        const int team = track_contact_energy ? 1 : RowBand::team(rows(), threads);
         return plan_.cloth.points() >= points_worth_a_thread * team ? team : 1;
     }
     // 1 / mass where it is uniform and so folded into the coefficients.

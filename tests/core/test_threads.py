@@ -130,6 +130,45 @@ print("same")
     assert run.stdout == "same\n", run.stderr
 
 
+_PROCESSORS = """
+import os, time
+import clothsim as cs
+
+def tasks():
+    return [int(task) for task in os.listdir("/proc/self/task")]
+
+scene = cs.scenes.paper_swing()
+state = scene.initial_position, scene.initial_velocity
+one = cs.step(scene, *state, 1e-4, 20, threads=1, kernel="{kernel}")
+
+def check():
+    x, v = cs.step(scene, *state, 1e-4, 20, threads=2, kernel="{kernel}")
+    assert (x == one[0]).all() and (v == one[1]).all()
+
+allowed = os.sched_getaffinity(0)
+for _ in range(20):
+    time.sleep(0.05)  # threads and processors sleep
+    check()
+    assert all(os.sched_getaffinity(task) == allowed for task in tasks())
+only = {{min(allowed)}}
+for task in tasks():
+    os.sched_setaffinity(task, only)
+check()
+assert all(os.sched_getaffinity(task) == only for task in tasks())
+print("same")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for processors")
+def test_threads_may_go_where_they_might_before(kernel):
+    """A team spreads over the processors; which ones its threads may use stays as it was, one for all of them included."""
+    run = subprocess.run(
+        [sys.executable, "-c", _PROCESSORS.format(kernel=kernel)],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert run.stdout == "same\n", run.stderr
+
+
 def _interrupt(stepper, dt, steps):
     """Seconds from Ctrl-C to the KeyboardInterrupt out of a long `advance`."""
     sent = []
