@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -133,6 +134,16 @@ class Frames(Core):
         for _ in range(steps):
             self.stepper.advance(1, PAPER_DT)
             self.stepper.positions  # noqa: B018
+
+
+class Paused(Core):
+    """Steps that follow a pause, in which threads and processors have gone to sleep."""
+
+    PAUSE = 0.05  # s
+
+    def prepare(self) -> None:
+        super().prepare()
+        time.sleep(self.PAUSE)
 
 
 class Calls(Core):
