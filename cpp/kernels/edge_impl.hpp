@@ -47,7 +47,8 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     Real* hand_down = e.received[1];
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        edge_row<Arch, Real, index, stage, fixed, along, true, true, true>(e, sources, received, hand_down, pending_row(e), reach, ahead(row));
+        edge_row<Arch, Real, index, stage, fixed, along, true, true, true>(e, sources, received, hand_down, pending_row(e), reach,
+                                                                           ahead(row));
         std::swap(received, hand_down);
         end_pending<Lanes<Real, Arch>>(e);
         e.pending = row;
@@ -77,8 +78,9 @@ bool is_written_out(const EdgeArguments<Real>& e) {
 // A single row. They are few: of those that are not written out, what serves any vector is all that is compiled.
 template <class Arch, class Real, int index, class Run>
 void run_row(const EdgeArguments<Real>& e, const Run& run) {
-    if (is_written_out<Arch, Real, index>(e)) run.template operator()<written_out<Arch, Real, index>, along_written_out>();
-    else run.template operator()<0, Springs::by_coefficient>();
+    if constexpr (written_out<Arch, Real, index> > 0)
+        if (is_written_out<Arch, Real, index>(e)) return run.template operator()<written_out<Arch, Real, index>, along_written_out>();
+    run.template operator()<0, Springs::by_coefficient>();
 }
 
 // The forces on one of the last two rows of a cloth, and the end of the stage of the row before.
@@ -86,8 +88,9 @@ template <class Arch, class Real, int index>
 void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
     const auto run = [&]<int fixed, Springs along>() {
         const auto row_with = [&]<bool has_below>() {
+            const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
             edge_row<Arch, Real, index, any_stage, fixed, along, true, has_below, false>(e, source, e.received[0], e.received[1],
-                                                                                  pending_row(e), Reach<Lanes<Real, Arch>, fixed>(e.reach));
+                                                                                         pending_row(e), reach);
         };
         if (source.below) row_with.template operator()<true>();
         else row_with.template operator()<false>();
@@ -148,8 +151,8 @@ void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const 
         }
     }
     const auto run = [&]<int fixed, Springs along>() {
-        edge_row<Arch, Real, index, any_stage, fixed, along, false, true, true>(e, before, e.received[0], e.received[1], {},
-                                                                         Reach<Lanes<Real, Arch>, fixed>(e.reach));
+        const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
+        edge_row<Arch, Real, index, any_stage, fixed, along, false, true, true>(e, before, e.received[0], e.received[1], {}, reach);
     };
     run_row<Arch, Real, index>(e, run);
     std::swap(e.received[0], e.received[1]);

@@ -72,8 +72,8 @@ struct Turns {
 // (all), where `reach` has them (some), or where they have coefficients. `ahead`: a row of which a share is fetched meanwhile.
 template <class Arch, class Real, int index, Stage stage, int fixed, Springs along, bool own, bool has_below, bool has_below_2>
 CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, const Real* __restrict received,
-                              Real* __restrict hand_down, const PendingRow<Real>& pending, const Reach<Lanes<Real, Arch>, fixed>& reach,
-                              const Real* ahead = nullptr) {
+                              Real* __restrict hand_down, const PendingRow<Real>& pending,
+                              const Reach<Lanes<Real, Arch>, fixed>& reach, const Real* ahead = nullptr) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     constexpr Features features = Features::from_index(index);
@@ -117,8 +117,9 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
                                       : place == Place::last        ? stride + 1
                                                                     : place_of(k + 2);
         const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
-        constexpr int class_size = spring_kind_count * EdgeCoefficientIndex::count * W;
-        const Real* const coefficients = e.coefficients + (along == Springs::by_coefficient ? e.coefficient_class[k] * class_size : 0);
+        constexpr int kind_size = EdgeCoefficientIndex::count * W, class_size = spring_kind_count * kind_size;
+        const Real* coefficients = e.coefficients;
+        if constexpr (along == Springs::by_coefficient) coefficients += e.coefficient_class[k] * class_size;
         if constexpr (!fixed && own)
             if (ahead) fetch<V>(e, ahead, k);
 
@@ -152,7 +153,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
                 constexpr Springs present = along == Springs::by_coefficient ? along : all ? Springs::all : Springs::some;
                 SomeLanes<V> lanes;
                 if constexpr (present == Springs::some) lanes = reach(k, columns);
-                f[leg] = force<damped, present>(springs[leg], coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
+                f[leg] = force<damped, present>(springs[leg], coefficients + kind * kind_size, lanes);
             }
 
             constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };

@@ -74,7 +74,7 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, S
     } else {
         scale = exact_at_rest<Real> ? stiffness - s.root * tension : xsimd::fnma(s.root, tension, stiffness);
     }
-    if constexpr (springs == Springs::some) scale = only(lanes, scale);
+    if constexpr (springs == Springs::some) scale = zero_elsewhere(lanes, scale);
     return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
 

@@ -112,7 +112,7 @@ CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #endif
 }
 
-// Some of the lanes, of which a vector in memory has all bits, of the others none; and a value that is 0 in the others.
+// Some of the lanes: in memory a vector that has all bits in them and none in the others.
 #if defined(__AVX512F__)
 inline constexpr bool masks_in_registers = true;
 template <class V>
@@ -125,7 +125,7 @@ CLOTHSIM_INLINE SomeLanes<V> some_lanes(const typename V::value_type* bits) {
     else return {_mm512_movepi64_mask(_mm512_load_si512(bits))};
 }
 template <class V>
-CLOTHSIM_INLINE V only(SomeLanes<V> lanes, V a) {
+CLOTHSIM_INLINE V zero_elsewhere(SomeLanes<V> lanes, V a) {
     if constexpr (sizeof(typename V::value_type) == 4) return V(_mm512_maskz_mov_ps(lanes.bits, a));
     else return V(_mm512_maskz_mov_pd(lanes.bits, a));
 }
@@ -140,7 +140,7 @@ CLOTHSIM_INLINE SomeLanes<V> some_lanes(const typename V::value_type* bits) {
     return {bits};
 }
 template <class V>
-CLOTHSIM_INLINE V only(SomeLanes<V> lanes, V a) {
+CLOTHSIM_INLINE V zero_elsewhere(SomeLanes<V> lanes, V a) {
     return a & V::load_aligned(lanes.bits);
 }
 #endif

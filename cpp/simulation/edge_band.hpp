@@ -10,8 +10,7 @@ namespace clothsim {
 inline constexpr std::int64_t steps_between_planes = 64;
 
 // Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it, counted
-// from the call's first: the library wakes a waiter of an `int` through that int itself, but of a larger one through a
-// line that all threads write.
+// from the call's first.
 template <class Real>
 struct Mailbox {
     AlignedVector<Real> rows;

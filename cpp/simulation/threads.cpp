@@ -28,8 +28,9 @@ void Processors::settle() {
     if (sched_getaffinity(0, sizeof allowed, &allowed) != 0) return;
     cpu_set_t free = allowed;
     for (int cpu = 0; cpu < most; ++cpu)
-        if (taken_[std::size_t(cpu / bits)].load(std::memory_order_relaxed) >> cpu % bits & 1) CPU_CLR(cpu, &free);
-    // It moves at once, and may be moved again as before.
+        if (CPU_ISSET(cpu, &free) && taken_[std::size_t(cpu / bits)].load(std::memory_order_relaxed) >> cpu % bits & 1)
+            CPU_CLR(cpu, &free);
+    // It moves at once; where it may be moved later is as before.
     if (CPU_COUNT(&free) == 0 || sched_setaffinity(0, sizeof free, &free) != 0) return;
     sched_setaffinity(0, sizeof allowed, &allowed);
     take();

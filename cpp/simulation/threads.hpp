@@ -5,6 +5,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <thread>
 
@@ -36,25 +37,17 @@ private:
     std::array<std::atomic<std::uint64_t>, most / bits> taken_{};
 };
 
-// A neighbour answers within microseconds unless its processor is taken; then it may need this one. Who sleeps is woken late,
-// by a virtual machine on the processor of the neighbour, which then waits in turn; so that is left for long waits.
+// A neighbour answers within microseconds unless its processor is taken; then it may need this one. Who sleeps is late, and so
+// is who waits for it; that is left for long waits, and ends by itself: to wake a sleeper `tell` would have to look for one.
 inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    constexpr int spins_before_yields = 500, yields_before_sleep = 3000;
-    for (int turn = 0; turn < spins_before_yields + yields_before_sleep; ++turn) {
-        if (reached.load(std::memory_order_acquire) >= wanted) return;
-        if (turn >= spins_before_yields) std::this_thread::yield();
-#if defined(__x86_64__)
-        else __builtin_ia32_pause();
-#endif
+    constexpr int spins = 500, spins_and_yields = spins + 3000;
+    for (int turn = 0; reached.load(std::memory_order_acquire) < wanted; ++turn) {
+        if (turn < spins) __builtin_ia32_pause();
+        else if (turn < spins_and_yields) std::this_thread::yield();
+        else std::this_thread::sleep_for(std::chrono::microseconds(50));
     }
-    for (int seen = reached.load(std::memory_order_acquire); seen < wanted; seen = reached.load(std::memory_order_acquire))
-        reached.wait(seen, std::memory_order_acquire);
 }
-
-inline void tell(std::atomic<int>& reached, int now) {
-    reached.store(now, std::memory_order_release);
-    reached.notify_all();
-}
+inline void tell(std::atomic<int>& reached, int now) { reached.store(now, std::memory_order_release); }
 
 // Where all threads of a team wait for the last of them. OpenMP's lets them sleep too soon.
 class Barrier {

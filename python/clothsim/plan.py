@@ -19,8 +19,8 @@ KERNELS = ("auto", "gather", "edge")
 INTEGRATORS = tuple(integrators())
 BACKENDS = ("cpu", "gpu")
 
-# Fewer mass points than this are stepped faster by one thread: four barriers a step cost more than
-# the second thread saves.
+# Fewer mass points than this are stepped faster by one thread: that threads wait for each other in
+# each of a step's four stages costs more than the second one saves.
 _POINTS_WORTH_A_THREAD = 128
 
 # Floating-point operations, a root and a division counted as one each.
