@@ -34,14 +34,12 @@ struct Band : RowBand {
     bool first = true;
     FieldScratch<Real>* scratch = nullptr;
     Progress* own = nullptr;
-    Barrier* team = nullptr;  // null: there is only one
+    Barrier* team = nullptr;
     // Of the neighbours at the two borders; null where the cloth ends.
     const Progress *near = nullptr, *far = nullptr;
     int version = 0;  // at which the next sweep looks
 
-    void barrier() const {
-        if (team) team->wait();
-    }
+    void barrier() const { team->wait(); }
 
     // `work(begin, end)` for the rows, at most `several` at a time; it returns of how many the next version is made.
     template <class Work>
@@ -78,7 +76,7 @@ public:
             band.first = t == 0;
             band.scratch = scratch_[std::size_t(t)].get();
             band.own = &progress_[std::size_t(t)];
-            band.team = team > 1 ? &*barrier_ : nullptr;
+            band.team = &*barrier_;
             const Progress* const above = t > 0 ? &progress_[std::size_t(t - 1)] : nullptr;
             const Progress* const below = t + 1 < team ? &progress_[std::size_t(t + 1)] : nullptr;
             band.near = band.upwards ? below : above;

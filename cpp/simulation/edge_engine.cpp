@@ -70,13 +70,12 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(layout_.size() + layout_.lanes, Real(0));
     const int all_rows = layout_.strips * cloth.rows;
-    const bool padded = layout_.window != layout_.width();
-    for (int row = 0; padded && row < all_rows; ++row)
+    for (int row = 0; layout_.padded() && row < all_rows; ++row)
         place_far_away(memory_.data() + row * layout_.row_size(), layout_.vectors, layout_.stride, layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
-    row_has_fixed_.assign(std::size_t(all_rows), padded);
+    row_has_fixed_.assign(std::size_t(all_rows), layout_.padded());
     for (int row = 0; row < all_rows; ++row)
         layout_.for_each_column([&](int c, std::ptrdiff_t in_row) {
             const int point = row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
@@ -103,7 +102,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
     e.reach = reach_.data();
-    e.complete = layout_.window == layout_.width();
+    e.complete = !layout_.padded();
     e.damped_alike = damped_alike_;
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();

@@ -118,7 +118,9 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
                                              arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
     const bool tracked = this->track_contact_energy;
 
-    const auto work = [&](int thread, int team, auto&& barrier) {
+    std::optional<Barrier> barrier;
+    const auto begin = [&](int team) { barrier.emplace(team); };
+    const auto work = [&](int thread, int team) {
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
@@ -126,19 +128,13 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
                 if (stage.stage == Stage::fourth && !tracked)
                     for (const Contact& contact : this->contacts(clock.at(k)))
                         for_each_tile(grid_, thread, team, [&](const Tile& tile) { collide(contact, tile); });
-                barrier();
+                barrier->wait();
             }
             if (tracked) this->collide_all(clock.at(k));
         }
     };
 
-    std::optional<Barrier> barrier;
-    in_team(
-        tracked ? 1 : std::min(threads, grid_.groups()), [&](int team) { barrier.emplace(team); },
-        [&](int thread, int team) {
-            if (team == 1) work(0, 1, [] {});
-            else work(thread, team, [&] { barrier->wait(); });
-        });
+    in_team(tracked ? 1 : std::min(threads, grid_.groups()), begin, work);
 }
 
 template <class Real>

@@ -97,6 +97,7 @@ struct LiftedLayout {
             for (int k = 0; k < vectors && c < window; ++k, ++c) visit(c, std::ptrdiff_t(k) * lanes + lane);
     }
     std::ptrdiff_t width() const { return vectors * lanes; }
+    bool padded() const { return window != width(); }  // rows end within a vector
 
 private:
     LiftedRow lifted() const { return {window, lanes, vectors, place.data()}; }

@@ -291,7 +291,7 @@ private:
         std::vector<RowBuffer> buffers(std::size_t(shares()), row_buffer(origin));
         const std::ptrdiff_t bytes = count * std::ptrdiff_t(sizeof(Out));
         const bool large = rows() * bytes > bytes_in_shared_cache;
-        std::vector<AlignedVector<Out>> outside(large ? buffers.size() : 0, AlignedVector<Out>(std::size_t(large ? count : 0)));
+        std::vector<AlignedVector<Out>> outside(buffers.size(), AlignedVector<Out>(std::size_t(large ? count : 0)));
         in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
             RowBuffer& row = buffers[std::size_t(share)];
             for (int r = int(begin); r < int(end); ++r) {

@@ -54,6 +54,7 @@ class Barrier {
 public:
     explicit Barrier(int team) : team_(team) {}
     void wait() {
+        if (team_ == 1) return;
         const int before = opened_.load(std::memory_order_relaxed);  // the last one is still to come
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 < team_) return wait_for(opened_, before + 1);
         arrived_.store(0, std::memory_order_relaxed);

@@ -278,15 +278,15 @@ def grids(bench: Bench) -> None:
 
 
 def frames(bench: Bench) -> None:
-    """800 x 800 mass points, a step a frame, with and without the positions copied out; the paper's after a pause."""
+    """A step a frame of 800 x 800, with and without the positions copied out; steps after a pause."""
     start = works.grid(800)
-    copied = Start("frame 800", start.scene, start.x, start.v)
+    copied = Start("frame 800", *_state(start))
     for kernel in bench.kernels:
         options = {"by": kernel, "precision": "single", "threads": max(bench.threads)}
         run(bench, [bench.core(start, works.Calls, **options)], large=True)
         run(bench, [bench.core(copied, works.Frames, **options)], large=True)
-    paper = works.paper(bend=True, sphere=False)
-    paused = Start("frame 32 after 50 ms", paper.scene, paper.x, paper.v, paper.t)
+    pause = f"{1e3 * works.Paused.PAUSE:.0f} ms"
+    paused = Start(f"frame 32 after {pause}", *_state(works.paper(bend=True, sphere=False)))
     candidates = [
         bench.core(paused, works.Paused, by=kernel, precision="single", threads=threads)
         for kernel in bench.kernels
