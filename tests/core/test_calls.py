@@ -144,14 +144,15 @@ def test_what_is_no_plain_number_is_checked_in_full(steps, dt):
 def test_the_processor_is_left_alone_once_a_call_has_returned(kernel, threads):
     """Threads that wait for a next call must sleep; libgomp's would spin for some 8 ms by default.
 
-    The best of up to eight tries counts: a thread may be held up on its way to sleep.
+    The best of up to eight tries counts: a thread may be held up on its way to sleep. The call is
+    short, as Linux books what a thread on another processor did in it only afterwards.
     """
     import time
 
     stepper = cs.Stepper(cs.scenes.paper_swing(), threads=threads, kernel=kernel)
     used = []
     while not used or (min(used) > 1e-3 and len(used) < 8):
-        stepper.advance(50, 1e-5)
+        stepper.advance(5, 1e-5)
         before = time.process_time()
         time.sleep(0.05)
         used.append(time.process_time() - before)
