@@ -2,7 +2,7 @@
 # files could be picked by the linker for every processor.
 function(clothsim_add_kernels isa)
   add_library(clothsim_kernels_${isa} OBJECT cpp/kernels/kernels_${isa}.cpp
-    cpp/kernels/contact_${isa}.cpp)
+    cpp/kernels/kernels_${isa}_double.cpp cpp/kernels/contact_${isa}.cpp)
   target_include_directories(clothsim_kernels_${isa} PRIVATE cpp)
   target_link_libraries(clothsim_kernels_${isa} PRIVATE clothsim_options xsimd)
   target_compile_options(clothsim_kernels_${isa} PRIVATE ${ARGN}

@@ -58,28 +58,32 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// Rows of 32 points as in the paper's cloth are short enough to be written out vector by vector, with mask registers those that
-// end with padding too. 0: not in these lanes, nor without structural springs, a cloth that is not worth the time it takes to
-// compile.
+// A cloth without structural springs is not worth the time that more than one version of its rows takes to compile.
+template <int index>
+constexpr bool in_versions = Features::from_index(index).structural;
+
+// Short rows are written out vector by vector, with mask registers those that end with padding too: of 32 points as in the
+// paper's cloth and, in lanes of which four vectors hold them, of up to 64.
 template <class Arch, class Real, int index>
-constexpr int written_out = [] {
-    constexpr int vectors = 32 / int(Lanes<Real, Arch>::size);
-    return vectors <= 4 && Features::from_index(index).structural ? vectors : 0;
-}();
+constexpr bool is_written_out(int vectors) {
+    const int points = vectors * int(Lanes<Real, Arch>::size);
+    return in_versions<index> && 32 <= points && points <= 64 && vectors <= 4;
+}
+
+template <class Real>
+bool may_be_written_out(const EdgeArguments<Real>& e) {
+    return e.damped_alike && (e.complete || masks_in_registers);
+}
 
 // With mask registers, to ask which lanes have a spring costs nothing.
 inline constexpr Springs along_written_out = masks_in_registers ? Springs::some : Springs::all;
 
-template <class Arch, class Real, int index>
-bool is_written_out(const EdgeArguments<Real>& e) {
-    return e.damped_alike && (e.complete || masks_in_registers) && e.vectors == written_out<Arch, Real, index>;
-}
-
 // A single row. They are few: of those that are not written out, what serves any vector is all that is compiled.
 template <class Arch, class Real, int index, class Run>
 void run_row(const EdgeArguments<Real>& e, const Run& run) {
-    if constexpr (written_out<Arch, Real, index> > 0)
-        if (is_written_out<Arch, Real, index>(e)) return run.template operator()<written_out<Arch, Real, index>, along_written_out>();
+    constexpr int fixed = 32 / int(Lanes<Real, Arch>::size);
+    if constexpr (is_written_out<Arch, Real, index>(fixed))
+        if (e.vectors == fixed && may_be_written_out(e)) return run.template operator()<fixed, along_written_out>();
     run.template operator()<0, Springs::by_coefficient>();
 }
 
@@ -102,28 +106,37 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
     e.pending_source = source.here;
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its stage takes nine
+// tenths of the time of code that asks.
 template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
-    constexpr int fixed = written_out<Arch, Real, index>;
     constexpr Features features = Features::from_index(index);
-    constexpr bool in_registers = fixed == 2 && features.shear && !features.bend;
-    const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
-        if constexpr (in_registers) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
+    const auto run_written_out = [&]<Stage stage, int fixed>() __attribute__((always_inline)) {
+        if constexpr (fixed == 2 && features.shear && !features.bend) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
         else edge_rows_of<Arch, Real, index, stage, fixed, along_written_out>(e, begin, end);
     };
-    if constexpr (fixed > 0)
-        if (is_written_out<Arch, Real, index>(e) && e.ahead == 0) switch (e.stage) {
-                case Stage::first: return run.template operator()<Stage::first>();
-                case Stage::second: return run.template operator()<Stage::second>();
-                case Stage::third: return run.template operator()<Stage::third>();
-                case Stage::fourth: return run.template operator()<Stage::fourth>();
-                case Stage::evaluate: return run.template operator()<Stage::evaluate>();
-            }
+    const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
+        if (e.ahead == 0 && may_be_written_out(e)) {
+            if constexpr (is_written_out<Arch, Real, index>(2))
+                if (e.vectors == 2) return run_written_out.template operator()<stage, 2>();
+            if constexpr (is_written_out<Arch, Real, index>(3))
+                if (e.vectors == 3) return run_written_out.template operator()<stage, 3>();
+            if constexpr (is_written_out<Arch, Real, index>(4))
+                if (e.vectors == 4) return run_written_out.template operator()<stage, 4>();
+        }
+        if (e.complete) edge_rows_of<Arch, Real, index, stage, 0, Springs::all>(e, begin, end);
+        else edge_rows_of<Arch, Real, index, stage, 0, Springs::some>(e, begin, end);
+    };
     if constexpr (features.spring_damping)
         if (!e.damped_alike) return edge_rows_of<Arch, Real, index, any_stage, 0, Springs::by_coefficient>(e, begin, end);
-    if (e.complete) edge_rows_of<Arch, Real, index, any_stage, 0, Springs::all>(e, begin, end);
-    else edge_rows_of<Arch, Real, index, any_stage, 0, Springs::some>(e, begin, end);
+    if constexpr (in_versions<index>) switch (e.stage) {
+            case Stage::first: return run.template operator()<Stage::first>();
+            case Stage::second: return run.template operator()<Stage::second>();
+            case Stage::third: return run.template operator()<Stage::third>();
+            case Stage::fourth: return run.template operator()<Stage::fourth>();
+            case Stage::evaluate: return run.template operator()<Stage::evaluate>();
+        }
+    else run.template operator()<any_stage>();
 }
 
 // What the two rows before a band hand on to its first two.

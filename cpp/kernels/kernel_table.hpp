@@ -66,8 +66,8 @@ struct KernelTable {
     std::string_view name;   // "sse2", "avx2", "avx512"
     std::string_view flags;  // compiler flags of its file
     bool (*supported)();
-    RealKernels<float> single;
-    RealKernels<double> double_;
+    const RealKernels<float>& single;
+    const RealKernels<double>& double_;  // in a file of its own, to be compiled side by side
 };
 
 template <class Real>

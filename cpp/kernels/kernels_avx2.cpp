@@ -8,10 +8,12 @@ bool supported() {
     __builtin_cpu_init();
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 }
+
+constexpr RealKernels<float> single = real_kernels<Arch, float>();
 }  // namespace
 
+extern const RealKernels<double> kernels_avx2_double;
 extern const KernelTable kernels_avx2;
-const KernelTable kernels_avx2{"avx2", CLOTHSIM_ISA_FLAGS, &supported, real_kernels<Arch, float>(),
-                               real_kernels<Arch, double>()};
+const KernelTable kernels_avx2{"avx2", CLOTHSIM_ISA_FLAGS, &supported, single, kernels_avx2_double};
 
 }  // namespace clothsim

@@ -75,7 +75,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     Mailbox<Real> from_near, from_far;
     std::shared_ptr<Workspace<Real>> workspace;
     std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
-    int lag;                                  // rows between two stages; all rows: stage by stage
+    int lag, several;                         // rows between two stages, and of one at a time; all rows: stage by stage
     std::vector<Contact> contacts;
     std::vector<SphereOutline<Real>> outlines;
     std::int64_t steps_to_planes = 0;  // until planes are looked for again

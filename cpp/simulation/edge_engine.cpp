@@ -27,18 +27,23 @@ namespace {
 
 // Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the next.
 constexpr int rows_between_stages = 3;
+// Rows of a stage before it is the next one's turn: each has code of its own, too much of it to change with every row.
+constexpr int rows_at_a_time = 4;
+// The third row finishes the second one, and then the first two may be handed over.
+constexpr int rows_to_hand = 3;
 
 template <class Real>
 constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. What is under way in it, 13 rows of state, 4 of its compensation and 12 of
-// work, takes half of the second-level cache. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. What is under way in it, 12 rows of state, 3 of its compensation and 11 of
+// work and those that a stage takes at a time, takes two thirds of the second-level cache. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
-    constexpr std::ptrdiff_t under_way = ((compensated<Real> ? 17 : 13) * StateRecord::count + 12 * WorkRecord::count) * sizeof(Real);
-    const int enough = int(second_level_cache() / 2 / under_way);
+    constexpr std::ptrdiff_t rows_of_state = compensated<Real> ? 15 + 2 * rows_at_a_time : 12 + rows_at_a_time;
+    constexpr std::ptrdiff_t under_way = (rows_of_state * StateRecord::count + (11 + rows_at_a_time) * WorkRecord::count) * sizeof(Real);
+    const int enough = int(second_level_cache() / 3 * 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
     const bool narrow = plan.cloth.columns <= enough + enough / 16;
@@ -127,8 +132,10 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
-        band->lag = bytes <= bytes_kept_in_cache() ? n : rows_between_stages;
-        const int ring = std::min(n, 3 * band->lag + 3);
+        const bool in_cache = bytes <= bytes_kept_in_cache();
+        band->lag = in_cache ? n : rows_between_stages;
+        band->several = in_cache ? n : rows_at_a_time;
+        const int ring = std::min(n, 3 * band->lag + 2 + band->several);
         if (band->strip == 0) {
             band->workspace = std::make_shared<Workspace<Real>>();
             band->workspace->scratch.assign(4 * scratch_size(), Real(0));
@@ -174,7 +181,6 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     };
     // With strips the next step's state is handed over when their halos are filled.
     const auto hands = [&](int s) { return s < 3 || !strips; };
-    // The third row finishes the second one.
     const auto hand_first = [&](int s) {
         if (band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, 0, 1);
     };
@@ -192,15 +198,29 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
         finish_kernel_(e);
         if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, n - 1, n - 2);
     };
-    const auto run_row = [&](int s, int row) {
-        if (row == 0 && band.near) begin_at_border(s);
-        if (row < n - 2) rows_kernel_(stages[s], row, row + 1);
-        else run_last(s, row, row + 1);
-        if (row == 2) hand_first(s);
+    const auto run_rows = [&](int s, int begin, int end) {
+        const int end_inner = std::min(end, n - 2);
+        if (begin == 0 && band.far) {
+            band.from_far.fetch(number + s);
+            band.far->from_far.claim(number + s + 1);
+        }
+        if (begin == 0 && band.near) begin_at_border(s);
+        if (band.near && begin < rows_to_hand) {
+            const int first = std::min(end, rows_to_hand);
+            rows_kernel_(stages[s], begin, first);
+            if (first == rows_to_hand) hand_first(s);
+            begin = first;
+        }
+        if (begin < end_inner) rows_kernel_(stages[s], begin, end_inner);
+        if (end == n && band.near) {
+            band.from_near.fetch(number + s + 1);
+            band.near->from_near.claim(number + s + 2);
+        }
+        if (end > end_inner) run_last(s, std::max(begin, end_inner), end);
     };
-    const auto row_done = [&](int row) {
-        if (strips) band.give_border(row, band.step + 1);
-        if (look) band.look(row, row + 1);
+    const auto rows_done = [&](int begin, int end) {
+        for (int row = begin; strips && row < end; ++row) band.give_border(row, band.step + 1);
+        if (look && begin < end) band.look(begin, end);
     };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
@@ -209,40 +229,16 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     }
     if (!band.near)
         for (int s = 0; s < 4; ++s) begin_at_edge(s);
-    if (band.lag >= n) {
-        for (int row = 2; strips && row < n - 2; ++row) band.take_border(row);
-        const int first_inner = band.near ? 3 : 0, end_inner = std::max(first_inner, n - 2);
+    for (int front = 0, done = 0; front < n + 3 * band.lag; front += band.several) {
+        for (int row = front + 2; strips && row < std::min(front + 2 + band.several, n - 2); ++row) band.take_border(row);
         for (int s = 0; s < 4; ++s) {
-            if (band.far) {
-                band.from_far.fetch(number + s);
-                band.far->from_far.claim(number + s + 1);
-            }
-            if (band.near) {
-                begin_at_border(s);
-                rows_kernel_(stages[s], 0, first_inner);
-                hand_first(s);
-            }
-            rows_kernel_(stages[s], first_inner, end_inner);
-            if (band.near) {
-                band.from_near.fetch(number + s + 1);
-                band.near->from_near.claim(number + s + 2);
-            }
-            run_last(s, end_inner, n);
+            const int begin = front - s * band.lag, end = std::min(begin + band.several, n);
+            if (begin < n && end > 0) run_rows(s, std::max(begin, 0), end);
         }
-        for (int row = 0; strips && row < n; ++row) band.give_border(row, band.step + 1);
-        if (look) band.look(0, n);
-    } else {
-        for (int front = 0; front < n + 3 * band.lag; ++front) {
-            if (strips && front + 2 < n - 2) band.take_border(front + 2);
-            for (int s = 0; s < 4; ++s) {
-                const int row = front - s * band.lag;
-                if (row >= 0 && row < n) run_row(s, row);
-            }
-            // A row is finished with the next one, the last by itself.
-            const int last = front - 3 * band.lag;
-            if (last > 0) row_done(last - 1);
-            if (last == n - 1) row_done(last);
-        }
+        // A row is finished with the next one, the last by itself.
+        const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, done);
+        rows_done(done, finished);
+        done = finished;
     }
     ++band.step;
 }
@@ -265,7 +261,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
             const int sharing = Base::compensated ? 2 : 4;
             const bool compensation = s >= sharing;
             const std::ptrdiff_t share = layout_.stride / sharing;
-            e.ahead = compensation ? 1 : s * b.lag + rows_before_use;
+            e.ahead = compensation ? 1 : s * b.lag + rows_before_use + b.several - 1;
             e.ahead_begin = (compensation ? layout_.compensation() : 0) + s % sharing * share;
             e.ahead_end = e.ahead_begin + share;
             e.row_count = b.size();

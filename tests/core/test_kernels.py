@@ -71,7 +71,7 @@ def test_every_feature_agrees_with_the_reference(
 
 # The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
 @pytest.mark.parametrize(
-    "shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (5, 9), (40, 7)], ids=str
+    "shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)], ids=str
 )
 @pytest.mark.parametrize("mass", MASS)
 def test_damping_that_all_families_share(variant, crumpled, relative, mass, shape):

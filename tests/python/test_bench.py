@@ -46,10 +46,10 @@ class Clock:
 def test_measure_takes_the_least_and_the_middle_window():
     clock = Clock()
     work = Fake(clock, [1.0])
-    # One step fills a window of 0.5 s, so no warm-up is run and each window is one call.
+    # One step fills a window of 0.5 s; one goes before it, whatever it takes.
     steady = measure([work], 3, 0.5, clock)[0]
     assert (steady.minimum, steady.median, steady.steps) == (1.0, 1.0, 1)
-    work = Fake(clock, [5.0, 5.0, 5.0, 5.0, 1.0, 2.0, 30.0])
+    work = Fake(clock, [5.0, 5.0, 5.0, 5.0, 9.0, 1.0, 0.1, 2.0, 9.0, 30.0])
     timing = measure([work], 3, 0.5, clock)[0]
     assert (timing.minimum, timing.median, timing.windows) == (1.0, 2.0, 3)
 

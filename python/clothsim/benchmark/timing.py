@@ -63,7 +63,7 @@ def measure(
 
     The works take turns, in another order in every round, so that a slow spell of the machine
     meets all of them and none is always the one after the same other. Before a window is timed
-    a quarter of it is run, which wakes threads and fills the caches.
+    a quarter of it is run, at least a step, which wakes threads and fills the caches.
 
     Parameters
     ----------
@@ -93,8 +93,7 @@ def measure(
         shuffle(order)
         for k in order:
             works[k].prepare()
-            if warm := steps[k] // 4:
-                works[k].run(warm)
+            works[k].run(max(1, steps[k] // 4))
             start = clock()
             works[k].run(steps[k])
             taken[k, window] = (clock() - start) / steps[k]
