@@ -233,6 +233,21 @@ def test_report_prints_every_target_and_every_figure(report):
         assert work in printed
 
 
+@pytest.mark.parametrize(("together", "told"), [(231e9, False), (117e9, True)])
+def test_report_tells_of_processors_on_one_core(report, together, told):
+    """A virtual machine's: the second adds nothing while it lasts."""
+    result, _ = report
+    rates = [("single", 1, 117e9), ("single", 2, together), ("double", 1, 58e9), ("double", 2, 115e9)]
+    peak = [
+        {"instruction_set": "avx512", "precision": p, "threads": n, "flops_per_second": rate}
+        for p, n, rate in rates
+    ]
+    speeds = dict.fromkeys(("bandwidth", "triad", "cache_bandwidth"), {1: 2e10, 2: 4e10})
+    limits = {"peak": peak, **speeds, "round_trip": 1.2e-7}
+    told_so = "2 threads reached 1.00 times the peak of one" in text({**result, "limits": limits})
+    assert told_so == told
+
+
 def test_csv_holds_every_figure(report):
     result, folder = report
     files = [path for path in folder.glob("*.csv") if not path.stem.endswith("-targets")]

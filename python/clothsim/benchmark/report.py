@@ -100,6 +100,10 @@ def _machine(report: dict[str, Any]) -> list[str]:
     return lines
 
 
+# Of the peak of as many cores. A virtual machine's processors may be put on one and the same.
+_ALMOST_ALL = 0.75
+
+
 def _limits(limits: dict[str, Any]) -> list[str]:
     rows = [
         (
@@ -110,11 +114,25 @@ def _limits(limits: dict[str, Any]) -> list[str]:
         for p in limits["peak"]
     ]
     lines = ["Limits of this machine", *table(("multiply-adds", "threads", "Gflop/s"), rows)]
+    peak = {
+        (p["instruction_set"], p["precision"], p["threads"]): p["flops_per_second"]
+        for p in limits["peak"]
+    }
     for name in ("bandwidth", "triad", "cache_bandwidth"):
         rates = ", ".join(f"{rate / 1e9:.1f} on {t}" for t, rate in limits[name].items())
         lines.append(f"{name.replace('_', ' ')} [GB/s]: {rates} threads")
     if limits["round_trip"] is not None:
         lines.append(f"core to core and back: {1e9 * limits['round_trip']:.0f} ns")
+    shares = [
+        (p["flops_per_second"] / peak[p["instruction_set"], p["precision"], 1], p["threads"])
+        for p in limits["peak"]
+    ]
+    ratio, threads = min(shares, key=lambda share: share[0] / share[1])
+    if ratio < _ALMOST_ALL * threads:
+        lines.append(
+            f"{threads} threads reached {ratio:.2f} times the peak of one: their processors shared "
+            "a core, at least at that time. Figures on several threads may be too high."
+        )
     return lines
 
 
