@@ -22,6 +22,7 @@ from .works import Start
 
 DTYPES = {"single": np.float32, "double": np.float64}
 PRECISIONS = ("single", "double")
+_IN_TURN = 1024  # rows of a grid of which a state for each work fits into memory
 
 
 @dataclass(frozen=True)
@@ -254,7 +255,11 @@ def batch(bench: Bench) -> None:
 
 
 def grids(bench: Bench) -> None:
-    """Square grids of growing size, one after the other to keep memory small."""
+    """Square grids of growing size, one after the other to keep memory small.
+
+    A grid's works take turns, so that none is timed in one bad moment alone, unless the grid is
+    so large that their states may not all fit.
+    """
     for rows in bench.settings.sizes:
         start = works.grid(rows)
         counts = (*bench.threads, None) if rows <= 128 else bench.threads
@@ -269,7 +274,7 @@ def grids(bench: Bench) -> None:
                 _numba(bench, start, "numba strided", precision, max(bench.threads))
                 for precision in PRECISIONS
             ]
-        if rows >= 512:  # one at a time: two states of a large grid may not fit
+        if rows > _IN_TURN:
             for candidate in candidates:
                 run(bench, [candidate], large=True)
                 gc.collect()
@@ -281,10 +286,14 @@ def frames(bench: Bench) -> None:
     """A step a frame of 800 x 800, with and without the positions copied out; steps after a pause."""
     start = works.grid(800)
     copied = Start("frame 800", *_state(start))
+    candidates = []
     for kernel in bench.kernels:
         options = {"by": kernel, "precision": "single", "threads": max(bench.threads)}
-        run(bench, [bench.core(start, works.Calls, **options)], large=True)
-        run(bench, [bench.core(copied, works.Frames, **options)], large=True)
+        candidates += [
+            bench.core(start, works.Calls, **options),
+            bench.core(copied, works.Frames, **options),
+        ]
+    run(bench, candidates)
     pause = f"{1e3 * works.Paused.PAUSE:.0f} ms"
     paused = Start(f"frame 32 after {pause}", *_state(works.paper(bend=True, sphere=False)))
     candidates = [

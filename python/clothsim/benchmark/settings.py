@@ -22,7 +22,7 @@ class Settings:
     seconds : float
         Length of a window [s].
     large_windows : int
-        Windows per figure where a single step takes longer than a window.
+        The same on grids that are timed one after the other.
     error_steps : int
         Steps of 5 us after which a figure's error is taken.
     sizes : tuple of int
