@@ -29,6 +29,8 @@ namespace {
 constexpr int rows_between_stages = 3;
 // Rows of a stage before it is the next one's turn: each has code of its own, too much of it to change with every row.
 constexpr int rows_at_a_time = 4;
+// Of work, from the newest that the first stage makes to the oldest at which the last one looks.
+constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be handed over.
 constexpr int rows_to_hand = 3;
 
@@ -37,12 +39,12 @@ constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. What is under way in it, 12 rows of state, 3 of its compensation and 11 of
-// work and those that a stage takes at a time, takes two thirds of the second-level cache. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. What is under way in it, rows of work, one more of state and some of its
+// compensation, takes two thirds of the second-level cache. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
-    constexpr std::ptrdiff_t rows_of_state = compensated<Real> ? 15 + 2 * rows_at_a_time : 12 + rows_at_a_time;
-    constexpr std::ptrdiff_t under_way = (rows_of_state * StateRecord::count + (11 + rows_at_a_time) * WorkRecord::count) * sizeof(Real);
+    constexpr std::ptrdiff_t rows_of_state = rows_under_way + 1 + (compensated<Real> ? 3 + rows_at_a_time : 0);
+    constexpr std::ptrdiff_t under_way = (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
     const int enough = int(second_level_cache() / 3 * 2 / under_way);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
@@ -135,7 +137,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         const bool in_cache = bytes <= bytes_kept_in_cache();
         band->lag = in_cache ? n : rows_between_stages;
         band->several = in_cache ? n : rows_at_a_time;
-        const int ring = std::min(n, 3 * band->lag + 2 + band->several);
+        const int ring = in_cache ? n : std::min(n, rows_under_way);
         if (band->strip == 0) {
             band->workspace = std::make_shared<Workspace<Real>>();
             band->workspace->scratch.assign(4 * scratch_size(), Real(0));
@@ -218,10 +220,6 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
         }
         if (end > end_inner) run_last(s, std::max(begin, end_inner), end);
     };
-    const auto rows_done = [&](int begin, int end) {
-        for (int row = begin; strips && row < end; ++row) band.give_border(row, band.step + 1);
-        if (look && begin < end) band.look(begin, end);
-    };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
         stages[3].spheres = band.outlines.data();
@@ -236,8 +234,9 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
             if (begin < n && end > 0) run_rows(s, std::max(begin, 0), end);
         }
         // A row is finished with the next one, the last by itself.
-        const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, done);
-        rows_done(done, finished);
+        const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, 0);
+        for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
+        if (look && done < finished) band.look(done, finished);
         done = finished;
     }
     ++band.step;
