@@ -39,13 +39,13 @@ constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. What is under way in it, rows of work, one more of state and some of its
-// compensation, takes two thirds of the second-level cache. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. Under way in it are rows of work, one more of state and some of its
+// compensation. Continuous contact looks at a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state = rows_under_way + 1 + (compensated<Real> ? 3 + rows_at_a_time : 0);
-    constexpr std::ptrdiff_t under_way = (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
-    const int enough = int(second_level_cache() / 3 * 2 / under_way);
+    constexpr std::ptrdiff_t of_column = (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
+    const int enough = int(bytes_under_way() / of_column);
     const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
     const bool narrow = plan.cloth.columns <= enough + enough / 16;
