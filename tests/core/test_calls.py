@@ -102,7 +102,8 @@ def test_a_restored_state_is_not_undone(kernel, same_bits):
 def test_energy_of_contact_is_that_of_the_steps_that_stand(kernel):
     """Going back over steps does not count their contacts twice."""
     scene, x, dt = stiff(cs.Sphere((0.5, -0.4, 0.5), 0.4, restitution=0.3))
-    options = {"kernel": kernel, "track_contact_energy": True}
+    # In single a square overflows within 64 steps; in double the exact root of one that has is still right.
+    options = {"kernel": kernel, "precision": "single", "track_contact_energy": True}
     stepper = unwatched(scene, x, **options)
     done, _ = run(stepper, 1000, 3 * dt)
     assert done < 64  # all of them are done again
