@@ -249,6 +249,15 @@ def test_report_tells_of_processors_on_one_core(report, together, told):
     assert ("2 threads reached 1.00 times the peak of one" in printed) == told
 
 
+@pytest.mark.parametrize("instruction_set", ["avx512", "avx2", "sse2"])
+def test_report_tells_that_targets_are_those_of_avx512(report, instruction_set):
+    result, _ = report
+    machine = result["machine"]
+    build = {**machine["build"], "instruction_set": instruction_set}
+    printed = text({**result, "machine": {**machine, "build": build}})
+    assert ("two cores with AVX-512" in printed) == (instruction_set != "avx512")
+
+
 def test_csv_holds_every_figure(report):
     result, folder = report
     files = [path for path in folder.glob("*.csv") if not path.stem.endswith("-targets")]

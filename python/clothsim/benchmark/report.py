@@ -64,7 +64,7 @@ def text(report: dict[str, Any]) -> str:
     parts = [_machine(report)]
     if report["limits"]:
         parts.append(_limits(report["limits"]))
-    parts.append(_targets(report["targets"]))
+    parts.append(_targets(report["targets"], report["machine"]["build"]["instruction_set"]))
     steps = [f for f in figures if f["work"].startswith(("swing", "static", "contact"))]
     if steps:
         parts.append(_steps(steps))
@@ -140,7 +140,7 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if value and (value < 1e-3 or value >= 1e6) else f"{value:.4g}"
 
 
-def _targets(targets: list[dict[str, Any]]) -> list[str]:
+def _targets(targets: list[dict[str, Any]], instruction_set: str) -> list[str]:
     rows = []
     for one in targets:
         bound = f"{'<=' if one['at_most'] else '>='} {_number(one['bound'])} {one['unit']}"
@@ -150,7 +150,13 @@ def _targets(targets: list[dict[str, Any]]) -> list[str]:
             value, met = _number(one["value"]), "met" if one["met"] else "MISSED"
         rows.append((one["target"], bound, value, met, one["prototype"]))
     head = ("Target", "bound", "measured", "", "prototype")
-    return [*table(head, rows), "* without compensation"]
+    lines = [*table(head, rows), "* without compensation"]
+    if instruction_set != "avx512":
+        lines.append(
+            "The targets are those of two cores with AVX-512. Here it is "
+            f"{instruction_set}, which has fewer lanes."
+        )
+    return lines
 
 
 def _label(figure: dict[str, Any]) -> str:
