@@ -1,14 +1,28 @@
-# One object library per instruction set. Only the kernels are compiled for it: whatever else were in these
-# files could be picked by the linker for every processor.
+# The kernels of one instruction set, as object libraries. Only they are compiled for it: whatever else were in these files
+# could be picked by the linker for every processor.
 function(clothsim_add_kernels isa)
-  add_library(clothsim_kernels_${isa} OBJECT cpp/kernels/kernels_${isa}.cpp
-    cpp/kernels/kernels_${isa}_double.cpp cpp/kernels/contact_${isa}.cpp)
-  target_include_directories(clothsim_kernels_${isa} PRIVATE cpp)
-  target_link_libraries(clothsim_kernels_${isa} PRIVATE clothsim_options xsimd)
-  target_compile_options(clothsim_kernels_${isa} PRIVATE ${ARGN}
-    -Wno-maybe-uninitialized -Wno-uninitialized)  # g++ 12 warns about its own _mm512_undefined_ps
   string(JOIN " " flags ${ARGN})
-  target_compile_definitions(clothsim_kernels_${isa} PRIVATE "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
-  set_target_properties(clothsim_kernels_${isa} PROPERTIES POSITION_INDEPENDENT_CODE ON)
-  target_sources(clothsim_core PRIVATE $<TARGET_OBJECTS:clothsim_kernels_${isa}>)
+  set(options clothsim_options_${isa})
+  add_library(${options} INTERFACE)
+  target_include_directories(${options} INTERFACE cpp)
+  target_link_libraries(${options} INTERFACE clothsim_options xsimd)
+  target_compile_options(${options} INTERFACE ${ARGN}
+    -Wno-maybe-uninitialized -Wno-uninitialized)  # g++ 12 warns about its own _mm512_undefined_ps
+  target_compile_definitions(${options} INTERFACE "CLOTHSIM_ISA=\"${isa}\"" "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
+
+  set(kernels clothsim_kernels_${isa})
+  # What takes longest to compile is begun first.
+  foreach(share RANGE 3 0 -1)
+    foreach(real IN ITEMS float double)
+      add_library(${kernels}_${real}_${share} OBJECT cpp/kernels/kernel_share.cpp)
+      target_compile_definitions(${kernels}_${real}_${share} PRIVATE CLOTHSIM_REAL=${real} CLOTHSIM_SHARE=${share})
+      list(APPEND libraries ${kernels}_${real}_${share})
+    endforeach()
+  endforeach()
+  add_library(${kernels} OBJECT cpp/kernels/kernel_table.cpp cpp/kernels/contact_kernels.cpp)
+  foreach(library IN ITEMS ${libraries} ${kernels})
+    target_link_libraries(${library} PRIVATE ${options})
+    set_target_properties(${library} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    target_sources(clothsim_core PRIVATE $<TARGET_OBJECTS:${library}>)
+  endforeach()
 endfunction()

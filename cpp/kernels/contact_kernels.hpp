@@ -1,9 +1,8 @@
-// The kernels of continuous contact, one instruction set each; in files of their own, which compile in seconds.
+// The kernels of continuous contact, of one instruction set.
 #pragma once
 
-#include <string_view>
-
 #include "kernels/contact_arguments.hpp"
+#include "kernels/instruction_set.hpp"
 
 namespace clothsim {
 
@@ -12,19 +11,20 @@ template <class Real>
 using ContactKernel = void (*)(const ContactArguments<Real>&, int begin, int end);
 
 struct ContactKernels {
-    std::string_view name;  // of the instruction set, as in KernelTable
     ContactKernel<float> single, strict_single;
     ContactKernel<double> double_, strict_double;
+
+    template <class Real>
+    ContactKernel<Real> of(bool strict) const {
+        if constexpr (sizeof(Real) == 4) return strict ? strict_single : single;
+        else return strict ? strict_double : double_;
+    }
 };
 
-// The one of the instruction set `name`.
-const ContactKernels& contact_kernels(std::string_view name);
-
-template <class Real>
-ContactKernel<Real> contact_kernel(std::string_view name, bool strict) {
-    const ContactKernels& kernels = contact_kernels(name);
-    if constexpr (sizeof(Real) == 4) return strict ? kernels.strict_single : kernels.single;
-    else return strict ? kernels.strict_double : kernels.double_;
-}
+// In an object file of its own.
+template <InstructionSet set>
+struct ContactKernelsOf {
+    static const ContactKernels kernels;
+};
 
 }  // namespace clothsim

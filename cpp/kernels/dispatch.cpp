@@ -4,18 +4,33 @@
 #include <stdexcept>
 
 namespace clothsim {
+namespace {
 
-extern const KernelTable kernels_avx512, kernels_avx2, kernels_sse2;
+bool processor_has(InstructionSet set) {
+    __builtin_cpu_init();
+    switch (set) {
+        case InstructionSet::avx512:
+            return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
+                   __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+        case InstructionSet::avx2: return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+        case InstructionSet::sse2: return __builtin_cpu_supports("sse2");
+    }
+    return false;
+}
+
+}  // namespace
 
 const std::vector<const KernelTable*>& built_instruction_sets() {
-    static const std::vector<const KernelTable*> built{&kernels_avx512, &kernels_avx2, &kernels_sse2};
+    static const std::vector<const KernelTable*> built{
+        &KernelTableOf<InstructionSet::avx512>::table, &KernelTableOf<InstructionSet::avx2>::table,
+        &KernelTableOf<InstructionSet::sse2>::table};
     return built;
 }
 
 std::vector<const KernelTable*> supported_instruction_sets() {
     std::vector<const KernelTable*> supported;
     for (const KernelTable* table : built_instruction_sets())
-        if (table->supported()) supported.push_back(table);
+        if (processor_has(table->set)) supported.push_back(table);
     return supported;
 }
 

@@ -1,10 +1,12 @@
-// The kernels of one instruction set: tables of function pointers, filled in one small file each.
+// The kernels of one instruction set: tables of function pointers, filled in small files of its own.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <string_view>
 
 #include "benchmark/limit_kernels.hpp"
+#include "kernels/contact_kernels.hpp"
 #include "kernels/edge_arguments.hpp"
 #include "kernels/gather_arguments.hpp"
 
@@ -19,6 +21,10 @@ struct Features {
     }
     static constexpr int count = 16;
 };
+
+// The kernels of all sets of features in one compiler run would take minutes and gigabytes. Those of a share have bend
+// springs and damping in common, or their absence.
+inline constexpr int share_count = 4, features_in_share = Features::count / share_count;
 
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
@@ -47,27 +53,53 @@ struct RestLength {
     Real reciprocal;  // times root_scale
 };
 
+// With one set of features.
+template <class Real>
+struct FeatureKernels {
+    GatherKernel<Real> gather;         // fused multiply-add where there is one
+    GatherKernel<Real> gather_strict;  // same bits on every instruction set
+    EdgeLastRowKernel<Real> edge_last_row;
+    EdgeRowsKernel<Real> edge_rows;
+    EdgeHaloKernel<Real> edge_halo;
+};
+
+template <class Real>
+using KernelShare = std::array<FeatureKernels<Real>, features_in_share>;
+
+// Each in an object file of its own.
+template <InstructionSet set, class Real, int share>
+struct KernelShareOf {
+    static const KernelShare<Real> kernels;
+};
+
 template <class Real>
 struct RealKernels {
-    std::array<GatherKernel<Real>, Features::count> gather;         // fused multiply-add where there is one
-    std::array<GatherKernel<Real>, Features::count> gather_strict;  // same bits on every instruction set
+    std::array<const KernelShare<Real>*, share_count> shares;
     SphereKernel<Real> sphere;
-    std::array<EdgeLastRowKernel<Real>, Features::count> edge_last_row;
-    std::array<EdgeRowsKernel<Real>, Features::count> edge_rows;
-    std::array<EdgeHaloKernel<Real>, Features::count> edge_halo;
     EdgeFinishKernel<Real> edge_finish;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;
     LimitKernels<Real> limits;
+
+    const FeatureKernels<Real>& with(Features features) const {
+        const int index = features.index();
+        return (*shares[std::size_t(index / features_in_share)])[std::size_t(index % features_in_share)];
+    }
 };
 
 struct KernelTable {
+    InstructionSet set;
     std::string_view name;   // "sse2", "avx2", "avx512"
-    std::string_view flags;  // compiler flags of its file
-    bool (*supported)();
-    const RealKernels<float>& single;
-    const RealKernels<double>& double_;  // in a file of its own, to be compiled side by side
+    std::string_view flags;  // compiler flags of its files
+    RealKernels<float> single;
+    RealKernels<double> double_;
+    const ContactKernels& contact;
+};
+
+template <InstructionSet set>
+struct KernelTableOf {
+    static const KernelTable table;
 };
 
 template <class Real>

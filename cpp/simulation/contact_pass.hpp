@@ -24,7 +24,7 @@ template <class Real, class Layout>
 class ContactPass {
 public:
     ContactPass(const Plan& plan, const Layout& layout)
-        : plan_(plan), layout_(layout), kernel_(contact_kernel<Real>(plan.kernels->name, plan.strict)) {
+        : plan_(plan), layout_(layout), kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);

@@ -68,10 +68,10 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
       borders_(layout_) {
     const Cloth& cloth = plan_.cloth;
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    const int features = plan_.features().index();
-    last_row_kernel_ = kernels.edge_last_row[features];
-    rows_kernel_ = kernels.edge_rows[features];
-    halo_kernel_ = kernels.edge_halo[features];
+    const FeatureKernels<Real>& of_scene = kernels.with(plan_.features());
+    last_row_kernel_ = of_scene.edge_last_row;
+    rows_kernel_ = of_scene.edge_rows;
+    halo_kernel_ = of_scene.edge_halo;
     finish_kernel_ = kernels.edge_finish;
 
     // An unaligned load behind the last vector may read one lane past the last record.

@@ -35,8 +35,8 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
       grid_(plan.cloth.grid()) {
     const Cloth& cloth = plan_.cloth;
     const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    const int features = plan_.features().index();
-    kernel_ = plan_.strict ? kernels.gather_strict[features] : kernels.gather[features];
+    const FeatureKernels<Real>& of_scene = kernels.with(plan_.features());
+    kernel_ = plan_.strict ? of_scene.gather_strict : of_scene.gather;
     sphere_kernel_ = kernels.sphere;
 
     const std::ptrdiff_t plane = layout_.plane;
