@@ -99,12 +99,13 @@ def test_the_command_writes_picture_and_csv(capsys, tmp_path):
     pytest.importorskip("matplotlib")
     from matplotlib.image import imread
 
-    assert main([*SMALL, "--out", str(tmp_path), "--json"]) == 0
+    folder = tmp_path / "made" / "by it"
+    assert main([*SMALL, "--out", str(folder), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    rows = (tmp_path / "stability.csv").read_text().splitlines()
+    rows = (folder / "stability.csv").read_text().splitlines()
     assert rows[0] == "stiffness,dt,stable,predicted,limit,guarantee" and len(rows) == 16
     assert [int(row.split(",")[2]) for row in rows[1:]] == np.ravel(found["stable"]).tolist()
-    picture = imread(tmp_path / "stability.png")
+    picture = imread(folder / "stability.png")
     red = (picture[..., 0] > 0.7) & (picture[..., 1] < 0.3)
     blue = (picture[..., 2] > 0.6) & (picture[..., 0] < 0.3)
     assert red.sum() > 200 and blue.sum() > 200
@@ -123,8 +124,9 @@ def test_the_table_needs_no_extra(capsys, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(
     "arguments, named",
-    [(("--out", "no/such/folder"), "--out"),
-     (("--integrator", "implicit_midpoint"), "--dt must be given")],
+    [(("--out", __file__), "--out must be a folder"),
+     (("--integrator", "implicit_midpoint"), "--dt must be given"),
+     (("--hard-cases",), "--scene is of the map")],
 )  # fmt: skip
 def test_wrong_options_of_the_command(capsys, arguments, named):
     assert main([*SMALL, *arguments]) == 2
@@ -154,6 +156,12 @@ def test_the_command_runs_the_hard_cases(capsys, monkeypatch, as_json):
     else:
         assert all(case.expected in out and case.why in out for case in chosen.values())
         assert out.splitlines()[-1] == "4 of 4 runs as expected"
+
+
+@pytest.mark.parametrize("option", ["--out x", "--cells 2 2", "--dt 1e-3 1e-2", "--precision single"])
+def test_hard_cases_take_no_option_of_the_map(capsys, option):
+    assert main(["stability", "--hard-cases", *option.split()]) == 2
+    assert f"{option.split()[0]} is of the map" in capsys.readouterr().err
 
 
 def test_a_hard_case_that_fails_is_code_1(capsys, monkeypatch):

@@ -16,6 +16,10 @@ from clothsim.plan import INTEGRATORS, PRECISIONS
 from ._common import add_command, as_json, count
 from .run import ready_scenes
 
+_OF_THE_MAP = (
+    "scene", "stiffness", "dt", "cells", "integrator", "precision", "steps", "threads", "out",
+)  # fmt: skip
+
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(
@@ -50,8 +54,9 @@ def add_parser(subparsers: Any) -> None:
     )
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
     command.add_argument(
-        "--out", metavar="DIR", help="existing folder to write stability.png and stability.csv to"
+        "--out", metavar="DIR", help="folder to write stability.png and stability.csv to"
     )
+    command.set_defaults(parser=command)
 
 
 def _positive(text: str) -> float:
@@ -74,6 +79,9 @@ def run(args: argparse.Namespace) -> None:
 def _hard_cases(args: argparse.Namespace) -> None:
     from clothsim.stability.report import hard_case_table, run_hard_cases
 
+    for name in _OF_THE_MAP:
+        if getattr(args, name) != args.parser.get_default(name):
+            raise ValueError(f"--{name} is of the map; with --hard-cases it must be left out")
     results = run_hard_cases(cs.scenes.hard_cases())
     print(as_json(results) if args.json else hard_case_table(results))
     failed = [r["case"] for r in results if not r["passed"]]
@@ -86,8 +94,8 @@ def _map(args: argparse.Namespace) -> None:
     from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
 
     folder = Path(args.out) if args.out else None
-    if folder and not folder.is_dir():
-        raise ValueError(f"--out must be an existing folder, got {args.out!r}")
+    if folder and folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out must be a folder, got {args.out!r}")
     if folder:
         need_matplotlib()
     scene = ready_scenes()[args.scene]()
@@ -98,6 +106,7 @@ def _map(args: argparse.Namespace) -> None:
         progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
     )  # fmt: skip
     if folder:
+        folder.mkdir(parents=True, exist_ok=True)
         draw_map(found, folder / "stability.png")
         write_csv(found, folder / "stability.csv")
     if args.json:
