@@ -158,7 +158,9 @@ def test_the_command_runs_the_hard_cases(capsys, monkeypatch, as_json):
         assert out.splitlines()[-1] == "4 of 4 runs as expected"
 
 
-@pytest.mark.parametrize("option", ["--out x", "--cells 2 2", "--dt 1e-3 1e-2", "--precision single"])
+@pytest.mark.parametrize(
+    "option", ["--out x", "--cells 2 2", "--dt 1e-3 1e-2", "--precision single"]
+)
 def test_hard_cases_take_no_option_of_the_map(capsys, option):
     assert main(["stability", "--hard-cases", *option.split()]) == 2
     assert f"{option.split()[0]} is of the map" in capsys.readouterr().err
