@@ -145,29 +145,35 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
 
 }  // namespace
 
-CLOTHSIM_VERSIONS void combine(const FieldLayout& field, int begin, int end, const float* from, float* to,
-                               const Combination<float>& sum) {
-    combine_any(field, begin, end, from, to, sum);
-}
-CLOTHSIM_VERSIONS void combine(const FieldLayout& field, int begin, int end, const double* from, double* to,
-                               const Combination<double>& sum) {
-    combine_any(field, begin, end, from, to, sum);
-}
-CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, const float* from, float* to,
-                                    const Combination<float>& sum) {
-    advance_any(field, begin, end, from, to, sum);
-}
-CLOTHSIM_VERSIONS void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,
-                                    const Combination<double>& sum) {
-    advance_any(field, begin, end, from, to, sum);
-}
-CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const float* state,
-                                   const Combination<float>& sum, RowSquares* rows) {
-    square_any(field, begin, end, state, sum, rows);
-}
-CLOTHSIM_VERSIONS void square_rows(const FieldLayout& field, int begin, int end, const double* state,
-                                   const Combination<double>& sum, RowSquares* rows) {
-    square_any(field, begin, end, state, sum, rows);
-}
+#define CLOTHSIM_ROWS(Real)                                                                                              \
+    namespace {                                                                                                          \
+    CLOTHSIM_VERSIONS void combine_versions(const FieldLayout& field, int begin, int end, const Real* from, Real* to,    \
+                                            const Combination<Real>& sum) {                                             \
+        combine_any(field, begin, end, from, to, sum);                                                                   \
+    }                                                                                                                    \
+    CLOTHSIM_VERSIONS void advance_versions(const FieldLayout& field, int begin, int end, const Real* from, Real* to,    \
+                                            const Combination<Real>& sum) {                                             \
+        advance_any(field, begin, end, from, to, sum);                                                                   \
+    }                                                                                                                    \
+    CLOTHSIM_VERSIONS void square_versions(const FieldLayout& field, int begin, int end, const Real* state,              \
+                                           const Combination<Real>& sum, RowSquares* rows) {                            \
+        square_any(field, begin, end, state, sum, rows);                                                                 \
+    }                                                                                                                    \
+    }                                                                                                                    \
+    void combine(const FieldLayout& field, int begin, int end, const Real* from, Real* to,                               \
+                 const Combination<Real>& sum) {                                                                         \
+        combine_versions(field, begin, end, from, to, sum);                                                              \
+    }                                                                                                                    \
+    void advance_rows(const FieldLayout& field, int begin, int end, const Real* from, Real* to,                          \
+                      const Combination<Real>& sum) {                                                                    \
+        advance_versions(field, begin, end, from, to, sum);                                                              \
+    }                                                                                                                    \
+    void square_rows(const FieldLayout& field, int begin, int end, const Real* state, const Combination<Real>& sum,      \
+                     RowSquares* rows) {                                                                                 \
+        square_versions(field, begin, end, state, sum, rows);                                                            \
+    }
+CLOTHSIM_ROWS(float)
+CLOTHSIM_ROWS(double)
+#undef CLOTHSIM_ROWS
 
 }  // namespace clothsim

@@ -106,12 +106,20 @@ CLOTHSIM_INLINE void extent_any(const In* x, std::ptrdiff_t points, double (&low
 
 }  // namespace
 
-#define CLOTHSIM_SPLIT_AND_JOIN(Outside, Real)                                                                       \
-    CLOTHSIM_VERSIONS void split(const Outside* x, const double* shift, Real* high, Real* low, int count) {          \
-        split_any(x, shift, high, low, count);                                                                       \
-    }                                                                                                                \
-    CLOTHSIM_VERSIONS void join(const Real* high, const Real* low, const double* shift, Outside* x, int count) {     \
-        join_any(high, low, shift, x, count);                                                                        \
+#define CLOTHSIM_SPLIT_AND_JOIN(Outside, Real)                                                                           \
+    namespace {                                                                                                          \
+    CLOTHSIM_VERSIONS void split_versions(const Outside* x, const double* shift, Real* high, Real* low, int count) {     \
+        split_any(x, shift, high, low, count);                                                                           \
+    }                                                                                                                    \
+    CLOTHSIM_VERSIONS void join_versions(const Real* high, const Real* low, const double* shift, Outside* x, int count) { \
+        join_any(high, low, shift, x, count);                                                                            \
+    }                                                                                                                    \
+    }                                                                                                                    \
+    void split(const Outside* x, const double* shift, Real* high, Real* low, int count) {                                \
+        split_versions(x, shift, high, low, count);                                                                      \
+    }                                                                                                                    \
+    void join(const Real* high, const Real* low, const double* shift, Outside* x, int count) {                           \
+        join_versions(high, low, shift, x, count);                                                                       \
     }
 CLOTHSIM_SPLIT_AND_JOIN(double, double)
 CLOTHSIM_SPLIT_AND_JOIN(float, double)
@@ -119,12 +127,18 @@ CLOTHSIM_SPLIT_AND_JOIN(double, float)
 CLOTHSIM_SPLIT_AND_JOIN(float, float)
 #undef CLOTHSIM_SPLIT_AND_JOIN
 
-CLOTHSIM_VERSIONS void extent(const double* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]) {
-    extent_any(x, points, low, high);
-}
-CLOTHSIM_VERSIONS void extent(const float* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]) {
-    extent_any(x, points, low, high);
-}
+#define CLOTHSIM_EXTENT(Real)                                                                                            \
+    namespace {                                                                                                          \
+    CLOTHSIM_VERSIONS void extent_versions(const Real* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]) {  \
+        extent_any(x, points, low, high);                                                                                \
+    }                                                                                                                    \
+    }                                                                                                                    \
+    void extent(const Real* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]) {                             \
+        extent_versions(x, points, low, high);                                                                           \
+    }
+CLOTHSIM_EXTENT(float)
+CLOTHSIM_EXTENT(double)
+#undef CLOTHSIM_EXTENT
 
 template <class Real>
 void to_planes(const Real* row, Real* planes, std::ptrdiff_t plane, int columns) {

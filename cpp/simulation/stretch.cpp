@@ -6,13 +6,7 @@
 #include <vector>
 
 #include "simulation/diagnostics.hpp"
-
-// One version for every instruction set, chosen when the library is loaded; none of them fuses or reorders.
-#if defined(__x86_64__) && defined(__linux__)
-#define CLOTHSIM_VERSIONS __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define CLOTHSIM_VERSIONS
-#endif
+#include "simulation/versions.hpp"
 
 namespace clothsim {
 namespace {
@@ -20,8 +14,7 @@ namespace {
 // largest[c] = max(largest[c], |b[c] - a[c]|^2) for the `count` springs from points a to b of a row.
 CLOTHSIM_VERSIONS
 void raise_squares(const double* ax, const double* ay, const double* az, const double* bx, const double* by,
-                   const double* bz, int count, double* largest) {
-#pragma GCC ivdep
+                   const double* bz, int count, double* __restrict largest) {
     for (int c = 0; c < count; ++c) {
         const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
         const double square = dx * dx + dy * dy + dz * dz;
