@@ -13,7 +13,7 @@ function(clothsim_add_kernels isa)
   target_compile_definitions(${options} INTERFACE "CLOTHSIM_ISA=\"${isa}\"" "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
 
   set(kernels clothsim_kernels_${isa})
-  # What takes longest to compile is begun first.
+  # The shares of kernel_table.hpp (share_count). What takes longest to compile is begun first.
   foreach(share RANGE 3 0 -1)
     foreach(real IN ITEMS float double)
       add_library(${kernels}_${real}_${share} OBJECT cpp/kernels/kernel_share.cpp)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,14 @@ def count(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number >= 1, got {text!r}")
     return value
+
+
+def output_folder(text: str) -> Path:
+    """The folder that --out names; one that is missing is made where the files are written."""
+    folder = Path(text)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out must be a folder, got {text!r}")
+    return folder
 
 
 def as_json(data: Any) -> str:

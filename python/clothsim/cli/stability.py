@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 import clothsim as cs
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
-from ._common import add_command, as_json, count
+from ._common import add_command, as_json, count, output_folder
 from .run import ready_scenes
 
 _OF_THE_MAP = (
@@ -54,8 +53,9 @@ def add_parser(subparsers: Any) -> None:
     )
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
     command.add_argument(
-        "--out", metavar="DIR", help="folder to write stability.png and stability.csv to"
-    )
+        "--out", metavar="DIR",
+        help="folder of stability.png and stability.csv, made if missing (default: none are written)",
+    )  # fmt: skip
     command.set_defaults(parser=command)
 
 
@@ -93,9 +93,7 @@ def _map(args: argparse.Namespace) -> None:
     from clothsim.stability.map import measure_map
     from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
 
-    folder = Path(args.out) if args.out else None
-    if folder and folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out must be a folder, got {args.out!r}")
+    folder = output_folder(args.out) if args.out else None
     if folder:
         need_matplotlib()
     scene = ready_scenes()[args.scene]()

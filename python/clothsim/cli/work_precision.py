@@ -6,12 +6,11 @@ import argparse
 import inspect
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import clothsim as cs
 
-from ._common import add_command, as_json, count
+from ._common import add_command, as_json, count, output_folder
 from .run import ready_scenes
 
 
@@ -84,9 +83,7 @@ def run(args: argparse.Namespace) -> None:
     from clothsim.accuracy.plots import plot_work_precision
     from clothsim.accuracy.tables import rows_of, text_of_runs, write_csv
 
-    folder = Path(args.out)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out must be a folder, got {args.out!r}")
+    folder = output_folder(args.out)
     data = cs.work_precision(
         _scene(args),
         args.duration,
