@@ -40,11 +40,12 @@ template <class T>
 py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
     const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
     if (x.size() != z.size()) throw std::invalid_argument("x and z must be of one size");
-    Array<T> squared(x.size()), reciprocal(x.size());
+    Array<T> squared(x.size());
+    Array<double> reciprocal(x.size());
     for (py::ssize_t i = 0; i < x.size(); ++i) {
         const RestLength<T> length = kernels.rest_length(x.data()[i], z.data()[i]);
         squared.mutable_data()[i] = length.squared;
-        reciprocal.mutable_data()[i] = length.reciprocal / kernels.root_scale;
+        reciprocal.mutable_data()[i] = double(length.reciprocal) / double(kernels.root_scale);
     }
     return py::make_tuple(squared, reciprocal);
 }

@@ -247,7 +247,7 @@ def test_the_command(tmp_path, capsys):
     assert main([*arguments, "--json"]) == 0
     runs = json.loads(capsys.readouterr().out)["runs"]
     assert len(runs) == 7 and runs[0]["solver"] == "rk4 double"
-    assert main([*arguments, "--fastest"]) == 0
+    assert main([*arguments[:-2], "--fastest"]) == 0
     assert "next method" in capsys.readouterr().out
     assert main([*arguments, "--bend"]) == 2
     assert "--bend does not go with oscillator" in capsys.readouterr().err
@@ -255,6 +255,18 @@ def test_the_command(tmp_path, capsys):
     assert main([*arguments[:-1], str(tmp_path / "file")]) == 2
     assert main(["work-precision", "paper_static", "--duration", "0.4"]) == 2
     assert "chaotic" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments, option",
+    [("--fastest --out x", "--out"), ("--targets --out x", "--out"), ("--targets --bend", "--bend"),
+     ("oscillator --targets", "SCENE"), ("--targets --duration 0.2", "--duration"),
+     ("--targets --peers", "--peers")],
+)  # fmt: skip
+def test_the_command_ignores_no_option(capsys, arguments, option):
+    assert main(["work-precision", *arguments.split()]) == 2
+    said = f"{option} does not go with {'--fastest' if 'fast' in arguments else '--targets'}"
+    assert said in capsys.readouterr().err
 
 
 def test_bad_arguments(scene, solution):

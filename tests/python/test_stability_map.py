@@ -126,7 +126,7 @@ def test_the_table_needs_no_extra(capsys, monkeypatch, tmp_path):
     "arguments, named",
     [(("--out", __file__), "--out must be a folder"),
      (("--integrator", "implicit_midpoint"), "--dt must be given"),
-     (("--hard-cases",), "--scene is of the map")],
+     (("--hard-cases",), "--scene does not go with --hard-cases")],
 )  # fmt: skip
 def test_wrong_options_of_the_command(capsys, arguments, named):
     assert main([*SMALL, *arguments]) == 2
@@ -163,7 +163,7 @@ def test_the_command_runs_the_hard_cases(capsys, monkeypatch, as_json):
 )
 def test_hard_cases_take_no_option_of_the_map(capsys, option):
     assert main(["stability", "--hard-cases", *option.split()]) == 2
-    assert f"{option.split()[0]} is of the map" in capsys.readouterr().err
+    assert f"{option.split()[0]} does not go with --hard-cases" in capsys.readouterr().err
 
 
 def test_a_hard_case_that_fails_is_code_1(capsys, monkeypatch):

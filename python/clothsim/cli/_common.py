@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
     """A subparser that calls `function` with the parsed arguments; it takes --json."""
     command: argparse.ArgumentParser = subparsers.add_parser(name, help=text, description=text)
-    command.set_defaults(run=function, command=name)
+    command.set_defaults(run=function, command=name, parser=command)
     command.add_argument("--json", action="store_true", help="print JSON instead of text")
     return command
 
@@ -28,6 +28,14 @@ def count(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number >= 1, got {text!r}")
     return value
+
+
+def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) -> None:
+    """Raise ValueError if one of the options is given that `flag` would ignore."""
+    for option in options:
+        name = option.lstrip("-").lower()
+        if getattr(args, name) != args.parser.get_default(name):
+            raise ValueError(f"{option} does not go with {flag}, which would ignore it")
 
 
 def output_folder(text: str) -> Path:

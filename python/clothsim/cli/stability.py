@@ -12,11 +12,12 @@ import numpy as np
 import clothsim as cs
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
-from ._common import add_command, as_json, count, output_folder
+from ._common import add_command, as_json, count, output_folder, refuse_ignored
 from .run import ready_scenes
 
 _OF_THE_MAP = (
-    "scene", "stiffness", "dt", "cells", "integrator", "precision", "steps", "threads", "out",
+    "--scene", "--stiffness", "--dt", "--cells", "--integrator", "--precision", "--steps",
+    "--threads", "--out",
 )  # fmt: skip
 
 
@@ -56,7 +57,6 @@ def add_parser(subparsers: Any) -> None:
         "--out", metavar="DIR",
         help="folder of stability.png and stability.csv, made if missing (default: none are written)",
     )  # fmt: skip
-    command.set_defaults(parser=command)
 
 
 def _positive(text: str) -> float:
@@ -79,9 +79,7 @@ def run(args: argparse.Namespace) -> None:
 def _hard_cases(args: argparse.Namespace) -> None:
     from clothsim.stability.report import hard_case_table, run_hard_cases
 
-    for name in _OF_THE_MAP:
-        if getattr(args, name) != args.parser.get_default(name):
-            raise ValueError(f"--{name} is of the map; with --hard-cases it must be left out")
+    refuse_ignored(args, "--hard-cases", _OF_THE_MAP)
     results = run_hard_cases(cs.scenes.hard_cases())
     print(as_json(results) if args.json else hard_case_table(results))
     failed = [r["case"] for r in results if not r["passed"]]

@@ -10,7 +10,7 @@ from typing import Any
 
 import clothsim as cs
 
-from ._common import add_command, as_json, count, output_folder
+from ._common import add_command, as_json, count, output_folder, refuse_ignored
 from .run import ready_scenes
 
 
@@ -125,6 +125,9 @@ def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
     from clothsim.accuracy.front import ERRORS, TARGETS, front, statement
     from clothsim.accuracy.tables import targets_of, text_of_front, text_of_targets
 
+    refuse_ignored(args, "--targets" if args.targets else "--fastest", ["--out"])
+    if args.targets:
+        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers"])
     options = {
         "methods": args.method, "precisions": precisions, "windows": args.windows,
         "progress": progress,
