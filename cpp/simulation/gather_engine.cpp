@@ -4,13 +4,11 @@
 
 #include <optional>
 
+#include "simulation/caches.hpp"
 #include "simulation/threads.hpp"
 
 namespace clothsim {
 namespace {
-
-// A cloth of more bytes comes from memory in each stage.
-constexpr std::size_t bytes_in_caches = 16 * 1024 * 1024;
 
 // The groups of a team's thread, those of one row of groups as one tile. Group by group, 64 bytes at a time of each row and
 // component, a large cloth would go from page to page; along whole rows the processor fetches ahead.
@@ -97,7 +95,7 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     g.lanes = lanes_.data();
     const std::ptrdiff_t origin = layout_.origin;
     const std::size_t values = memory_.size() + stage_a_.size() + stage_b_.size() + first_acceleration_.size() + acceleration_sum_.size();
-    g.from_memory = values * sizeof(Real) > bytes_in_caches;
+    g.from_memory = std::ptrdiff_t(values * sizeof(Real)) > bytes_swept_in_cache;
     g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
     g.free = free_.data() + origin;
     g.row_has_fixed = row_has_fixed_.data();
