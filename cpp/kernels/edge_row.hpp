@@ -37,32 +37,36 @@ struct Pipeline {
     std::array<Leg, leg_count> legs;
     int to_root, to_force, finishing_turn, finishing_turn_without_shear;
 };
+template <class Real>
 #if defined(__AVX512F__)
 inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2, 4};
 #else
-// An operation takes half the time, so that more of them fit between two that wait for each other.
-inline constexpr Pipeline pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1, 1};
+// An operation takes half the time, so that more of them fit between two that wait for each other; most of all in double,
+// where springs wait for exact roots and divisions.
+inline constexpr Pipeline pipeline = sizeof(Real) == 4 ? Pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1, 1}
+                                                       : Pipeline{{rising, down, side, down_2, side_2, falling}, 2, 5, 5, 5};
 #endif
 
 // The pipeline without what a scene or a row lacks.
-template <Legs present>
+template <class Real, Legs present>
 struct Turns {
-    static constexpr int legs = std::popcount(present), count = legs + pipeline.to_force;
+    static constexpr Pipeline all = pipeline<Real>;
+    static constexpr int legs = std::popcount(present), count = legs + all.to_force;
     static constexpr std::array<Leg, leg_count> order = [] {
         std::array<Leg, leg_count> order{};
         int next = 0;
-        for (const Leg leg : pipeline.legs)
+        for (const Leg leg : all.legs)
             if (present >> leg & 1) order[std::size_t(next++)] = leg;
         return order;
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
     static constexpr bool shear = present >> falling & 1;
-    static constexpr int finishing = std::min(shear ? pipeline.finishing_turn : pipeline.finishing_turn_without_shear, count - 1);
+    static constexpr int finishing = std::min(shear ? all.finishing_turn : all.finishing_turn_without_shear, count - 1);
     // The turn in which the last of these becomes a force; the first turn if there are none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
         for (int i = 0; i < legs; ++i)
-            if (wanted >> order[std::size_t(i)] & 1) turn = i + pipeline.to_force;
+            if (wanted >> order[std::size_t(i)] & 1) turn = i + all.to_force;
         return turn;
     }
 };
@@ -86,7 +90,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
     constexpr bool straight_down = has_below && (features.structural || features.bend);
     constexpr auto only = [](Leg leg, bool there) { return Legs(there) << leg; };
     constexpr Legs diagonals = only(rising, shear) | only(falling, shear), downs = only(down, vertical) | only(down_2, bend_down);
-    using Order = Turns<diagonals | downs | only(side, sideways) | only(side_2, sideways_2)>;
+    using Order = Turns<Real, diagonals | downs | only(side, sideways) | only(side_2, sideways_2)>;
     const std::ptrdiff_t stride = source_stride<V>(stage == any_stage ? e.stage : stage);
     const int m = fixed ? fixed : e.vectors;
     const Real* const here = source.here;
@@ -129,7 +133,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         // What the row gives to the vector is `within`; of the first, what it takes.
         Vector3<V> straight, diagonal, pair, behind, before, within;
         const auto take_turn = [&]<int turn>() __attribute__((always_inline)) {
-            constexpr int of_root = turn - pipeline.to_root, of_force = turn - pipeline.to_force;
+            constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
             if constexpr (turn < Order::legs) {
                 constexpr Leg leg = Order::order[turn];
                 const Real* const row = leg == side || leg == side_2 ? here : leg == down_2 ? below_2 : below;

@@ -97,8 +97,8 @@ CLOTHSIM_INLINE V scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newt
     // exact, which a y is not.
     const V y = reciprocal_root_estimate(a), square = y * y;
 #if defined(__AVX2__)
-    // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: two operations less. Of the last coefficient
-    // 1/33 is missing, so that the others are exact.
+    // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: an operation and a constant less. Of the
+    // last coefficient 1/33 is missing, so that the others are exact.
     const V h = xsimd::fnma(a, square, V(Real(27. / 16)));
     return y * xsimd::fma(h, h, V(Real(583. / 256)));
 #else

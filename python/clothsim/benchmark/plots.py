@@ -36,6 +36,12 @@ def _figure(width: float, height: float, columns: int = 1) -> Any:
     return figure, panels
 
 
+def _legend(panel: Any) -> None:
+    """Below the figure, where it hides nothing."""
+    lines = panel.get_legend_handles_labels()
+    panel.figure.legend(*lines, loc="outside lower center", ncols=4, fontsize="small")
+
+
 def _grids(report: dict[str, Any]) -> Any:
     names = {f"grid {rows}" for rows in report["settings"]["sizes"]}
     figures = [f for f in report["figures"] if f["work"] in names and f["threads"]]
@@ -60,8 +66,7 @@ def _grids(report: dict[str, Any]) -> Any:
         panel.yaxis.set_major_formatter("{x:g}")
         panel.yaxis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel("ns per mass point and step")
-    lines = panels[0].get_legend_handles_labels()
-    figure.legend(*lines, loc="outside lower center", ncols=4, fontsize="small")
+    _legend(panels[0])
     return figure
 
 
@@ -95,7 +100,7 @@ def _bars(panel: Any, labels: list[str], groups: dict[str, list[float]]) -> None
         panel.bar_label(bars, fmt="%.1f", fontsize="x-small", padding=2)
     panel.set_yticks(range(len(labels)), labels)
     panel.invert_yaxis()
-    panel.legend(fontsize="small")
+    _legend(panel)
 
 
 def _threads(report: dict[str, Any]) -> Any:
