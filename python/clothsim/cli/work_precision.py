@@ -125,9 +125,10 @@ def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
     from clothsim.accuracy.front import ERRORS, TARGETS, front, statement
     from clothsim.accuracy.tables import targets_of, text_of_front, text_of_targets
 
-    refuse_ignored(args, "--targets" if args.targets else "--fastest", ["--out"])
     if args.targets:
-        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers"])
+        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--out"])
+    else:
+        refuse_ignored(args, "--fastest", ["--out"])
     options = {
         "methods": args.method, "precisions": precisions, "windows": args.windows,
         "progress": progress,
