@@ -10,8 +10,10 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import os
 import reprlib
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -133,6 +135,17 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
         hint = _nearest(value, options)
         raise ValueError(f"{name} must be {accepted}, got {value!r}{hint}")
     return str(value)
+
+
+def folder(name: str, value: Any) -> Path:
+    """`value` as the path of a folder that is there or can be made: nothing in its way is a file."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise TypeError(_wrong(name, "the path of a folder", value))
+    path = Path(value)
+    there = next((one for one in (path, *path.parents) if one.exists()), path)
+    if there.exists() and not there.is_dir():
+        raise ValueError(f"{name} must be a folder, got {str(path)!r}: {str(there)!r} is a file")
+    return path
 
 
 def keys(

@@ -269,6 +269,13 @@ def test_csv_holds_every_figure(report):
     assert all(r["cpu"] and r["created"] and r["instruction_set"] != "None" for r in rows)
 
 
+@pytest.mark.parametrize("out, error", [(__file__, ValueError), (7, TypeError)])
+def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
+    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    with pytest.raises(error, match="out must be"):
+        bench(out)
+
+
 def test_unknown_section_is_refused():
     with pytest.raises(ValueError, match="sections must be some of"):
         bench(None, sections=["speed"])

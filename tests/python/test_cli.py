@@ -105,6 +105,27 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
     assert named in err and err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "command",
+    [("bench", "--quick", "--section", "limits"), ("reproduce", "--quick"),
+     ("work-precision", "paper_swing"), ("stability",)],
+    ids=lambda command: command[0],
+)  # fmt: skip
+@pytest.mark.parametrize("below", ["", "made/by/it"])
+def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
+    capsys, monkeypatch, tmp_path, command, below
+):
+    for measures in ("simulate", "work_precision", "stability_map", "Stepper"):
+        monkeypatch.delattr(cs, measures)
+    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    file = tmp_path / "file"
+    file.write_text("kept")
+    code, out, err = run(capsys, *command, "--out", file / below)
+    assert (code, out) == (2, "")
+    assert "out must be a folder" in err and str(file) in err and err.count("\n") == 1
+    assert file.read_text() == "kept"
+
+
 def test_unstable_run_is_code_1_and_one_line(capsys):
     code, out, err = run(capsys, "run", "paper_swing", "--dt", "0.01", "--duration", "3")
     assert (code, out) == (1, "")

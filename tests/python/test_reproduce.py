@@ -337,12 +337,13 @@ def test_interrupt_ends_all_cases():
         ({"experiments": (1, 6)}, "experiments"),
         ({"experiments": ()}, "experiments"),
         ({"threads": 0}, "threads"),
+        ({"out": __file__}, "out must be a folder"),
         ({"settings": Settings(static_dt=3e-4), "experiments": (1,)}, "frame_dt"),
     ],
 )
 def test_wrong_arguments_are_named(tmp_path, arguments, named):
     with pytest.raises(ValueError, match=named):
-        reproduce(tmp_path, **arguments)
+        reproduce(**{"out": tmp_path, **arguments})
 
 
 def test_missing_matplotlib_names_the_extra(tmp_path, monkeypatch):

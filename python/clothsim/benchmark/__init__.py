@@ -8,9 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
+from .. import _validate as check
 from .settings import FULL, NORMAL, QUICK, Settings
 
 __all__ = ["FULL", "NORMAL", "QUICK", "SECTIONS", "Settings", "bench"]
@@ -50,7 +50,7 @@ def bench(
     Raises
     ------
     ValueError
-        For an unknown section.
+        For an unknown section, or an `out` that is no folder.
 
     Examples
     --------
@@ -66,6 +66,7 @@ def bench(
     unknown = set(sections) - set(SECTIONS)
     if unknown or not sections:
         raise ValueError(f"sections must be some of {SECTIONS}, got {tuple(sections)!r}")
+    folder = None if out is None else check.folder("out", out)
     about = machine.describe()
     figures = Figures()
     try:
@@ -111,8 +112,8 @@ def bench(
         "skipped": figures.skipped,
         "files": [],
     }
-    if out is not None:
-        result["files"] = report.write(result, Path(out))
+    if folder is not None:
+        result["files"] = report.write(result, folder)
     return result
 
 

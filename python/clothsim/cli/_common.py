@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,14 +35,6 @@ def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) 
         name = option.lstrip("-").lower()
         if getattr(args, name) != args.parser.get_default(name):
             raise ValueError(f"{option} does not go with {flag}, which would ignore it")
-
-
-def output_folder(text: str) -> Path:
-    """The folder that --out names; one that is missing is made where the files are written."""
-    folder = Path(text)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out must be a folder, got {text!r}")
-    return folder
 
 
 def as_json(data: Any) -> str:

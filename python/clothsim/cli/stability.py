@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim import _validate as check
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
-from ._common import add_command, as_json, count, output_folder, refuse_ignored
+from ._common import add_command, as_json, count, refuse_ignored
 from .run import ready_scenes
 
 _OF_THE_MAP = (
@@ -91,7 +92,7 @@ def _map(args: argparse.Namespace) -> None:
     from clothsim.stability.map import measure_map
     from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
 
-    folder = output_folder(args.out) if args.out else None
+    folder = check.folder("--out", args.out) if args.out else None
     if folder:
         need_matplotlib()
     scene = ready_scenes()[args.scene]()

@@ -9,8 +9,9 @@ from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
+from clothsim import _validate as check
 
-from ._common import add_command, as_json, count, output_folder, refuse_ignored
+from ._common import add_command, as_json, count, refuse_ignored
 from .run import ready_scenes
 
 
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
     from clothsim.accuracy.plots import plot_work_precision
     from clothsim.accuracy.tables import rows_of, text_of_runs, write_csv
 
-    folder = output_folder(args.out)
+    folder = check.folder("--out", args.out)
     data = cs.work_precision(
         _scene(args),
         args.duration,

@@ -8,9 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 from dataclasses import asdict
-from pathlib import Path
 
 import clothsim as cs
+from clothsim import _validate as check
 from clothsim.gpu import experiment
 
 from . import contact, findings, gpu, page, paper, performance, pictures, plots
@@ -61,7 +61,7 @@ def reproduce(
     Raises
     ------
     ValueError
-        For an unknown experiment or `threads` < 1.
+        For an unknown experiment, `threads` < 1 or an `out` that is no folder.
     ImportError
         Without matplotlib, naming the extra that brings it.
     """
@@ -70,11 +70,11 @@ def reproduce(
         raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
     if threads is None:
         threads = int(cs.build_config()["openmp_threads"])
-    elif threads < 1:
-        raise ValueError(f"threads must be an integer >= 1, got {threads!r}")
+    else:
+        threads = check.integer("threads", threads, minimum=1)
     _need_matplotlib()
     settings = settings or (QUICK if quick else FULL)
-    folder = Path(out).resolve()
+    folder = check.folder("out", out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
 
     report = {

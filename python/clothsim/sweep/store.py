@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _validate as check
 from .._extras import needed
 from ..scene import Scene
 from .grid import Coordinate, Grid
@@ -63,8 +64,7 @@ class Store(Results):
         provenance: dict[str, Any],
         resume: bool,
     ) -> None:
-        if path.exists() and not path.is_dir():
-            raise ValueError(f"store must be a folder, got the file {str(path)!r}")
+        check.folder("store", path)
         self.zarr = needed("zarr", "store=...")
         self.path = path
         self.group: Any = None
