@@ -46,6 +46,7 @@ public:
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.dt);
                 this->collide_all(clock.at(k));
+                this->watch(0, this->rows());
             }
             return;
         }
@@ -64,6 +65,7 @@ public:
                 else advance_verlet(band, clock.dt, known);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
                 known = scheme_ == Scheme::verlet && !contact;
+                this->watch(band.begin, band.end);
                 band.barrier();
             }
             if (band.first) known_after = known;
@@ -121,6 +123,7 @@ public:
     }
 
     bool accept_step(double t, int threads) override {
+        this->guards_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
         contact_[0] = false;
@@ -266,6 +269,7 @@ private:
         run_stages(band, false, [&](int begin, int end) {
             advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
             if (!contacts.empty()) this->collide_rows(begin, end, contacts);
+            this->watch(begin, end);
         });
         if (tracked) this->collide_all(t);
     }

@@ -2,6 +2,7 @@
 #include "kernels/kernel_table.hpp"
 
 #include "benchmark/limits_impl.hpp"
+#include "kernels/component_impl.hpp"
 #include "kernels/edge_update.hpp"
 #include "kernels/gather_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
@@ -22,6 +23,8 @@ constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, share...>) {
     return {{&KernelShareOf<this_instruction_set, Real, share>::kernels...},
             &sphere_tile<ThisArch, Real>,
             &edge_finish<ThisArch, Real>,
+            &component_is_beyond<ThisArch, Real>,
+            &component_extent<ThisArch, Real>,
             root_scale<Real, ThisArch>(),
             &fused_rest_length<ThisArch, Real>,
             int(Lanes<Real, ThisArch>::size),

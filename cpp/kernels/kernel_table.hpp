@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "benchmark/limit_kernels.hpp"
+#include "kernels/component_rows.hpp"
 #include "kernels/contact_kernels.hpp"
 #include "kernels/edge_arguments.hpp"
 #include "kernels/gather_arguments.hpp"
@@ -77,6 +78,8 @@ struct RealKernels {
     std::array<const KernelShare<Real>*, share_count> shares;
     SphereKernel<Real> sphere;
     EdgeFinishKernel<Real> edge_finish;
+    BeyondKernel<Real> beyond;
+    ExtentKernel<Real> extent;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;

@@ -49,6 +49,7 @@ public:
     ContactPass(const ContactPass&) = delete;
 
     bool needed() const { return !spheres_.empty(); }
+    const std::vector<const Sphere*>& spheres() const { return spheres_; }
     void forget() { current_ = false; }
 
     // Before a step: the state it starts from.

@@ -6,9 +6,6 @@
 
 namespace clothsim {
 
-// Where a band comes near a sphere, planes between the two are looked for no more often than this.
-inline constexpr std::int64_t steps_between_planes = 64;
-
 // Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it, counted
 // from the call's first.
 template <class Real>
@@ -76,9 +73,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     std::shared_ptr<Workspace<Real>> workspace;
     std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag, several;                         // rows between two stages, and of one at a time; all rows: stage by stage
-    std::vector<Contact> contacts;
-    std::vector<SphereOutline<Real>> outlines;
-    std::int64_t steps_to_planes = 0;  // until planes are looked for again
+    NearSpheres<Real> spheres;
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
     bool finite = true;     // the rows looked at in this call
@@ -107,7 +102,7 @@ struct EdgeEngine<Real>::Band : RowBand {
         for (; lanes != 0; lanes &= lanes - 1) {
             const int column = layout.start(band.strip) + layout.column(vector, __builtin_ctzll(lanes), layout.lanes);
             if (column >= layout.own(band.strip) && column < layout.own(band.strip + 1))
-                band.engine->answer(band.contacts[std::size_t(sphere)], band.row(row), column);
+                band.engine->answer(band.spheres.contacts[std::size_t(sphere)], band.row(row), column);
         }
     }
     // A call begins: nothing is in the mailboxes.
@@ -145,66 +140,12 @@ struct EdgeEngine<Real>::Band : RowBand {
     }
 
     void place_spheres(double t) {
-        engine->contacts(t, contacts);
-        outlines.resize(contacts.size(), {{}, 0, -1, false, 0, true});
-        bool crossed = false;
-        for (std::size_t i = 0; i < contacts.size(); ++i) {
-            const Contact& contact = contacts[i];
-            SphereOutline<Real>& outline = outlines[i];
-            for (int k = 0; k < 3; ++k) outline.center[k] = Real(contact.center[k]);
-            outline.radius_squared = Base::outer_radius_squared(contact.sphere);
-            crossed |= outline.crossed;
-        }
-        if (crossed && --steps_to_planes <= 0) find_planes();
-        for (std::size_t i = 0; i < contacts.size(); ++i) {
-            SphereOutline<Real>& outline = outlines[i];
-            if (outline.axis < 0) continue;
-            const double center = contacts[i].center[outline.axis], reach = reach_of_plane(contacts[i]);
-            outline.plane = Real(outline.above ? center + reach : center - reach);
-        }
-    }
-
-    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is rounded.
-    static double reach_of_plane(const Contact& contact) {
-        const double radius = contact.sphere.contact_radius;
-        return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
-    }
-
-    // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is asked
-    // whether it is beyond.
-    void find_planes() {
-        steps_to_planes = steps_between_planes;
+        engine->contacts(t, spheres.contacts);
         const LiftedLayout& layout = engine->layout_;
-        Real low[3], high[3];
-        std::fill_n(low, 3, std::numeric_limits<Real>::max());
-        std::fill_n(high, 3, std::numeric_limits<Real>::lowest());
-        for (int r = 0; r < size(); ++r)
-            for (int k = 0; k < layout.vectors; ++k)
-                for (int c = 0; c < 3; ++c) {
-                    const Real* const x = rows[std::size_t(r)].state + k * layout.stride + c * layout.lanes;
-                    for (int l = 0; l < layout.lanes; ++l) {
-                        low[c] = std::min(low[c], x[l]);
-                        high[c] = std::max(high[c], x[l]);
-                    }
-                }
-        for (std::size_t i = 0; i < contacts.size(); ++i) {
-            SphereOutline<Real>& outline = outlines[i];
-            outline.axis = -1;
-            outline.crossed = true;
-            double widest = 0;
-            const auto offer = [&](int axis, bool above, double gap) {
-                if (!(gap > widest)) return;
-                widest = gap;
-                outline.axis = axis;
-                outline.above = above;
-                outline.crossed = false;
-            };
-            const double reach = reach_of_plane(contacts[i]);
-            for (int c = 0; c < 3; ++c) {
-                offer(c, true, double(low[c]) - (contacts[i].center[c] + reach));
-                offer(c, false, contacts[i].center[c] - reach - double(high[c]));  // never where there is padding
-            }
-        }
+        const Real* const first = rows[std::size_t(upwards ? size() - 1 : 0)].state;
+        spheres.place([&](int k) {
+            return engine->kernels().extent({first + k * layout.lanes, layout.row_size(), layout.stride, size(), layout.vectors});
+        });
     }
 };
 

@@ -11,7 +11,7 @@ template <class Real>
 void EdgeEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
     const double scale = this->coefficient_scale();
-    const double root_scale = double(kernels_of<Real>(*plan_.kernels).root_scale);
+    const double root_scale = double(kernels().root_scale);
     const std::optional<double> shared = this->shared_damping();
     unit_ = shared.value_or(1);
     damped_alike_ = shared || !plan_.features().spring_damping;

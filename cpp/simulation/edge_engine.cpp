@@ -67,12 +67,11 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
            0),
       borders_(layout_) {
     const Cloth& cloth = plan_.cloth;
-    const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    const FeatureKernels<Real>& of_scene = kernels.with(plan_.features());
+    const FeatureKernels<Real>& of_scene = kernels().with(plan_.features());
     last_row_kernel_ = of_scene.edge_last_row;
     rows_kernel_ = of_scene.edge_rows;
     halo_kernel_ = of_scene.edge_halo;
-    finish_kernel_ = kernels.edge_finish;
+    finish_kernel_ = kernels().edge_finish;
 
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(layout_.size() + layout_.lanes, Real(0));
@@ -222,8 +221,8 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
-        stages[3].spheres = band.outlines.data();
-        stages[3].sphere_count = int(band.outlines.size());
+        stages[3].spheres = band.spheres.outlines.data();
+        stages[3].sphere_count = int(band.spheres.outlines.size());
     }
     if (!band.near)
         for (int s = 0; s < 4; ++s) begin_at_edge(s);
@@ -237,6 +236,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
         const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         if (look && done < finished) band.look(done, finished);
+        if (done < finished) std::apply([&](int first, int end) { this->watch(first, end); }, band.RowBand::rows(done, finished));
         done = finished;
     }
     ++band.step;

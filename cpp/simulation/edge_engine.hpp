@@ -27,7 +27,7 @@ public:
 
 protected:  // for cpp/dynamics, in edge_evaluate.cpp
     using Base = StateEngine<Real, LiftedLayout>;
-    using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+    using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
     // Accelerations at a state in the engine's layout, of the rows of a band one after the other: `begin_sweep`, for
@@ -43,7 +43,7 @@ private:
 
     void build_coefficients();
     // Whether something else changes the state after the steps: contacts that are answered then.
-    bool moved_after_steps() const { return this->track_contact_energy || this->has_continuous(); }
+    bool moved_after_steps() const { return this->track_contact_energy || (this->has_continuous() && !this->guards_.up()); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);

@@ -18,13 +18,18 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 
 }  // namespace
 
-void Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads) {
+bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool guarded) {
     if (!has_continuous()) {
         advance(steps, clock, threads);
-        return;
+        return true;
     }
     Clock now = clock;
-    for (std::int64_t k = 0; k < steps; ++k, ++now.steps) {
+    for (const std::int64_t end = clock.steps + steps; now.steps < end; ++now.steps) {
+        while (const std::int64_t clear = guarded ? clear_steps(now, end - now.steps) : 0) {
+            if (!advance_guarded(clear, now, threads)) return false;
+            now.steps += clear;
+            if (now.steps == end) return true;
+        }
         keep_state();
         advance(1, now, threads);
         const double before = track_contact_energy ? total_energy() : 0;
@@ -33,9 +38,10 @@ void Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
         if (report.shut_in >= 0) {
             contact_report.note_shut_in(report.shut_in);
-            return;
+            break;
         }
     }
+    return true;
 }
 
 bool Engine::accept_in_contact(double t0, double t1, int threads) {

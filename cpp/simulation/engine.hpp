@@ -44,8 +44,9 @@ class Engine {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, and continuous contacts answered after each step.
-    void advance_in_contact(std::int64_t steps, const Clock& clock, int threads);
+    // As `advance`, and continuous contacts answered after each step. `guarded`: steps that are expected to be clear of the
+    // spheres may go without (simulation/guards.hpp); false if one was not, and then the state is to be thrown away.
+    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool guarded);
 
     // Of continuous contact since the last look, see ContactReport.
     ContactReport contact_report;
@@ -92,7 +93,10 @@ public:
     virtual bool has_continuous() const = 0;
 
 protected:
-    // Continuous contact: before a step; after it.
+    // Continuous contact: steps of so many that are expected to be clear of the spheres; whether they were.
+    virtual std::int64_t clear_steps(const Clock& clock, std::int64_t most) = 0;
+    virtual bool advance_guarded(std::int64_t steps, const Clock& clock, int threads) = 0;
+    // Before a step that may not be; after it.
     virtual void keep_state() = 0;
     virtual ContactReport answer_contacts(double t0, double t1, double dt, int threads) = 0;
     // Whether the state is another than that of the last checkpoint.

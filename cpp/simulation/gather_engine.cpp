@@ -32,10 +32,9 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
     : Base(plan, PaddedLayout(plan.cloth), (Base::compensated ? 12 : 6) * PaddedLayout(plan.cloth).plane),
       grid_(plan.cloth.grid()) {
     const Cloth& cloth = plan_.cloth;
-    const RealKernels<Real>& kernels = kernels_of<Real>(*plan_.kernels);
-    const FeatureKernels<Real>& of_scene = kernels.with(plan_.features());
+    const FeatureKernels<Real>& of_scene = kernels().with(plan_.features());
     kernel_ = plan_.strict ? of_scene.gather_strict : of_scene.gather;
-    sphere_kernel_ = kernels.sphere;
+    sphere_kernel_ = kernels().sphere;
 
     const std::ptrdiff_t plane = layout_.plane;
     stage_a_.assign(6 * plane, Real(0));
@@ -60,7 +59,7 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
 template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
-    const double root_scale = plan_.strict ? 1 : double(kernels_of<Real>(*plan_.kernels).root_scale);
+    const double root_scale = plan_.strict ? 1 : double(kernels().root_scale);
     const std::optional<double> shared = plan_.strict ? std::nullopt : this->shared_damping();
     unit_ = shared.value_or(1);
     damped_alike_ = shared.has_value();
@@ -74,7 +73,7 @@ void GatherEngine<Real>::build_coefficients() {
                          damped_alike_ ? Real(1) : Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
     }
 
-    const int lanes = kernels_of<Real>(*plan_.kernels).lanes;
+    const int lanes = kernels().lanes;
     lanes_.resize(std::size_t(round_up(cloth.columns, group_size) / lanes));
     for (int column = 0; column < cloth.columns; ++column)
         for (const int offset : {-2, -1, 1, 2})
@@ -117,18 +116,20 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
     const bool tracked = this->track_contact_energy;
 
     std::optional<Barrier> barrier;
-    const auto begin = [&](int team) { barrier.emplace(team); };
+    const auto begin = [&](int team) {
+        barrier.emplace(team);
+        near_spheres_.resize(std::max(near_spheres_.size(), std::size_t(team)));
+    };
     const auto work = [&](int thread, int team) {
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
                 // A point is moved by its own thread, and nobody looks at it before the barrier.
-                if (stage.stage == Stage::fourth && !tracked)
-                    for (const Contact& contact : this->contacts(clock.at(k)))
-                        for_each_tile(grid_, thread, team, [&](const Tile& tile) { collide(contact, tile); });
+                if (stage.stage == Stage::fourth && !tracked && !plan_.spheres.empty()) meet_spheres(clock.at(k), thread, team);
                 barrier->wait();
             }
             if (tracked) this->collide_all(clock.at(k));
+            this->watch(rows() * thread / team, rows() * (thread + 1) / team);
         }
     };
 
@@ -147,13 +148,40 @@ void GatherEngine<Real>::accelerations(double* a, int threads) {
 }
 
 template <class Real>
+void GatherEngine<Real>::meet_spheres(double t, int thread, int team) {
+    const auto component = [&](const Tile& tile, int k) -> ComponentRows<Real> {
+        const int lanes = kernels().lanes;
+        return {memory_.data() + layout_.at(tile.row_begin, tile.column_begin, k), layout_.stride, lanes, tile.row_end - tile.row_begin,
+                (tile.column_end - tile.column_begin + lanes - 1) / lanes};
+    };
+    NearSpheres<Real>& near = near_spheres_[std::size_t(thread)];
+    this->contacts(t, near.contacts);
+    near.place([&](int k) {
+        Extent<Real> all = kernels().extent({});
+        for_each_tile(grid_, thread, team, [&](const Tile& tile) {
+            const Extent<Real> extent = kernels().extent(component(tile, k));
+            all = {std::min(all.low, extent.low), std::max(all.high, extent.high)};
+        });
+        return all;
+    });
+    for_each_tile(grid_, thread, team, [&](const Tile& tile) {
+        for (std::size_t i = 0; i < near.contacts.size(); ++i) {
+            SphereOutline<Real>& outline = near.outlines[i];
+            if (outline.axis >= 0 && kernels().beyond(component(tile, outline.axis), outline.above, outline.plane)) continue;
+            outline.crossed = true;
+            collide(near.contacts[i], tile);
+        }
+    });
+}
+
+template <class Real>
 bool GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
     SphereTest<Real> test{};
     test.stride = layout_.stride;
     test.plane = layout_.plane;
     test.position = memory_.data() + layout_.origin;
     for (int k = 0; k < 3; ++k) test.center[k] = Real(contact.center[k]);
-    test.radius_squared = Base::outer_radius_squared(contact.sphere);
+    test.radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
 
     struct Context {
         GatherEngine* engine;

@@ -44,7 +44,7 @@ public:
 
 protected:  // for cpp/dynamics; see EdgeEngine
     using Base = StateEngine<Real, PaddedLayout>;
-    using Base::columns, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+    using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
     void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
@@ -54,6 +54,8 @@ protected:  // for cpp/dynamics; see EdgeEngine
 private:
     void build_coefficients();
     GatherArguments<Real> arguments(Stage stage, double dt);
+    // The collision pass over a thread's tiles.
+    void meet_spheres(double t, int thread, int team);
     bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
 
     ThreadGrid grid_;
@@ -65,6 +67,7 @@ private:
     bool damped_alike_ = false;
     std::vector<LanesWithNeighbour> lanes_;
     std::vector<std::uint8_t> row_has_fixed_;
+    std::vector<NearSpheres<Real>> near_spheres_;  // of each thread
     AlignedVector<Real> stage_a_, stage_b_;                      // six planes each
     AlignedVector<Real> first_acceleration_, acceleration_sum_;  // three planes each
 };

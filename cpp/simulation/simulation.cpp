@@ -40,8 +40,9 @@ double seconds_between(steady_clock::time_point start, steady_clock::time_point 
 }  // namespace
 
 std::int64_t TeamChoice::steps(std::int64_t wanted) const {
-    if (!on_trial_ || last_ == 0) return wanted;
-    return std::clamp(std::int64_t(seconds_of_trial / last_), std::int64_t(1), wanted);
+    const double expected = std::max(last_, cost_[use_team_]);
+    if (!on_trial_ || expected == 0) return wanted;
+    return std::clamp(std::int64_t(seconds_of_trial / expected), std::int64_t(1), wanted);
 }
 
 void TeamChoice::observe(std::int64_t steps, double seconds) {
@@ -128,26 +129,34 @@ std::int64_t Simulation::first_bad_member() const {
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
-void Simulation::run_member(std::size_t i, const Block& block, int threads) {
+void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept, int threads) {
     if (frozen_[i]) return;
-    members_[i]->threads = threads;
-    if (block.keep) members_[i]->save_checkpoint();
-    members_[i]->advance_in_contact(block.steps, clock, threads);
+    Engine& member = *members_[i];
+    member.threads = threads;
+    if (block.keep) member.save_checkpoint();
+    if (!member.advance_in_contact(block.steps, clock, threads, true)) {
+        member.restore_checkpoint();
+        Clock from = clock;
+        from.steps -= kept;
+        member.advance_in_contact(kept + block.steps, from, threads, false);
+    }
     if (block.look) look(i);
 }
 
 void Simulation::run(const Block& block, int threads) {
-    const std::int64_t kept = std::exchange(steps_kept_, none_kept);
+    // In front of them since the checkpoint. Without one, the state was taken from it just now.
+    const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
+    steps_kept_ = none_kept;
     const std::int64_t count = std::int64_t(members_.size());
     if (count == 1) {
-        run_member(0, block, threads);
+        run_member(0, block, kept, threads);
     } else {
         const int team = int(std::min<std::int64_t>(threads, count));
         std::exception_ptr failure;  // none may leave the region
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
         for (std::int64_t i = 0; i < count; ++i) {
             try {
-                run_member(std::size_t(i), block, 1);
+                run_member(std::size_t(i), block, kept, 1);
             } catch (...) {
 #pragma omp critical(clothsim_member_failure)
                 failure = std::current_exception();
@@ -155,7 +164,7 @@ void Simulation::run(const Block& block, int threads) {
         }
         if (failure) std::rethrow_exception(failure);
     }
-    steps_kept_ = (block.keep ? 0 : kept) + block.steps;
+    steps_kept_ = kept + block.steps;
     clock.steps += block.steps;
 }
 

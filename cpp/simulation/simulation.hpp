@@ -113,7 +113,8 @@ private:
         bool look;  // at the state after them
     };
     void run(const Block& block, int threads);
-    void run_member(std::size_t i, const Block& block, int threads);
+    // `kept`: steps since the checkpoint before this block.
+    void run_member(std::size_t i, const Block& block, std::int64_t kept, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
     void look(std::size_t i);

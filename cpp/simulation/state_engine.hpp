@@ -18,6 +18,8 @@
 #include "simulation/contact_pass.hpp"
 #include "simulation/engine.hpp"
 #include "simulation/finite.hpp"
+#include "simulation/guards.hpp"
+#include "simulation/near_spheres.hpp"
 #include "simulation/row_band.hpp"
 #include "simulation/row_copies.hpp"
 #include "simulation/shares.hpp"
@@ -72,6 +74,7 @@ public:
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
         set_origin({next[0], next[1], next[2]});
         state_changed();
+        guards_.drop();
     }
 
     void save_checkpoint() final {
@@ -88,6 +91,7 @@ public:
         contacts_answered = contacts_at_checkpoint_;
         state_changed();
         contact_pass_.forget();
+        guards_.drop();
     }
     bool has_continuous() const final { return contact_pass_.needed(); }
 
@@ -95,11 +99,24 @@ protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_) {
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_), guards_(kernels()) {
         for (int i = 0; i < plan_.cloth.points(); ++i)
             if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
 
+    std::int64_t clear_steps(const Clock& clock, std::int64_t most) final {
+        return guards_.clear_steps(contact_pass_.spheres(), plan_.gravity, clock, most, [&](int k) { return component(k, 0, rows()); });
+    }
+    bool advance_guarded(std::int64_t steps, const Clock& clock, int threads) final {
+        guards_.raise();
+        this->advance(steps, clock, threads);
+        contact_pass_.forget();
+        return guards_.lower();
+    }
+    // Some rows are at the end of a step.
+    void watch(int begin, int end) {
+        if (guards_.up()) guards_.check([&](int k) { return component(k, begin, end); });
+    }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
         state_changed();
@@ -115,6 +132,12 @@ protected:
     }
 
     void state_changed() { state_known_ = known_finite_ = false; }
+    // Of a cloth in one strip.
+    ComponentRows<Real> component(int k, int begin, int end) const {
+        const VectorGeometry g = layout_.geometry(kernels().lanes);
+        return {memory_.data() + layout_.first() + begin * g.row + k * g.component, g.row, g.vector, end - begin, g.vectors};
+    }
+    const RealKernels<Real>& kernels() const { return kernels_of<Real>(*plan_.kernels); }
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
     // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some would end.
@@ -131,9 +154,8 @@ protected:
     Real stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const {
         if (!exact_at_rest<Real>) return stiffness;
         const Cloth& cloth = plan_.cloth;
-        const Real r = kernels_of<Real>(*plan_.kernels)
-                           .rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing))
-                           .reciprocal;
+        const Real r =
+            kernels().rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing)).reciprocal;
         const Real at_rest = tension * r;
         return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
     }
@@ -142,7 +164,7 @@ protected:
     // might not hold what is divided by it.
     std::optional<double> shared_damping() const {
         const Cloth& cloth = plan_.cloth;
-        const double root_scale = double(kernels_of<Real>(*plan_.kernels).root_scale);
+        const double root_scale = double(kernels().root_scale);
         double damping = 0, stiffness = 0;
         for (int f = 0; f < family_count; ++f)
             if (cloth.present[f]) {
@@ -192,12 +214,6 @@ protected:
         return result;
     }
 
-    // The radius of the kernels' test may find a point too many, never one too few: `answer` decides.
-    static Real outer_radius_squared(const Sphere& sphere) {
-        const double r = sphere.contact_radius;
-        return Real(r * r * (1 + 8 * double(std::numeric_limits<Real>::epsilon())));
-    }
-
     PointState point_state(int row, int column) const {
         const auto component = [&](int k) { return value(layout_.at(row, column, k)); };
         return {{component(0), component(1), component(2)}, {component(3), component(4), component(5)}};
@@ -236,6 +252,7 @@ protected:
     // The newest steps have found the state finite, and have left it as it is.
     bool known_finite_ = false;
     ContactPass<Real, Layout> contact_pass_;
+    Guards<Real> guards_;
 
 private:
     // An element of memory for every one of a row of the outside's (rows, columns, 3).
@@ -259,6 +276,7 @@ private:
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
         state_changed();
         contact_pass_.forget();
+        guards_.drop();
         const int count = 3 * columns();
         std::vector<RowBuffer> positions(std::size_t(shares()), row_buffer(-origin_)), velocities(positions.size(), row_buffer(Vec3::Zero()));
         in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
