@@ -170,6 +170,11 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
 
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
+    py::class_<TeamChoice>(m, "TeamChoice")
+        .def(py::init<bool>(), py::arg("team_first"))
+        .def_property_readonly("team", &TeamChoice::team)
+        .def("steps", &TeamChoice::steps, py::arg("wanted"))
+        .def("observe", &TeamChoice::observe, py::arg("steps"), py::arg("seconds"));
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
         .def_readwrite("h", &StepController::h);
