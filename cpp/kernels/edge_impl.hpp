@@ -58,7 +58,8 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// A cloth without structural springs is not worth the time that more than one version of its rows takes to compile.
+// A cloth without structural springs is worth less time to compile: what gains most, the paper's rows written out, and one
+// loop for all others, which asks for the stage.
 template <int index>
 constexpr bool in_versions = Features::from_index(index).structural;
 
@@ -67,7 +68,7 @@ constexpr bool in_versions = Features::from_index(index).structural;
 template <class Arch, class Real, int index>
 constexpr bool is_written_out(int vectors) {
     const int points = vectors * int(Lanes<Real, Arch>::size);
-    return in_versions<index> && 32 <= points && points <= 64 && vectors <= 4;
+    return 32 <= points && points <= (in_versions<index> ? 64 : 32) && vectors <= 4;
 }
 
 template <class Real>
@@ -114,7 +115,8 @@ template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     constexpr Features features = Features::from_index(index);
     const auto run_written_out = [&]<Stage stage, int fixed>() __attribute__((always_inline)) {
-        if constexpr (fixed == 2 && features.shear && !features.bend) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
+        constexpr bool of_two = in_versions<index> && fixed == 2 && features.shear && !features.bend;
+        if constexpr (of_two) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
         else edge_rows_of<Arch, Real, index, stage, fixed, along_written_out>(e, begin, end);
     };
     const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
@@ -126,8 +128,9 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
             if constexpr (is_written_out<Arch, Real, index>(4))
                 if (e.vectors == 4) return run_written_out.template operator()<stage, 4>();
         }
-        if (e.complete) edge_rows_of<Arch, Real, index, stage, 0, Springs::all>(e, begin, end);
-        else edge_rows_of<Arch, Real, index, stage, 0, Springs::some>(e, begin, end);
+        if constexpr (in_versions<index>)
+            if (e.complete) return edge_rows_of<Arch, Real, index, stage, 0, Springs::all>(e, begin, end);
+        edge_rows_of<Arch, Real, index, stage, 0, Springs::some>(e, begin, end);
     };
     if constexpr (features.spring_damping)
         if (!e.damped_alike) return edge_rows_of<Arch, Real, index, any_stage, 0, Springs::by_coefficient>(e, begin, end);
