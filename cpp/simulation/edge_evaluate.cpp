@@ -73,6 +73,7 @@ template <class Real>
 bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
     bool any = false;
     for (const Contact& contact : contacts) {
+        if (this->apart(contact, begin, end)) continue;
         const Real radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
         const Real center[3] = {Real(contact.center[0]), Real(contact.center[1]), Real(contact.center[2])};
         for (int r = begin; r < end; ++r)

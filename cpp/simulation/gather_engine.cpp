@@ -230,7 +230,8 @@ int GatherEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scrat
 template <class Real>
 bool GatherEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
     bool any = false;
-    for (const Contact& contact : contacts) any |= collide(contact, {begin, end, 0, columns()});
+    for (const Contact& contact : contacts)
+        if (!this->apart(contact, begin, end)) any |= collide(contact, {begin, end, 0, columns()});
     return any;
 }
 

@@ -43,15 +43,15 @@ struct NearSpheres {
         return Real(r * r * (1 + 8 * double(std::numeric_limits<Real>::epsilon())));
     }
 
-private:
-    // Where a band comes near a sphere, planes between the two are looked for no more often than this.
-    static constexpr int steps_between_planes = 64;
-
     // What is as far from the centre along one axis is outside for the kernel's test too, whatever is rounded.
     static double reach_of_plane(const Contact& contact) {
         const double radius = contact.sphere.contact_radius;
         return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
     }
+
+private:
+    // Where a band comes near a sphere, planes between the two are looked for no more often than this.
+    static constexpr int steps_between_planes = 64;
 
     // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is asked
     // whether it is beyond.

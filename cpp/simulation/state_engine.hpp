@@ -214,6 +214,16 @@ protected:
         return result;
     }
 
+    // Whether a plane across an axis keeps some rows from the sphere; up and down first, as cloth falls.
+    bool apart(const Contact& contact, int begin, int end) const {
+        const double reach = NearSpheres<Real>::reach_of_plane(contact);
+        for (const int k : {1, 0, 2}) {
+            const Extent<Real> extent = kernels().extent(component(k, begin, end));
+            if (extent.low >= contact.center[k] + reach || extent.high <= contact.center[k] - reach) return true;
+        }
+        return false;
+    }
+
     PointState point_state(int row, int column) const {
         const auto component = [&](int k) { return value(layout_.at(row, column, k)); };
         return {{component(0), component(1), component(2)}, {component(3), component(4), component(5)}};
