@@ -81,6 +81,24 @@ def test_responses_are_those_of_the_formulas(
     np.testing.assert_allclose(reference[1], expected[1], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("integrator", cs.integrators())
+def test_a_cloth_on_one_side_of_a_sphere_meets_it(integrator, kernel, threads, axis, side):
+    """Here rows lie beside the centre, at times beside the sphere: which of their points are looked at, is asked first."""
+    sphere = ball()
+    x, v = cloud(shape=(18, 19))
+    layers = np.linspace(0.05, 1.2, 18)[:, None]  # rows that touch, and rows that do not
+    x[..., axis] = CENTER[axis] + side * RADIUS * layers
+    expected = answered(x + DT * v, v, sphere, DT)
+    assert 50 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 150
+    options = {"integrator": integrator, "kernel": kernel, "threads": threads}
+    result = cs.step(drifting(x, sphere), x, v, DT, **options)
+    np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(result[1], expected[1], rtol=0, atol=1e-12)
+
+
 def one_point(position, velocity, sphere, dt=1e-9, **options):
     """Where a point at `position` (from the centre) is after a step too short to move it."""
     x = np.full((2, 2, 3), 50.0)
