@@ -9,9 +9,10 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.benchmark import SECTIONS, Settings, bench, machine, targets, works
+from clothsim.benchmark.efficiency import efficiency
 from clothsim.benchmark.figures import Figure, Figures, Missing
 from clothsim.benchmark.numpy_peer import NumpyPeer
-from clothsim.benchmark.report import efficiency, text
+from clothsim.benchmark.report import text
 from clothsim.benchmark.settings import PAPER_DT
 from clothsim.benchmark.timing import calibrate, measure
 

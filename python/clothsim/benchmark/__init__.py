@@ -59,8 +59,9 @@ def bench(
     >>> {figure["work"] for figure in report["figures"]} == {"2 x 2", "2 x 2, a step a call"}
     True
     """
-    from . import machine, numba_peer, report, targets
+    from . import efficiency, files, machine, numba_peer, targets
     from . import sections as parts
+    from .candidates import Bench
     from .figures import Figures
 
     unknown = set(sections) - set(SECTIONS)
@@ -88,7 +89,7 @@ def bench(
         bar.say("limits")
         if "limits" in sections:
             limits = machine.limits(instruction_sets, counts)
-        plan = parts.Bench(settings, figures, kernels, instruction_sets, counts, numba, bar.advance)
+        plan = Bench(settings, figures, kernels, instruction_sets, counts, numba, bar.advance)
         for name, measure in parts.ALL.items():
             if name in sections:
                 bar.say(name)
@@ -107,13 +108,13 @@ def bench(
         "limits": machine.as_plain(limits),
         "figures": [figure.as_dict() for figure in figures],
         "accuracy": accuracy,
-        "efficiency": report.efficiency(measured),
+        "efficiency": efficiency.efficiency(measured),
         "targets": [target.evaluate(measured) for target in targets.TARGETS],
         "skipped": figures.skipped,
         "files": [],
     }
     if folder is not None:
-        result["files"] = report.write(result, folder)
+        result["files"] = files.write(result, folder)
     return result
 
 

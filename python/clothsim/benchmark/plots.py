@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .report import _BYTES
+from .efficiency import _BYTES
 from .targets import ALL_SPRINGS
 
 _COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}

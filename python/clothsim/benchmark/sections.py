@@ -1,10 +1,8 @@
-"""What the bench measures: each function times one group of works and returns its figures."""
+"""What the bench measures: each function times one group of works and adds its figures."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -14,125 +12,13 @@ import clothsim as cs
 
 from .. import plan
 from . import works
-from .figures import Figure, Figures
+from .candidates import DTYPES, Bench, numba, run
 from .numpy_peer import NumpyPeer
-from .settings import PAPER_DT, Settings
-from .timing import measure
+from .settings import PAPER_DT
 from .works import Start
 
-DTYPES = {"single": np.float32, "double": np.float64}
 PRECISIONS = ("single", "double")
 _IN_TURN = 1024  # rows of a grid of which a state for each work fits into memory
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What a run is made of: its size, the machine's choices, and where figures go."""
-
-    settings: Settings
-    figures: Figures
-    kernels: tuple[str, ...]
-    instruction_sets: tuple[str, ...]
-    threads: tuple[int, ...]
-    numba: bool
-    advance: Callable[[int], object]
-
-    @property
-    def best(self) -> str:
-        return self.instruction_sets[0]
-
-    def core(self, start: Start, make: type = works.Core, **options: Any) -> Candidate:
-        options = {"strict": False, "instruction_set": self.best, **options}
-        return Candidate(start, partial(make, start, **options), options)
-
-    def peer(self, start: Start, make: Callable[[], Any], **labels: Any) -> Candidate:
-        return Candidate(start, make, {"instruction_set": "", "strict": False, **labels})
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A work still to be made, and its labels."""
-
-    start: Start
-    make: Callable[[], Any]
-    labels: dict[str, Any]
-
-
-def run(
-    bench: Bench,
-    candidates: Sequence[Candidate],
-    error_steps: int = 0,
-    large: bool = False,
-    longer: int = 1,
-) -> None:
-    """Time the candidates in turn and add their figures, with their errors if asked for.
-
-    Windows are `longer` times as long as others, and as many times fewer.
-    """
-    made = [candidate.make() for candidate in candidates]
-    settings = bench.settings
-    windows = max(1, (settings.large_windows if large else settings.windows) // longer)
-    timings = measure(made, windows, longer * settings.seconds, advance=bench.advance)
-    errors: list[float | None] = [None] * len(made)
-    flops = [getattr(work, "flops", None) for work in made]
-    del made
-    if error_steps:
-        errors = _errors(candidates, error_steps)
-    for candidate, timing, error, count in zip(candidates, timings, errors, flops, strict=True):
-        start = candidate.start
-        cloth = start.one.cloth
-        bench.figures.add(
-            [
-                Figure(
-                    work=start.name,
-                    points=cloth.rows * cloth.columns,
-                    springs=cloth.spring_count(),
-                    minimum=timing.minimum / start.members,
-                    median=timing.median / start.members,
-                    windows=timing.windows,
-                    steps=timing.steps,
-                    error=error,
-                    error_steps=error_steps or None,
-                    flops=count,
-                    **candidate.labels,
-                )
-            ]
-        )
-
-
-def _errors(candidates: Sequence[Candidate], steps: int) -> list[float | None]:
-    """Largest distance to the double reference after `steps` steps from the start, for each."""
-    expected: dict[str, np.ndarray] = {}
-    errors: list[float | None] = []
-    for candidate in candidates:
-        start = candidate.start
-        if start.name not in expected:
-            expected[start.name], _ = cs.reference_step(
-                start.one, start.x, start.v, PAPER_DT, steps, start.t
-            )
-        if candidate.labels["by"] == "reference":
-            errors.append(None)
-            continue
-        work = candidate.make()
-        work.prepare()
-        work.run(steps)
-        distance = np.linalg.norm(work.positions - expected[start.name], axis=-1)
-        errors.append(float(distance.max()))
-        del work
-    return errors
-
-
-def _numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -> Candidate:
-    from . import numba_peer
-
-    make = {"numba gather": numba_peer.NumbaGather, "numba strided": numba_peer.NumbaStrided}[kind]
-    return bench.peer(
-        start,
-        partial(make, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads),
-        by=kind,
-        precision=precision,
-        threads=threads,
-    )
 
 
 def steps(bench: Bench) -> None:
@@ -181,7 +67,7 @@ def steps(bench: Bench) -> None:
     ]
     if bench.numba:
         candidates += [
-            _numba(bench, start, kind, precision, threads)
+            numba(bench, start, kind, precision, threads)
             for kind in ("numba gather", "numba strided")
             for precision in PRECISIONS
             for threads in bench.threads
@@ -247,7 +133,7 @@ def batch(bench: Bench) -> None:
     ]
     if bench.numba and bench.settings.numba_parallel:
         candidates += [
-            _numba(bench, start, "numba strided", precision, threads)
+            numba(bench, start, "numba strided", precision, threads)
             for precision in PRECISIONS
             for threads in bench.threads
         ]
@@ -271,7 +157,7 @@ def grids(bench: Bench) -> None:
         ]
         if bench.numba and rows in bench.settings.numba_sizes:
             candidates += [
-                _numba(bench, start, "numba strided", precision, max(bench.threads))
+                numba(bench, start, "numba strided", precision, max(bench.threads))
                 for precision in PRECISIONS
             ]
         if rows > _IN_TURN:

@@ -1,0 +1,124 @@
+"""The figures as tables of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from .targets import ALL_SPRINGS
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Columns aligned: the first to the left, the others to the right."""
+    lines = [tuple(head), *map(tuple, rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        first, *others = (f"{c:>{w}}" for c, w in zip(cells, widths, strict=True))
+        return "  ".join([f"{cells[0]:<{widths[0]}}", *others]).rstrip()
+
+    return [line(lines[0]), "  ".join("-" * w for w in widths), *map(line, lines[1:])]
+
+
+def _label(figure: dict[str, Any]) -> str:
+    strict = ", strict" if figure["strict"] else ""
+    isa = f", {figure['instruction_set']}" if figure["instruction_set"] else ""
+    return f"{figure['by']}{strict}{isa}"
+
+
+def _threads(figure: dict[str, Any]) -> str:
+    return "auto" if figure["threads"] is None else str(figure["threads"])
+
+
+def _error(figure: dict[str, Any]) -> str:
+    return "" if figure["error"] is None else f"{figure['error']:.1e}"
+
+
+def steps(figures: list[dict[str, Any]]) -> list[str]:
+    lines = ["32 x 32 mass points; the error is that of the position after some steps of 5 us"]
+    for work in dict.fromkeys(f["work"] for f in figures):
+        group = [f for f in figures if f["work"] == work]
+
+        def least(by: str, group: list[dict[str, Any]] = group) -> float | None:
+            return min((f["minimum"] for f in group if f["by"] == by), default=None)
+
+        scales = {
+            name: least(name) for name in ("reference", "numpy", "numba gather", "numba strided")
+        }
+        scales = {name: one for name, one in scales.items() if one}
+        rows = [
+            (
+                _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
+                f"{1e6 * f['median']:.2f}", _error(f),
+                *(f"{one / f['minimum']:.1f}" for one in scales.values()),
+            )
+            for f in sorted(group, key=lambda f: f["minimum"])
+        ]  # fmt: skip
+        head = (
+            "by",
+            "precision",
+            "threads",
+            "min us",
+            "median",
+            "error m",
+            *(f"x {n}" for n in scales),
+        )
+        lines += ["", f"{work}: {group[0]['springs']:,} springs", *table(head, rows)]
+    return lines
+
+
+def features(figures: list[dict[str, Any]]) -> list[str]:
+    lines = ["Price of features, 32 x 32, one thread"]
+    for by, precision in dict.fromkeys((f["by"], f["precision"]) for f in figures):
+        group = [f for f in figures if (f["by"], f["precision"]) == (by, precision)]
+        base = next(f for f in group if f["work"] == ALL_SPRINGS)
+        rows = [
+            (
+                f["work"].removeprefix("feature: "),
+                f"{1e6 * f['minimum']:.2f}",
+                f"{100 * (f['minimum'] / base['minimum'] - 1):+.1f}",
+                f"{100 * (f['flops'] / base['flops'] - 1):+.1f}",
+            )
+            for f in group
+        ]
+        lines += ["", *table((f"{by}, {precision}", "min us", "time %", "flops %"), rows)]
+    return lines
+
+
+def others(figures: list[dict[str, Any]]) -> list[str]:
+    rows = [
+        (
+            f["work"], _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
+            f"{1e9 * f['minimum'] / f['points']:.2f}", f"{1 / f['minimum']:,.0f}", _error(f),
+        )
+        for f in figures
+    ]  # fmt: skip
+    head = ("work", "by", "precision", "threads", "min us", "ns a point", "steps/s", "error m")
+    return ["Batch (a cloth-step), grids, frames and calls", *table(head, rows)]
+
+
+def efficiency(rows: list[dict[str, Any]]) -> list[str]:
+    cells = [
+        (
+            f"{r['kernel']}, {r['precision']}",
+            f"{r['flops_per_step']:,}",
+            f"{r['flops_per_second'] / 1e9:.1f}",
+            f"{100 * r['share_of_peak']:.0f}",
+            str(r["bytes_per_point_step"]),
+            f"{1e9 * r['arithmetic_seconds_per_point']:.2f}",
+            f"{1e9 * r['memory_seconds_per_point']:.2f}",
+            r["bound"],
+        )
+        for r in rows
+    ]
+    head = ("kernel", "flops", "Gflop/s", "% of peak", "bytes", "flops ns", "memory ns", "bound by")
+    return ["5,826 springs, one thread; least bytes and times per point-step", *table(head, cells)]
+
+
+def accuracy(accuracy: dict[str, Any]) -> list[str]:
+    said = {"duration", "dt", "reference_dt"}
+    errors = ", ".join(f"{k} {v:.1e} m" for k, v in accuracy.items() if k not in said)
+    return [
+        f"Double at dt = {accuracy['dt']:g} s, error after {accuracy['duration']:g} s: {errors} "
+        f"(against dt = {accuracy['reference_dt']:g} s)"
+    ]
