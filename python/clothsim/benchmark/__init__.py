@@ -44,8 +44,9 @@ def bench(
     dict
         "schema"; "machine": processor, cores, load average, build; "settings"; "limits": peak
         arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s]; "figures": one entry a
-        measured time (see `clothsim.benchmark.figures.Figure`); "accuracy"; "targets": one entry
-        a target with its value, or why it has none; "skipped"; "files": those written.
+        measured time (see `clothsim.benchmark.figures.Figure`) with how many times slower each
+        peer is (`clothsim.benchmark.ratios.ratios`); "accuracy"; "targets": one entry a target
+        with its value, or why it has none; "skipped"; "files": those written.
 
     Raises
     ------
@@ -63,6 +64,7 @@ def bench(
     from . import sections as parts
     from .candidates import Bench
     from .figures import Figures
+    from .ratios import ratios
 
     unknown = set(sections) - set(SECTIONS)
     if unknown or not sections:
@@ -106,7 +108,7 @@ def bench(
         "machine": about,
         "settings": asdict(settings),
         "limits": machine.as_plain(limits),
-        "figures": [figure.as_dict() for figure in figures],
+        "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
         "efficiency": efficiency.efficiency(measured),
         "targets": [target.evaluate(measured) for target in targets.TARGETS],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from .ratios import COLUMNS
 from .targets import ALL_SPRINGS
 
 
@@ -34,35 +35,32 @@ def _error(figure: dict[str, Any]) -> str:
     return "" if figure["error"] is None else f"{figure['error']:.1e}"
 
 
+def _columns(figures: list[dict[str, Any]]) -> dict[str, str]:
+    """Heads of the ratios that some of the figures have, and their names."""
+    return {f"x {peer}": c for peer, c in COLUMNS.items() if any(f[c] for f in figures)}
+
+
+def _ratios(figure: dict[str, Any], columns: dict[str, str]) -> list[str]:
+    return ["" if figure[c] is None else f"{figure[c]:.1f}" for c in columns.values()]
+
+
 def steps(figures: list[dict[str, Any]]) -> list[str]:
-    lines = ["32 x 32 mass points; the error is that of the position after some steps of 5 us"]
+    lines = [
+        "32 x 32 mass points; the error is that of the position after some steps of 5 us",
+        "x: how many times faster than a peer of the same precision (the reference has double "
+        "only), as many springs and no sphere, on the thread count on which that is fastest",
+    ]
     for work in dict.fromkeys(f["work"] for f in figures):
         group = [f for f in figures if f["work"] == work]
-
-        def least(by: str, group: list[dict[str, Any]] = group) -> float | None:
-            return min((f["minimum"] for f in group if f["by"] == by), default=None)
-
-        scales = {
-            name: least(name) for name in ("reference", "numpy", "numba gather", "numba strided")
-        }
-        scales = {name: one for name, one in scales.items() if one}
+        columns = _columns(group)
         rows = [
             (
                 _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
-                f"{1e6 * f['median']:.2f}", _error(f),
-                *(f"{one / f['minimum']:.1f}" for one in scales.values()),
+                f"{1e6 * f['median']:.2f}", _error(f), *_ratios(f, columns),
             )
             for f in sorted(group, key=lambda f: f["minimum"])
         ]  # fmt: skip
-        head = (
-            "by",
-            "precision",
-            "threads",
-            "min us",
-            "median",
-            "error m",
-            *(f"x {n}" for n in scales),
-        )
+        head = ("by", "precision", "threads", "min us", "median", "error m", *columns)
         lines += ["", f"{work}: {group[0]['springs']:,} springs", *table(head, rows)]
     return lines
 
@@ -72,29 +70,34 @@ def features(figures: list[dict[str, Any]]) -> list[str]:
     for by, precision in dict.fromkeys((f["by"], f["precision"]) for f in figures):
         group = [f for f in figures if (f["by"], f["precision"]) == (by, precision)]
         base = next(f for f in group if f["work"] == ALL_SPRINGS)
+        columns = _columns(group)
         rows = [
             (
                 f["work"].removeprefix("feature: "),
                 f"{1e6 * f['minimum']:.2f}",
                 f"{100 * (f['minimum'] / base['minimum'] - 1):+.1f}",
                 f"{100 * (f['flops'] / base['flops'] - 1):+.1f}",
+                *_ratios(f, columns),
             )
             for f in group
         ]
-        lines += ["", *table((f"{by}, {precision}", "min us", "time %", "flops %"), rows)]
+        head = (f"{by}, {precision}", "min us", "time %", "flops %", *columns)
+        lines += ["", *table(head, rows)]
     return lines
 
 
 def others(figures: list[dict[str, Any]]) -> list[str]:
+    columns = _columns(figures)
     rows = [
         (
             f["work"], _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
             f"{1e9 * f['minimum'] / f['points']:.2f}", f"{1 / f['minimum']:,.0f}", _error(f),
+            *_ratios(f, columns),
         )
         for f in figures
     ]  # fmt: skip
     head = ("work", "by", "precision", "threads", "min us", "ns a point", "steps/s", "error m")
-    return ["Batch (a cloth-step), grids, frames and calls", *table(head, rows)]
+    return ["Batch (a cloth-step), grids, frames and calls", *table((*head, *columns), rows)]
 
 
 def efficiency(rows: list[dict[str, Any]]) -> list[str]:

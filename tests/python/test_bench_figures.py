@@ -1,0 +1,125 @@
+"""What the bench makes of its figures: targets, ratios to peers, shares of the limits."""
+
+import pytest
+from clothsim.benchmark import QUICK, targets
+from clothsim.benchmark.efficiency import efficiency
+from clothsim.benchmark.figures import Figure, Figures, Missing
+from clothsim.benchmark.ratios import ratios
+
+
+def figure(**changes):
+    values = {
+        "work": "static", "by": "edge", "precision": "single", "threads": 2,
+        "instruction_set": "avx512", "strict": False, "points": 1024, "springs": 3906,
+        "minimum": 3e-6, "median": 4e-6, "windows": 1, "steps": 1, "flops": 400_000,
+    }  # fmt: skip
+    return Figure(**{**values, **changes})
+
+
+def measured(*figures, kernels=("gather", "edge"), threads=(1, 2), **changes):
+    store = Figures()
+    store.add(figures)
+    values = {
+        "figures": store, "settings": QUICK, "kernels": kernels,
+        "instruction_sets": ("avx512", "avx2", "sse2"), "threads": threads, "limits": {},
+        "accuracy": None,
+    }  # fmt: skip
+    return targets.Measured(**{**values, **changes})
+
+
+def row(name, given):
+    target = next(t for t in targets.TARGETS if t.name == name)
+    return target.evaluate(given)
+
+
+TWO_THREADS = "step, 3,906 springs, single, 2 threads"
+
+
+def test_targets_are_judged_in_their_own_direction():
+    met = row(TWO_THREADS, measured(figure(minimum=3.4e-6)))
+    assert met["met"] and met["value"] == pytest.approx(3.4)
+    assert not row(TWO_THREADS, measured(figure(minimum=3.6e-6)))["met"]
+    frames = "800 x 800, single, 2 threads, a step a frame"
+    assert row(frames, measured(figure(work="grid 800", minimum=1 / 301)))["met"]
+    assert not row(frames, measured(figure(work="grid 800", minimum=1 / 299)))["met"]
+
+
+def test_a_missing_figure_says_why():
+    assert row(TWO_THREADS, measured(kernels=("gather",)))["missing"] == "not built yet"
+    assert row(TWO_THREADS, measured(threads=(1,)))["missing"] == "needs 2 cores"
+    assert row(TWO_THREADS, measured())["missing"] == "not measured in this run"
+    store = Figures()
+    store.skip("numba is not installed", by="numba strided")
+    with pytest.raises(Missing, match="numba is not installed"):
+        store.get(work="swing", by="numba strided")
+
+
+def test_derived_targets():
+    ours = figure(work="swing+bend", threads=1, minimum=8e-6, flops=760_000)
+    numba = figure(work="swing+bend", by="numba strided", threads=1, minimum=24e-6,
+                   instruction_set="")  # fmt: skip
+    ratio = row("numba (strong, 1 thread) / ours on 1, single", measured(ours, numba))
+    assert ratio["value"] == pytest.approx(3.0) and ratio["met"]
+    limits = {"peak": {("avx512", "single", 1): 118.75e9}, "bandwidth": {1: 24e9}}
+    given = measured(ours, limits=limits)
+    share = row("share of the multiply-add peak, single, 1 thread", given)
+    assert share["value"] == pytest.approx(80.0)
+    (line,) = efficiency(given)
+    assert line["flops_per_second"] == pytest.approx(95e9)
+    assert line["memory_seconds_per_point"] == pytest.approx(4e-9)
+    assert line["arithmetic_seconds_per_point"] == pytest.approx(6.25e-9)
+    assert line["bound"] == "arithmetic"
+    every = figure(work=targets.ALL_SPRINGS, threads=1, minimum=10e-6, flops=1000)
+    less = figure(work="feature: no bend", threads=1, minimum=8e-6, flops=800)
+    saved = "time saved without bend / its share of the flops, single"
+    assert row(saved, measured(every, less))["value"] == pytest.approx(1.0)
+
+
+def peer(by, minimum, **changes):
+    return figure(**{"work": "swing", "by": by, "threads": 1, "instruction_set": "", **changes},
+                  minimum=minimum, flops=None)  # fmt: skip
+
+
+PEERS = (
+    peer("reference", 60e-6, precision="double"),
+    peer("numpy", 900e-6),
+    peer("numpy", 1200e-6, precision="double"),
+    peer("numba gather", 45e-6),
+    peer("numba gather", 30e-6, threads=2),
+    peer("numba gather", 90e-6, precision="double"),
+    peer("numba strided", 24e-6),
+    peer("numba strided", 27e-6, threads=2),
+    # Faster than all of the above, and of something else.
+    peer("numpy", 1e-6, work="swing+bend", springs=5826),
+    peer("numba gather", 1e-6, work="swing+bend", springs=5826),
+    peer("numba strided", 1e-6, work="grid 8", points=64),
+    peer("numba strided", 1e-6, work="batch"),
+)
+
+
+@pytest.mark.parametrize("work", ["swing", "static", "contact", "feature: no bend"])
+def test_ratios_are_to_the_fastest_peer_of_the_same_precision_and_springs(work):
+    ours = figure(work=work, threads=1)
+    assert ratios(ours, (ours, *PEERS)) == pytest.approx(
+        {"x_reference": 20, "x_numpy": 300, "x_numba_gather": 10, "x_numba_strided": 8}
+    )
+    double = figure(work=work, minimum=6e-6, precision="double")
+    assert ratios(double, (*PEERS, double)) == pytest.approx(
+        {"x_reference": 10, "x_numpy": 200, "x_numba_gather": 15, "x_numba_strided": None}
+    )
+
+
+def test_ratios_of_grids_and_batches_are_to_peers_on_the_same():
+    batch = figure(work="batch", minimum=5e-6, springs=5826)
+    grid = figure(work="grid 1024", minimum=5e-3, springs=6_281_218, points=1024**2)
+    paused = figure(work="32 x 32, 20 steps after 50 ms")
+    numba = [
+        peer("numba strided", 25e-6, work="batch", springs=5826),
+        peer("numba strided", 15e-6, work="batch", springs=5826, threads=2),
+        peer("numba strided", 20e-3, work="grid 1024", springs=6_281_218, points=1024**2),
+    ]
+    others = dict.fromkeys(("x_reference", "x_numpy", "x_numba_gather"))
+    assert ratios(batch, (*PEERS, *numba)) == pytest.approx({**others, "x_numba_strided": 3})
+    assert ratios(grid, (*PEERS, *numba)) == pytest.approx({**others, "x_numba_strided": 4})
+    for none in (figure(work="grid 32"), paused, numba[0]):
+        assert set(ratios(none, (*PEERS, *numba)).values()) == {None}

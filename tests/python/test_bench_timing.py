@@ -1,0 +1,100 @@
+"""What the bench times: windows, works, and peers that compute the same cloth.
+No test depends on how fast anything is."""
+
+import itertools
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.benchmark import works
+from clothsim.benchmark.numpy_peer import NumpyPeer
+from clothsim.benchmark.settings import PAPER_DT
+from clothsim.benchmark.timing import calibrate, measure
+
+
+class Fake:
+    """A work whose steps take a stated time on a clock of its own."""
+
+    def __init__(self, clock, costs):
+        self.clock, self.costs = clock, itertools.cycle(costs)
+        self.log = []
+
+    def prepare(self):
+        self.log.append("prepare")
+
+    def run(self, steps):
+        self.log.append(steps)
+        self.clock.now += steps * next(self.costs)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_measure_takes_the_least_and_the_middle_window():
+    clock = Clock()
+    work = Fake(clock, [1.0])
+    # One step fills a window of 0.5 s; one goes before it, whatever it takes.
+    steady = measure([work], 3, 0.5, clock)[0]
+    assert (steady.minimum, steady.median, steady.steps) == (1.0, 1.0, 1)
+    work = Fake(clock, [5.0, 5.0, 5.0, 5.0, 9.0, 1.0, 0.1, 2.0, 9.0, 30.0])
+    timing = measure([work], 3, 0.5, clock)[0]
+    assert (timing.minimum, timing.median, timing.windows) == (1.0, 2.0, 3)
+
+
+def test_measure_takes_turns():
+    clock = Clock()
+    order = []
+
+    class Named(Fake):
+        def prepare(self):
+            order.append(self)
+
+    named = [Named(clock, [1.0]) for _ in range(4)]
+    measure(named, 5, 0.5, clock)
+    rounds = [order[i : i + 4] for i in range(4, 24, 4)]
+    assert all(set(one) == set(named) for one in rounds)
+    assert len({tuple(map(id, one)) for one in rounds}) > 1
+
+
+def test_calibrate_fills_the_window_and_ignores_one_slow_try():
+    clock = Clock()
+    assert calibrate(Fake(clock, [1e-6]), 1e-3, clock) in range(800, 1300)
+    # The first try after the warm-up is a hundred times too slow.
+    assert calibrate(Fake(clock, [1e-6, 1e-3] + 100 * [1e-6]), 1e-3, clock) in range(800, 1300)
+
+
+def check_peer(make, **options):
+    for bend in (False, True):
+        start = works.paper(bend, sphere=False)
+        expected, _ = cs.reference_step(start.scene, start.x, start.v, PAPER_DT, 20)
+        moved = np.abs(expected - start.x).max()
+        peer = make(start.scene, start.x, start.v, PAPER_DT, np.float64, **options)
+        peer.prepare()
+        peer.run(20)
+        assert np.abs(peer.positions - expected).max() < 1e-12 * moved
+
+
+def test_numpy_peer_computes_the_same_cloth():
+    check_peer(NumpyPeer)
+
+
+@pytest.mark.parametrize("name", ("NumbaGather", "NumbaStrided"))
+def test_numba_peers_compute_the_same_cloth(name):
+    pytest.importorskip("numba")
+    from clothsim.benchmark import numba_peer
+
+    check_peer(getattr(numba_peer, name), threads=1)
+
+
+def test_cloth_is_put_back_before_it_has_moved_far():
+    start = works.paper(False, sphere=False)
+    work = works.Core(start, by="gather", precision="double", threads=1,
+                      instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
+    work.run(5000)
+    work.prepare()
+    assert work.stepper.time == start.t
+    assert np.array_equal(work.positions, start.x)
