@@ -11,7 +11,7 @@ from typing import Any
 import clothsim as cs
 
 from .. import _core
-from ..reproduce.report import provenance
+from ..provenance import provenance
 
 # Larger than any last-level cache's share of this process, small enough for any machine.
 _MEMORY_BYTES = 1 << 29

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim.benchmark.timing import StepTimer
+from clothsim._step_timer import StepTimer
 
 from .device import Adapter, adapters, using
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
+from clothsim.provenance import processor
 
 from . import figure
 from .comparison import (
@@ -18,7 +19,7 @@ from .measurement import GPU, Measurement
 
 def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
     """One mapping a measurement, as the CSV file has it."""
-    cpu = _cpu()
+    cpu = processor()["cpu"]
     result = []
     for m in measurements:
         low, high = m.quartiles()
@@ -54,12 +55,6 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
             }
         )
     return result
-
-
-def _cpu() -> str:
-    from clothsim.reproduce.report import provenance
-
-    return str(provenance()["machine"]["cpu"])
 
 
 def write_csv(path: Path, entries: Sequence[dict[str, Any]]) -> Path:

@@ -12,9 +12,10 @@ from dataclasses import asdict
 import clothsim as cs
 from clothsim import _validate as check
 from clothsim.gpu import experiment
+from clothsim.provenance import provenance
 
 from . import contact, findings, gpu, page, paper, performance, pictures, plots
-from .report import provenance, text, write
+from .report import text, write
 from .settings import FULL, PAPER_DT, QUICK, Settings, reductions
 
 __all__ = ["FULL", "QUICK", "Settings", "reproduce", "text"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim.benchmark.timing import StepTimer
+from clothsim._step_timer import StepTimer
 
 from .paper import METHODS
 from .settings import PAPER_DT, Settings

@@ -1,42 +1,15 @@
-"""The report as text and JSON, and where its numbers come from."""
+"""The report as text and JSON."""
 
 from __future__ import annotations
 
 import json
-import os
-import platform
 import textwrap
-from datetime import datetime, timezone
 from pathlib import Path
-
-import clothsim as cs
 
 from . import paper
 from .tables import Table, tables
 
 WIDTH = 100
-
-
-def provenance() -> dict:
-    """The build, the machine and the time that the numbers belong to."""
-    return {
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "build": dict(cs.build_config()),
-        "machine": {
-            "cpu": _cpu_name(),
-            "cores": os.cpu_count(),
-            "system": f"{platform.system()} {platform.machine()}",
-        },
-    }
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 def headline(report: dict) -> list[str]:

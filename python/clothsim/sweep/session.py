@@ -12,6 +12,7 @@ from typing import Any
 from .. import _validate as check
 from .._extras import needed
 from ..build import build_config
+from ..provenance import provenance
 from ..scene import Scene
 from .dataset import open_sweep, to_dataset
 from .engine import Workers, run_all
@@ -191,8 +192,6 @@ def _identity(scene: Scene, grid: Grid, settings: Settings) -> dict[str, Any]:
 
 
 def _provenance() -> dict[str, Any]:
-    from ..reproduce.report import provenance
-
     return {
         **provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [],
         "instruction_sets": [],

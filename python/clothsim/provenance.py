@@ -1,0 +1,58 @@
+"""Where numbers come from: the build, the machine and the time."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from .build import build_config
+
+
+def provenance() -> dict[str, Any]:
+    """The build, the machine and the time that numbers belong to.
+
+    Returns
+    -------
+    dict
+        "created" (UTC, ISO 8601), "build" (see `clothsim.build_config`) and "machine", which has
+        what `processor` gives, "cores" and "system".
+    """
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "build": build_config(),
+        "machine": {
+            **processor(),
+            "cores": os.cpu_count(),
+            "system": f"{platform.system()} {platform.machine()}",
+        },
+    }
+
+
+def processor() -> dict[str, Any]:
+    """The processor's name, and what tells apart those of one name.
+
+    Returns
+    -------
+    dict
+        "cpu" (str); "family", "model" and "stepping" (int), None where the system does not tell.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    told: dict[str, str] = {}
+    for key, _, value in (line.partition(":") for line in lines):
+        told.setdefault(key.strip(), value.strip())
+
+    def number(key: str) -> int | None:
+        return int(told[key]) if told.get(key, "").isdecimal() else None
+
+    return {
+        "cpu": told.get("model name") or platform.processor() or platform.machine(),
+        "family": number("cpu family"),
+        "model": number("model"),
+        "stepping": number("stepping"),
+    }
