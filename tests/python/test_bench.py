@@ -1,11 +1,14 @@
 """A run of the bench: its report, its files, and what it refuses."""
 
 import csv
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import clothsim as cs
 import pytest
-from clothsim.benchmark import SECTIONS, Settings, bench, machine, targets, works
+from clothsim._json import as_json
+from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, Settings, bench, files, machine
+from clothsim.benchmark import targets, works
 from clothsim.benchmark.report import text
 
 BRIEF = Settings(
@@ -112,6 +115,42 @@ def test_csv_holds_every_figure(report):
     with_peers = [r for r in rows if r["work"] in ("static", "contact+bend", "feature: no bend")]
     assert with_peers and all(r["x_reference"] and r["x_numpy"] for r in with_peers)
     assert not any(r["x_numba_strided"] for r in rows)
+
+
+def test_json_holds_everything_that_is_printed_as_such(report):
+    result, folder = report
+    (path,) = folder.glob("*.json")
+    assert path.read_text() == as_json(result) + "\n"
+    assert sorted(result["files"]) == sorted(map(str, folder.iterdir()))
+
+
+@pytest.mark.parametrize(
+    "settings, sections, lacks",
+    [
+        (NORMAL, SECTIONS, ""),
+        (FULL, SECTIONS, ""),
+        (QUICK, SECTIONS, "-quick"),
+        (FULL, ("frames", "calls"), "-frames-calls"),
+        (QUICK, ("limits",), "-quick-limits"),
+        (replace(FULL, windows=3), SECTIONS, "-custom"),
+    ],
+)
+def test_files_say_what_a_run_lacks(report, settings, sections, lacks):
+    result, _ = report
+    run = {**result, "settings": asdict(settings), "sections": list(sections)}
+    assert files.name(run) == machine.slug(result["machine"]) + lacks
+
+
+def test_sections_are_named_in_one_order_and_tables_of_nothing_are_not_written(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(machine, "limits", lambda *arguments: {})
+    start = files.slug(machine.describe())
+    bench(tmp_path, settings=BRIEF, sections=["limits"])
+    bench(tmp_path, settings=BRIEF, sections=["calls", "limits"])
+    both = f"{start}-custom-limits-calls"
+    expected = {f"{start}-custom-limits.json", *(both + e for e in (".csv", "-targets.csv", ".json"))}
+    assert {path.name for path in tmp_path.iterdir()} == expected
 
 
 @pytest.mark.parametrize("out, error", [(__file__, ValueError), (7, TypeError)])

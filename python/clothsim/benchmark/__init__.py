@@ -11,11 +11,9 @@ from dataclasses import asdict
 from typing import Any
 
 from .. import _validate as check
-from .settings import FULL, NORMAL, QUICK, Settings
+from .settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 
 __all__ = ["FULL", "NORMAL", "QUICK", "SECTIONS", "Settings", "bench"]
-
-SECTIONS = ("limits", "steps", "features", "batch", "grids", "frames", "calls", "accuracy")
 
 
 def bench(
@@ -25,12 +23,14 @@ def bench(
     sections: Collection[str] = SECTIONS,
     progress: bool = False,
 ) -> dict[str, Any]:
-    """Measure, compare with the targets, and write the figures as CSV and plots.
+    """Measure, compare with the targets, and write the figures as CSV, JSON and plots.
 
     Parameters
     ----------
     out : path or None, default "benchmarks/results"
-        Folder of the files, made if missing; earlier files of this machine are replaced. None
+        Folder of the files, made if missing; earlier ones of the same name are replaced. The name
+        is the machine's, with "-quick" or "-custom" after it for settings other than `NORMAL` and
+        `FULL`, and the sections unless they are all: those do not replace a whole run's. None
         writes nothing.
     settings : Settings
         How much is measured: `QUICK`, `NORMAL`, `FULL` or one's own.
@@ -42,11 +42,12 @@ def bench(
     Returns
     -------
     dict
-        "schema"; "machine": processor, cores, load average, build; "settings"; "limits": peak
-        arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s]; "figures": one entry a
-        measured time (see `clothsim.benchmark.figures.Figure`) with how many times slower each
-        peer is (`clothsim.benchmark.ratios.ratios`); "accuracy"; "targets": one entry a target
-        with its value, or why it has none; "skipped"; "files": those written.
+        "schema"; "machine": processor, cores, load average, build; "settings"; "sections";
+        "limits": peak arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s];
+        "figures": one entry a measured time (see `clothsim.benchmark.figures.Figure`) with how
+        many times faster it is than each peer (`clothsim.benchmark.ratios.ratios`); "accuracy";
+        "targets": one entry a target with its value, or why it has none; "skipped"; "files":
+        those written.
 
     Raises
     ------
@@ -107,6 +108,7 @@ def bench(
         "schema": 1,
         "machine": about,
         "settings": asdict(settings),
+        "sections": [section for section in SECTIONS if section in sections],
         "limits": machine.as_plain(limits),
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
@@ -116,7 +118,7 @@ def bench(
         "files": [],
     }
     if folder is not None:
-        result["files"] = files.write(result, folder)
+        files.write(result, folder)
     return result
 
 

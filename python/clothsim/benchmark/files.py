@@ -1,42 +1,85 @@
-"""The bench's files: CSV and plots."""
+"""The bench's files: tables as CSV, everything as JSON, plots."""
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from .._json import as_json
 from .machine import slug
+from .settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 
 
-def write(report: dict[str, Any], folder: Path) -> list[str]:
-    """Write the figures as CSV and, where matplotlib is there, the plots; their paths."""
+def name(report: dict[str, Any]) -> str:
+    """How the files of this run begin: the machine, and what the run lacks of a whole one.
+
+    A whole run has all sections and the settings `NORMAL` or `FULL`. Another has "-quick" or, with
+    settings of one's own, "-custom" after the machine, and its sections if it has not all.
+    """
+    settings = Settings(**report["settings"])
+    lacks = [] if settings in (NORMAL, FULL) else ["quick" if settings == QUICK else "custom"]
+    if set(report["sections"]) != set(SECTIONS):
+        lacks += report["sections"]
+    return "-".join([slug(report["machine"]), *lacks])
+
+
+def write(report: dict[str, Any], folder: Path) -> None:
+    """Write `report` into `folder` as CSV, JSON and, where matplotlib is there, plots.
+
+    The paths go to report["files"], and to report["skipped"] why a plot is missing. Plots come
+    last: one that fails loses nothing that was measured.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    name = slug(report["machine"])
-    path = folder / f"{name}.csv"
-    about = {
-        "cpu": report["machine"]["cpu"],
-        "load": (report["machine"]["load_average"] or [None])[0],
-        "created": report["machine"]["created"],
-        "version": report["machine"]["build"]["version"],
+    start, files = str(folder / name(report)), report["files"]
+    if report["figures"]:
+        files.append(f"{start}.csv")
+        _table(files[-1], [{**figure, **_origin(report)} for figure in report["figures"]])
+    if any(target["value"] is not None for target in report["targets"]):
+        files.append(f"{start}-targets.csv")
+        _table(files[-1], report["targets"])
+    everything = f"{start}.json"
+    files.append(everything)
+    _text(everything, as_json(report))
+    _draw(report, start)
+    _text(everything, as_json(report))
+
+
+def _draw(report: dict[str, Any], start: str) -> None:
+    from . import plots
+
+    if find_spec("matplotlib") is None:
+        reason = "matplotlib is not installed: pip install 'clothsim[bench]'"
+        report["skipped"].append({"plot": "all", "reason": reason})
+        return
+    for what, draw in plots.ALL.items():
+        try:
+            figure = draw(report)
+            if figure is not None:
+                figure.savefig(f"{start}-{what}.png", dpi=120)
+                report["files"].append(f"{start}-{what}.png")
+        except Exception as error:
+            report["skipped"].append({"plot": what, "reason": f"{type(error).__name__}: {error}"})
+
+
+def _origin(report: dict[str, Any]) -> dict[str, Any]:
+    about = report["machine"]
+    return {
+        **{key: about[key] for key in ("cpu", "family", "model", "stepping")},
+        "load": (about["load_average"] or [None])[0],
+        "created": about["created"],
+        "version": about["build"]["version"],
     }
-    with path.open("w", newline="") as file:
-        rows = [{**figure, **about} for figure in report["figures"]]
-        writer = csv.DictWriter(file, rows[0] if rows else about)
+
+
+def _table(path: str, rows: Sequence[dict[str, Any]]) -> None:
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    targets = folder / f"{name}-targets.csv"
-    with targets.open("w", newline="") as file:
-        writer = csv.DictWriter(file, report["targets"][0])
-        writer.writeheader()
-        writer.writerows(report["targets"])
-    files = [str(path), str(targets)]
-    try:
-        from . import plots
 
-        files += plots.draw(report, folder, name)
-    except ImportError:
-        report["skipped"].append(
-            {"by": "plots", "reason": "matplotlib is not installed: pip install 'clothsim[bench]'"}
-        )
-    return files
+
+def _text(path: str, text: str) -> None:
+    Path(path).write_text(text + "\n", encoding="utf-8")

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from .efficiency import _BYTES
 from .targets import ALL_SPRINGS
 
 _COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}
-
-
-def draw(report: dict[str, Any], folder: Path, name: str) -> list[str]:
-    """Draw what the report has figures for; the paths of the files."""
-    files = []
-    for what, function in (("grids", _grids), ("threads", _threads), ("features", _features)):
-        figure = function(report)
-        if figure is not None:
-            path = folder / f"{name}-{what}.png"
-            figure.savefig(path, dpi=120)
-            files.append(str(path))
-    return files
 
 
 def _figure(width: float, height: float, columns: int = 1) -> Any:
@@ -136,3 +123,7 @@ def _features(report: dict[str, Any]) -> Any:
     _bars(panel, [work.removeprefix("feature: ") for work in works], groups)
     panel.set_xlabel("us per step of 32 x 32 mass points, one thread")
     return figure
+
+
+ALL = {"grids": _grids, "threads": _threads, "features": _features}
+"""Each draws its plot of a report, or returns None where there is nothing to draw."""

@@ -28,7 +28,8 @@ def text(report: dict[str, Any]) -> str:
     if report["accuracy"]:
         parts.append(tables.accuracy(report["accuracy"]))
     for one in report["skipped"]:
-        parts.append([f"Not measured ({one.get('by', '')}): {one['reason']}"])
+        labels = ", ".join(f"{key} {value}" for key, value in one.items() if key != "reason")
+        parts.append([f"Left out ({labels}): {one['reason']}"])
     return "\n\n".join("\n".join(lines) for lines in parts)
 
 
@@ -37,7 +38,7 @@ def _machine(report: dict[str, Any]) -> list[str]:
     load = about["load_average"]
     lines = [
         f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}",
-        f"{about['cpu']}, {about['cores']} cores, {about['system']}, {about['created']}",
+        f"{_processor(about)}, {about['cores']} cores, {about['system']}, {about['created']}",
     ]
     if load:
         lines.append("load average before the run " + ", ".join(f"{one:.2f}" for one in load))
@@ -48,6 +49,11 @@ def _machine(report: dict[str, Any]) -> list[str]:
         f"Each time is the least of {windows} short windows taken in turn with all others."
     )
     return lines
+
+
+def _processor(about: dict[str, Any]) -> str:
+    told = [f"{key} {about[key]}" for key in ("family", "model", "stepping") if about[key] is not None]
+    return about["cpu"] + (f" ({', '.join(told)})" if told else "")
 
 
 # Of the peak of as many cores. A virtual machine's processors may be put on one and the same.

@@ -9,6 +9,7 @@ STATE_TIME = 0.25  # s that the paper's cloth has fallen where it is timed; it t
 CONTACT_TIME = 0.6  # s, where it lies on the sphere
 STATE_DT = 1e-4  # s
 BATCH = 64
+SECTIONS = ("limits", "steps", "features", "batch", "grids", "frames", "calls", "accuracy")
 
 
 @dataclass(frozen=True)

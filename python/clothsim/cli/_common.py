@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any
-
-import numpy as np
 
 
 def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
@@ -35,19 +32,6 @@ def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) 
         name = option.lstrip("-").lower()
         if getattr(args, name) != args.parser.get_default(name):
             raise ValueError(f"{option} does not go with {flag}, which would ignore it")
-
-
-def as_json(data: Any) -> str:
-    """`data` as indented JSON; NumPy arrays and scalars become lists and numbers."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return dict(value)
-        if isinstance(value, (np.ndarray, np.generic)):
-            return value.tolist()
-        return str(value)
-
-    return json.dumps(data, indent=1, default=plain)
 
 
 def as_text(data: Mapping[str, Any], indent: str = "") -> str:

@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import Any
 
-from ._common import add_command, as_json
+from .._json import as_json
+from ._common import add_command
 
 
 def add_parser(subparsers: Any) -> None:
@@ -26,7 +27,9 @@ def add_parser(subparsers: Any) -> None:
         "--out",
         default="benchmarks/results",
         metavar="DIR",
-        help="folder of the CSV files and plots (default: benchmarks/results)",
+        help="folder of the files (default: benchmarks/results): CSV, JSON and plots, named after "
+        "the machine, and after --quick and the sections where those are given, so that they "
+        "do not replace the files of a whole run",
     )
     command.add_argument(
         "--section",

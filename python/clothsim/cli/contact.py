@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from ._common import add_command, as_json, as_text
+from .._json import as_json
+from ._common import add_command, as_text
 
 SLOPE = math.tan(0.35)
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import clothsim as cs
 
-from ._common import add_command, as_json, as_text
+from .._json import as_json
+from ._common import add_command, as_text
 
 
 def add_parser(subparsers: Any) -> None:

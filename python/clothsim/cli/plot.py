@@ -10,7 +10,8 @@ from typing import Any
 import clothsim as cs
 from clothsim.sweep.plots import KINDS
 
-from ._common import add_command, as_json
+from .._json import as_json
+from ._common import add_command
 from .sweep import save_plot
 
 

@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import Any
 
-from ._common import add_command, as_json, count
+from .._json import as_json
+from ._common import add_command, count
 
 
 def add_parser(subparsers: Any) -> None:

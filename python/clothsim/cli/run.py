@@ -12,7 +12,8 @@ from typing import Any
 
 import clothsim as cs
 
-from ._common import add_command, as_json, as_text, count
+from .._json import as_json
+from ._common import add_command, as_text, count
 
 
 def ready_scenes() -> dict[str, Any]:

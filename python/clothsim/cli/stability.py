@@ -13,7 +13,8 @@ import clothsim as cs
 from clothsim import _validate as check
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
-from ._common import add_command, as_json, count, refuse_ignored
+from .._json import as_json
+from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 
 _OF_THE_MAP = (

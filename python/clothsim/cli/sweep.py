@@ -12,7 +12,8 @@ from typing import Any
 import clothsim as cs
 from clothsim.sweep import METRICS, fields
 
-from ._common import add_command, as_json, count
+from .._json import as_json
+from ._common import add_command, count
 from ._sweep_summary import as_data, summary
 from .run import ready_scenes, scene_of
 

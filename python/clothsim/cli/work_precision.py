@@ -11,7 +11,8 @@ from typing import Any
 import clothsim as cs
 from clothsim import _validate as check
 
-from ._common import add_command, as_json, count, refuse_ignored
+from .._json import as_json
+from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 
 
