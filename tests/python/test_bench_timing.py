@@ -9,10 +9,10 @@ import pytest
 from clothsim.benchmark import works
 from clothsim.benchmark.numpy_peer import NumpyPeer
 from clothsim.benchmark.settings import PAPER_DT
-from clothsim.benchmark.timing import calibrate, measure
+from clothsim.benchmark.timing import Work, calibrate, measure
 
 
-class Fake:
+class Fake(Work):
     """A work whose steps take a stated time on a clock of its own."""
 
     def __init__(self, clock, costs):
@@ -43,6 +43,16 @@ def test_measure_takes_the_least_and_the_middle_window():
     work = Fake(clock, [5.0, 5.0, 5.0, 5.0, 9.0, 1.0, 0.1, 2.0, 9.0, 30.0])
     timing = measure([work], 3, 0.5, clock)[0]
     assert (timing.minimum, timing.median, timing.windows) == (1.0, 2.0, 3)
+
+
+def test_a_cold_window_has_its_steps_and_nothing_before_them():
+    clock = Clock()
+    cold, warm = Fake(clock, [7.0, 5.0, 2.0, 3.0]), Fake(clock, [1.0])
+    cold.cold_steps = 4
+    timing, other = measure([cold, warm], 3, 0.5, clock)
+    assert cold.log == 4 * ["prepare", 4]
+    assert (timing.minimum, timing.median, timing.steps, timing.windows) == (2.0, 3.0, 4, 3)
+    assert (other.minimum, other.steps) == (1.0, 1) and len(warm.log) > 3 * 3
 
 
 def test_measure_takes_turns():
@@ -88,6 +98,27 @@ def test_numba_peers_compute_the_same_cloth(name):
     from clothsim.benchmark import numba_peer
 
     check_peer(getattr(numba_peer, name), threads=1)
+
+
+@pytest.mark.parametrize("cold_steps", [1, 20])
+def test_nothing_is_run_between_pause_and_window(monkeypatch, cold_steps):
+    seen = []
+    start = works.paper(False, sphere=False)
+    work = works.Paused(start, cold_steps, by="edge", precision="double", threads=1,
+                        instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
+
+    def steps():
+        return round((work.stepper.time - start.t) / PAPER_DT)
+
+    def clock():
+        seen.append(steps())
+        return float(len(seen))
+
+    monkeypatch.setattr(works.time, "sleep", lambda seconds: seen.append((seconds, steps())))
+    measure([work], 2, 1e-3, clock)
+    begin = [work.BEFORE + k * (work.BEFORE + cold_steps) for k in range(3)]
+    windows = [[(0.05, b), b, b + cold_steps] for b in begin]
+    assert seen == [windows[0][0], *windows[1], *windows[2]]
 
 
 def test_cloth_is_put_back_before_it_has_moved_far():

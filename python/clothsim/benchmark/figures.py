@@ -7,6 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 
+PAPER_WORKS = ("swing", "static", "contact")
+"""How the names of works begin that step the paper's cloth, as in its experiments."""
+FEATURE = "feature: "
+"""How those begin that step it with one thing changed."""
+
+
 class Missing(LookupError):
     """A figure that this run does not have; the message says why."""
 

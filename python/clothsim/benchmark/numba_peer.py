@@ -8,6 +8,7 @@ import numpy as np
 
 from ..scene import Scene
 from .numpy_peer import OFFSETS, spring_kinds
+from .timing import Work
 
 _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
@@ -34,7 +35,7 @@ def set_threads(threads: int) -> None:
     numba.set_num_threads(threads)
 
 
-class NumbaGather:
+class NumbaGather(Work):
     """The afternoon's kernel: per-point gather, parallel over rows, fastmath off."""
 
     def __init__(
@@ -70,7 +71,7 @@ class NumbaGather:
         return self.x
 
 
-class NumbaStrided:
+class NumbaStrided(Work):
     """The strong kernel: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
 
     def __init__(
@@ -131,7 +132,6 @@ class NumbaStrided:
     @property
     def positions(self) -> np.ndarray:
         return np.moveaxis(self.state[self.inside], -3, -1)[..., :3]
-
 
     @property
     def velocities(self) -> np.ndarray:

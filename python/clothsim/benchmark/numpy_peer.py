@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..scene import Scene
+from .timing import Work
 
 # Per family, the (row, column) offset of each spring's far end.
 OFFSETS = {
@@ -40,7 +41,7 @@ def spring_ends(r: int, c: int):
     return (slice(None), rows[0], columns[0]), (slice(None), rows[1], columns[1])
 
 
-class NumpyPeer:
+class NumpyPeer(Work):
     """A scene without spheres, of uniform mass; RK4 on (x, v), each (3, rows, columns)."""
 
     def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type) -> None:
@@ -72,9 +73,6 @@ class NumpyPeer:
         force += self.gravity
         force *= self.free
         return force
-
-    def prepare(self) -> None:
-        """Nothing to do."""
 
     def run(self, steps: int) -> None:
         h, half = self.dt, self.half

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .efficiency import _BYTES
+from .figures import FEATURE
 from .targets import ALL_SPRINGS
 
 _COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}
@@ -110,7 +111,7 @@ def _threads(report: dict[str, Any]) -> Any:
 
 
 def _features(report: dict[str, Any]) -> Any:
-    figures = [f for f in report["figures"] if f["work"].startswith("feature: ")]
+    figures = [f for f in report["figures"] if f["work"].startswith(FEATURE)]
     if not any(f["work"] == ALL_SPRINGS for f in figures):
         return None
     works = list(dict.fromkeys(f["work"] for f in figures))
@@ -120,7 +121,7 @@ def _features(report: dict[str, Any]) -> Any:
                  if (f["by"], f["precision"]) == (by, precision)}  # fmt: skip
         groups[f"{by}, {precision}"] = [times[work] for work in works]
     figure, (panel,) = _figure(8, 8)
-    _bars(panel, [work.removeprefix("feature: ") for work in works], groups)
+    _bars(panel, [work.removeprefix(FEATURE) for work in works], groups)
     panel.set_xlabel("us per step of 32 x 32 mass points, one thread")
     return figure
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .figures import Figure
+from .figures import FEATURE, PAPER_WORKS, Figure
 
 PEERS = ("reference", "numpy", "numba gather", "numba strided")
 COLUMNS = {peer: "x_" + peer.replace(" ", "_") for peer in PEERS}
 """The name under which a figure has its ratio to each peer."""
-
-# Works of the paper's cloth. The peers have no collision pass: theirs are those of `swing`.
-_PAPER = ("swing", "static", "contact", "feature: ")
 
 
 def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]:
@@ -46,6 +43,6 @@ def _alike(figure: Figure, other: Figure, peer: str) -> bool:
         return False
     if other.precision != ("double" if peer == "reference" else figure.precision):
         return False
-    if figure.work.startswith(_PAPER):
-        return other.work.startswith("swing")
+    if figure.work.startswith((*PAPER_WORKS, FEATURE)):
+        return other.work.startswith("swing")  # the peers have no collision pass
     return other.work == figure.work

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from . import tables
+from .figures import FEATURE, PAPER_WORKS
 from .targets import ALL_SPRINGS
 
 
@@ -15,12 +16,12 @@ def text(report: dict[str, Any]) -> str:
     if report["limits"]:
         parts.append(_limits(report["limits"]))
     parts.append(_targets(report["targets"], report["machine"]["build"]["instruction_set"]))
-    steps = [f for f in figures if f["work"].startswith(("swing", "static", "contact"))]
+    steps = [f for f in figures if f["work"].startswith(PAPER_WORKS)]
     if steps:
         parts.append(tables.steps(steps))
     if any(f["work"] == ALL_SPRINGS for f in figures):
-        parts.append(tables.features([f for f in figures if f["work"].startswith("feature")]))
-    others = [f for f in figures if f["work"].startswith(("batch", "grid", "frame", "2 x 2"))]
+        parts.append(tables.features([f for f in figures if f["work"].startswith(FEATURE)]))
+    others = [f for f in figures if not f["work"].startswith((*PAPER_WORKS, FEATURE))]
     if others:
         parts.append(tables.others(others))
     if report["efficiency"]:

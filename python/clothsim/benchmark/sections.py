@@ -13,6 +13,7 @@ import clothsim as cs
 from .. import plan
 from . import works
 from .candidates import DTYPES, Bench, numba, run
+from .figures import FEATURE
 from .numpy_peer import NumpyPeer
 from .settings import PAPER_DT
 from .works import Start
@@ -101,7 +102,7 @@ def features(bench: Bench) -> None:
     for count, name in ((1, "1 sphere, far"), (4, "4 spheres, far")):
         far = tuple(sphere.replace(center=(0.5, -9.0 - i, 0.5)) for i in range(count))
         starts.append(_like(base, name, spheres=far))
-    starts.append(Start("feature: on a sphere", *_state(works.contact(True))))
+    starts.append(Start(f"{FEATURE}on a sphere", *_state(works.contact(True))))
     run(
         bench,
         [
@@ -119,7 +120,7 @@ def _state(start: Start) -> tuple[Any, ...]:
 
 def _like(base: Start, name: str, **changes: Any) -> Start:
     scene = base.one.replace(**changes)
-    return Start(f"feature: {name}", scene, base.x, base.v, base.t)
+    return Start(f"{FEATURE}{name}", scene, base.x, base.v, base.t)
 
 
 def batch(bench: Bench) -> None:
@@ -180,13 +181,16 @@ def frames(bench: Bench) -> None:
             bench.core(copied, works.Frames, **options),
         ]
     run(bench, candidates)
-    pause = f"{1e3 * works.Paused.PAUSE:.0f} ms"
-    paused = Start(f"frame 32 after {pause}", *_state(works.paper(bend=True, sphere=False)))
-    candidates = [
-        bench.core(paused, works.Paused, by=kernel, precision="single", threads=threads)
-        for kernel in bench.kernels
-        for threads in (*bench.threads, None)
-    ]
+    cloth = _state(works.paper(bend=True, sphere=False))
+    candidates = []
+    for steps, name in ((1, "first step"), (20, "20 steps")):
+        paused = Start(f"32 x 32, {name} after {1e3 * works.Paused.PAUSE:.0f} ms", *cloth)
+        make = partial(works.Paused, cold_steps=steps)
+        candidates += [
+            bench.core(paused, make, by=kernel, precision="single", threads=threads)
+            for kernel in bench.kernels
+            for threads in (*bench.threads, None)
+        ]
     run(bench, candidates)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from .figures import FEATURE
 from .ratios import COLUMNS
 from .targets import ALL_SPRINGS
 
@@ -73,7 +74,7 @@ def features(figures: list[dict[str, Any]]) -> list[str]:
         columns = _columns(group)
         rows = [
             (
-                f["work"].removeprefix("feature: "),
+                f["work"].removeprefix(FEATURE),
                 f"{1e6 * f['minimum']:.2f}",
                 f"{100 * (f['minimum'] / base['minimum'] - 1):+.1f}",
                 f"{100 * (f['flops'] / base['flops'] - 1):+.1f}",
@@ -91,13 +92,16 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
     rows = [
         (
             f["work"], _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
-            f"{1e9 * f['minimum'] / f['points']:.2f}", f"{1 / f['minimum']:,.0f}", _error(f),
+            f"{1e6 * f['median']:.2f}", f"{1e9 * f['minimum'] / f['points']:.2f}", f"{1 / f['minimum']:,.0f}", _error(f),
             *_ratios(f, columns),
         )
         for f in figures
     ]  # fmt: skip
-    head = ("work", "by", "precision", "threads", "min us", "ns a point", "steps/s", "error m")
-    return ["Batch (a cloth-step), grids, frames and calls", *table((*head, *columns), rows)]
+    head = (
+        "work", "by", "precision", "threads", "min us", "median", "ns a point", "steps/s",
+        "error m", *columns,
+    )  # fmt: skip
+    return ["Batch (a cloth-step), grids, frames, pauses and calls", *table(head, rows)]
 
 
 def efficiency(rows: list[dict[str, Any]]) -> list[str]:

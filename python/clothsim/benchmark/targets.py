@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from .figures import Figures, Missing
+from .figures import FEATURE, Figures, Missing
 from .settings import Settings
 
 LEFT_OUT = ("structural", "bend", "shear", "damping")
@@ -207,16 +207,16 @@ def _features() -> Iterator[Target]:
         )  # fmt: skip
     yield Target(
         "price of a sphere out of reach, single", "%", 2.0,
-        lambda m: 100 * (m.seconds("feature: 1 sphere, far", "edge", "single")
+        lambda m: 100 * (m.seconds(f"{FEATURE}1 sphere, far", "edge", "single")
                          / m.seconds(ALL_SPRINGS, "edge", "single") - 1),
     )  # fmt: skip
 
 
-ALL_SPRINGS = "feature: all springs, damped"
+ALL_SPRINGS = f"{FEATURE}all springs, damped"
 
 
 def _saving(m: Measured, what: str) -> float:
-    work = f"feature: no {what}"
+    work = f"{FEATURE}no {what}"
     time = 1 - m.seconds(work, "edge", "single") / m.seconds(ALL_SPRINGS, "edge", "single")
     return time / (1 - m.flops(work, "edge", "single") / m.flops(ALL_SPRINGS, "edge", "single"))
 

@@ -7,19 +7,23 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
 
-class Work(Protocol):
+class Work:
     """Something whose steps can be timed."""
+
+    cold_steps: int | None = None
+    """Steps of a window that begins right after `prepare`, with nothing run in between. None: as
+    many as fill the window, after a quarter of them untimed."""
 
     def prepare(self) -> None:
         """Called before each window, untimed."""
 
     def run(self, steps: int) -> None:
         """Do `steps` steps."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,8 @@ def measure(
 
     The works take turns, in another order in every round, so that a slow spell of the machine
     meets all of them and none is always the one after the same other. Before a window is timed
-    a quarter of it is run, at least a step, which wakes threads and fills the caches.
+    a quarter of it is run, at least a step, which wakes threads and fills the caches; not so for a
+    work with `cold_steps`, whose windows have exactly those.
 
     Parameters
     ----------
@@ -85,7 +90,11 @@ def measure(
     steps = []
     for work in works:
         work.prepare()
-        steps.append(calibrate(work, seconds, clock))
+        if work.cold_steps is None:
+            steps.append(calibrate(work, seconds, clock))
+        else:
+            work.run(work.cold_steps)  # the first call pays for what is made lazily
+            steps.append(work.cold_steps)
     taken = np.empty((len(works), windows))
     order = list(range(len(works)))
     shuffle = random.Random(0).shuffle
@@ -93,7 +102,8 @@ def measure(
         shuffle(order)
         for k in order:
             works[k].prepare()
-            works[k].run(max(1, steps[k] // 4))
+            if works[k].cold_steps is None:
+                works[k].run(max(1, steps[k] // 4))
             start = clock()
             works[k].run(steps[k])
             taken[k, window] = (clock() - start) / steps[k]

@@ -14,6 +14,7 @@ import clothsim as cs
 
 from . import machine
 from .settings import BATCH, CONTACT_TIME, PAPER_DT, STATE_DT, STATE_TIME
+from .timing import Work
 
 _HORIZON = 0.02  # s that a figure's cloth may move on before it is put back
 
@@ -85,7 +86,7 @@ def grid(rows: int) -> Start:
     return Start(f"grid {rows}", cs.Scene(cloth), x, v)
 
 
-class Core:
+class Core(Work):
     """A `Stepper` of one kernel, precision, thread count and instruction set."""
 
     def __init__(
@@ -137,12 +138,21 @@ class Frames(Core):
 
 
 class Paused(Core):
-    """Steps that follow a pause, in which threads and processors have gone to sleep."""
+    """The first steps after a pause, in which threads and processors have gone to sleep.
+
+    Each window is a call of `cold_steps` steps.
+    """
 
     PAUSE = 0.05  # s
+    BEFORE = 100  # steps, so that the pause comes after a run, also of a stepper that is new
+
+    def __init__(self, start: Start, cold_steps: int, **options: Any) -> None:
+        super().__init__(start, **options)
+        self.cold_steps = cold_steps
 
     def prepare(self) -> None:
         super().prepare()
+        self.run(self.BEFORE)
         time.sleep(self.PAUSE)
 
 
@@ -154,15 +164,12 @@ class Calls(Core):
             self.stepper.advance(1, PAPER_DT)
 
 
-class Reference:
-    """The scalar oracle."""
+class Reference(Work):
+    """The scalar oracle; each run starts from the same state."""
 
     def __init__(self, start: Start) -> None:
         self.start = start
         self.positions, self.velocities = start.x, start.v
-
-    def prepare(self) -> None:
-        """Nothing to do: a run starts from the same state each time."""
 
     def run(self, steps: int) -> None:
         start = self.start
