@@ -75,6 +75,31 @@ def test_ratios_stand_beside_times(report):
         assert any(line.split()[-2:] == shown[1:] and shown[0] in line.split() for line in lines)
 
 
+def test_what_a_call_adds_is_printed(report):
+    result, _ = report
+    assert {f["threads"] for f in result["figures"] if f["work"] == "32 x 32, cs.step"} == {
+        1, min(2, result["machine"]["cores"])
+    }  # fmt: skip
+    times = {("2 x 2", 1): (2.0, 3.5, 4.25), ("32 x 32", 1): (8.0, 9.0, 20.0),
+             ("32 x 32", 2): (5.0, 8.0, 21.0), ("grid 8", 1): (1.0, 0.0, 0.0)}  # fmt: skip
+    endings = ("", ", a step a call", ", cs.step")
+    figures = [
+        {**f, "work": work + ending, "threads": threads, "minimum": 1e-6 * seconds}
+        for f in result["figures"][:1]
+        for (work, threads), three in times.items()
+        for ending, seconds in zip(endings, three, strict=True)
+        if seconds
+    ]
+    lines = text({**result, "figures": figures}).splitlines()
+    table = lines[next(k for k, line in enumerate(lines) if line.startswith("Calls [us]")) :]
+    shown = [line.split()[-5:] for line in table[3 : table.index("")]]
+    assert shown == [
+        ["single", "1", "2.00", "1.50", "2.25"],
+        ["single", "1", "8.00", "1.00", "12.00"],
+        ["single", "2", "5.00", "3.00", "16.00"],
+    ]
+
+
 @pytest.mark.parametrize(("together", "told"), [(231e9, False), (117e9, True)])
 def test_report_tells_of_processors_on_one_core(report, together, told):
     """A virtual machine's: the second adds nothing while it lasts."""

@@ -121,11 +121,28 @@ def test_nothing_is_run_between_pause_and_window(monkeypatch, cold_steps):
     assert seen == [windows[0][0], *windows[1], *windows[2]]
 
 
-def test_cloth_is_put_back_before_it_has_moved_far():
+@pytest.mark.parametrize("make", [works.Core, works.StepCalls])
+def test_cloth_is_put_back_before_it_has_moved_far(make):
     start = works.paper(False, sphere=False)
-    work = works.Core(start, by="gather", precision="double", threads=1,
-                      instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
-    work.run(5000)
+    work = make(start, by="gather", precision="double", threads=1,
+                instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
+    work.run(3000)
     work.prepare()
-    assert work.stepper.time == start.t
+    assert work.time == pytest.approx(start.t + 3000 * PAPER_DT)
+    work.run(2000)
+    work.prepare()
+    assert work.time == start.t
     assert np.array_equal(work.positions, start.x)
+
+
+@pytest.mark.parametrize("make", [works.Calls, works.Frames, works.StepCalls])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_step_a_call_is_the_same_steps(make, precision):
+    options = {"by": "edge", "precision": precision, "threads": 1,
+               "instruction_set": cs.build_config()["instruction_set"]}  # fmt: skip
+    start = works.paper(True, sphere=True)
+    one, other = works.Core(start, **options), make(start, **options)
+    one.run(20)
+    other.run(20)
+    assert not np.array_equal(one.positions, start.x)
+    assert np.array_equal(other.positions, one.positions)

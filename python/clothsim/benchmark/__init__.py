@@ -58,7 +58,7 @@ def bench(
     --------
     >>> from clothsim.benchmark import Settings, bench
     >>> report = bench(None, settings=Settings(windows=1, seconds=1e-4), sections=["calls"])
-    >>> {figure["work"] for figure in report["figures"]} == {"2 x 2", "2 x 2, a step a call"}
+    >>> {figure["work"] for figure in report["figures"]} >= {"2 x 2", "32 x 32, a step a call"}
     True
     """
     from . import efficiency, files, machine, numba_peer, targets

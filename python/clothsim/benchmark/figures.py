@@ -11,6 +11,9 @@ PAPER_WORKS = ("swing", "static", "contact")
 """How the names of works begin that step the paper's cloth, as in its experiments."""
 FEATURE = "feature: "
 """How those begin that step it with one thing changed."""
+A_STEP_A_CALL = ", a step a call"
+CS_STEP = ", cs.step"
+"""How those end that step once a call: of `Stepper.advance`, of `clothsim.step`."""
 
 
 class Missing(LookupError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from . import tables
-from .figures import FEATURE, PAPER_WORKS
+from .figures import A_STEP_A_CALL, CS_STEP, FEATURE, PAPER_WORKS
 from .targets import ALL_SPRINGS
 
 
@@ -24,6 +24,8 @@ def text(report: dict[str, Any]) -> str:
     others = [f for f in figures if not f["work"].startswith((*PAPER_WORKS, FEATURE))]
     if others:
         parts.append(tables.others(others))
+    if any(f["work"].endswith((A_STEP_A_CALL, CS_STEP)) for f in others):
+        parts.append(tables.calls(others))
     if report["efficiency"]:
         parts.append(tables.efficiency(report["efficiency"]))
     if report["accuracy"]:

@@ -13,7 +13,7 @@ import clothsim as cs
 from .. import plan
 from . import works
 from .candidates import DTYPES, Bench, numba, run
-from .figures import FEATURE
+from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
 from .numpy_peer import NumpyPeer
 from .settings import PAPER_DT
 from .works import Start
@@ -195,20 +195,26 @@ def frames(bench: Bench) -> None:
 
 
 def calls(bench: Bench) -> None:
-    """What a call costs beside its step: one step a call, on the smallest cloth there is."""
+    """What a call costs beside its steps, on the smallest cloth there is and on the paper's."""
     cloth = cs.Cloth((2, 2), (1 / 31, 1 / 31), mass=2.0)
     x = cloth.rest_positions
-    start = Start("2 x 2", cs.Scene(cloth), x, np.zeros_like(x))
-    each = Start("2 x 2, a step a call", *_state(start))
-    options = {"precision": "double", "threads": 1}
+    smallest = Start("2 x 2", cs.Scene(cloth), x, np.zeros_like(x))
+    paper = Start("32 x 32", *_state(works.paper(bend=True, sphere=False)))
+    makers = (("", works.Core), (A_STEP_A_CALL, works.Calls), (CS_STEP, works.StepCalls))
     run(
         bench,
         [
-            bench.core(one, make, by=kernel, **options)
+            bench.core(
+                Start(start.name + how, *_state(start)), make,
+                by=kernel, precision=precision, threads=threads,
+            )
             for kernel in bench.kernels
-            for one, make in ((start, works.Core), (each, works.Calls))
+            for start, precision, counts in ((smallest, "double", (1,)), (paper, "single", (1, 2)))
+            for threads in counts
+            if threads in bench.threads
+            for how, make in makers
         ],
-    )
+    )  # fmt: skip
 
 
 def accuracy(bench: Bench) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from .figures import FEATURE
+from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
 from .ratios import COLUMNS
 from .targets import ALL_SPRINGS
 
@@ -102,6 +102,22 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
         "error m", *columns,
     )  # fmt: skip
     return ["Batch (a cloth-step), grids, frames, pauses and calls", *table(head, rows)]
+
+
+def calls(figures: list[dict[str, Any]]) -> list[str]:
+    """What a step takes within a call of many, and what a call for each adds."""
+    labels = ("by", "precision", "threads")
+    times = {(f["work"], *(f[k] for k in labels)): 1e6 * f["minimum"] for f in figures}
+    rows = []
+    for (work, by, precision, threads), within in times.items():
+        alone = [
+            times.get((work + how, by, precision, threads)) for how in (A_STEP_A_CALL, CS_STEP)
+        ]
+        if any(alone):
+            added = ("" if one is None else f"{one - within:.2f}" for one in alone)
+            rows.append((work, by, precision, str(threads), f"{within:.2f}", *added))
+    head = ("work", "by", "precision", "threads", "a step", "+ Stepper.advance", "+ cs.step")
+    return ["Calls [us]: a step of many in a call, and what a call a step adds", *table(head, rows)]
 
 
 def efficiency(rows: list[dict[str, Any]]) -> list[str]:

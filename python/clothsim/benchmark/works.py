@@ -112,11 +112,15 @@ class Core(Work):
             self.stepper = cs.Stepper(start.scene, start.x, start.v, t=start.t, **self.options)
 
     def prepare(self) -> None:
-        if self.stepper.time > self.start.t + _HORIZON:
+        if self.time > self.start.t + _HORIZON:
             self.rewind()
 
     def run(self, steps: int) -> None:
         self.stepper.advance(steps, PAPER_DT)
+
+    @property
+    def time(self) -> float:
+        return self.stepper.time
 
     @property
     def positions(self) -> np.ndarray:
@@ -162,6 +166,30 @@ class Calls(Core):
     def run(self, steps: int) -> None:
         for _ in range(steps):
             self.stepper.advance(1, PAPER_DT)
+
+
+class StepCalls(Core):
+    """One step a call of `clothsim.step`, which copies the state in and out."""
+
+    def rewind(self) -> None:
+        self.x, self.v, self.t = self.start.x, self.start.v, self.start.t
+
+    def run(self, steps: int) -> None:
+        scene = self.start.scene
+        with machine.instruction_set(self.instruction_set):
+            for _ in range(steps):
+                self.x, self.v = cs.step(
+                    scene, self.x, self.v, PAPER_DT, t=self.t, **self.options
+                )
+                self.t += PAPER_DT
+
+    @property
+    def time(self) -> float:
+        return self.t
+
+    @property
+    def positions(self) -> np.ndarray:
+        return self.x
 
 
 class Reference(Work):
