@@ -8,7 +8,7 @@ import clothsim as cs
 import pytest
 from clothsim._json import as_json
 from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, Settings, bench, files, machine
-from clothsim.benchmark import targets, works
+from clothsim.benchmark import plots, targets, works
 from clothsim.benchmark.report import text
 
 BRIEF = Settings(
@@ -164,6 +164,36 @@ def test_files_say_what_a_run_lacks(report, settings, sections, lacks):
     result, _ = report
     run = {**result, "settings": asdict(settings), "sections": list(sections)}
     assert files.name(run) == machine.slug(result["machine"]) + lacks
+
+
+def test_a_target_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch):
+    """Nor does a grid of the size that the frames have."""
+
+    def broken(*arguments):
+        raise ZeroDivisionError("by hand")
+
+    chosen, other = (t.name for t in targets.TARGETS[-2:])
+    last = replace(targets.TARGETS[-1], value=broken)
+    monkeypatch.setattr(targets, "TARGETS", (*targets.TARGETS[:-1], last))
+    monkeypatch.setattr("clothsim.benchmark.efficiency.efficiency", broken)
+    monkeypatch.setitem(plots.ALL, "grids", broken)
+    grid = works.grid
+    monkeypatch.setattr(works, "grid", lambda rows: replace(grid(8), name=f"grid {rows}"))
+    settings = replace(BRIEF, sizes=(8, 800))
+    result = bench(tmp_path, settings=settings, sections=["features", "grids", "frames", "calls"])
+    reason = "ZeroDivisionError: by hand"
+    for label in ({"target": other}, {"plot": "grids"}, {"table": "efficiency"}):
+        assert {**label, "reason": reason} in result["skipped"]
+    rows = {one["target"]: one for one in result["targets"]}
+    assert rows[other]["missing"] == "failed" and rows[chosen]["value"] is not None
+    assert rows["800 x 800, single, 2 threads, a step a frame"]["value"] is not None or (
+        result["machine"]["cores"] == 1
+    )
+    (written,) = tmp_path.glob("*.json")
+    assert json.loads(written.read_text())["skipped"] == result["skipped"]
+    assert [p.stem.rsplit("-")[-1] for p in tmp_path.glob("*.png")] == ["features"]
+    assert all(f"Left out ({k} {v}): {reason}" in text(result)
+               for k, v in (("target", other), ("plot", "grids")))  # fmt: skip
 
 
 def test_sections_are_named_in_one_order_and_tables_of_nothing_are_not_written(

@@ -42,8 +42,8 @@ def test_targets_are_judged_in_their_own_direction():
     assert met["met"] and met["value"] == pytest.approx(3.4)
     assert not row(TWO_THREADS, measured(figure(minimum=3.6e-6)))["met"]
     frames = "800 x 800, single, 2 threads, a step a frame"
-    assert row(frames, measured(figure(work="grid 800", minimum=1 / 301)))["met"]
-    assert not row(frames, measured(figure(work="grid 800", minimum=1 / 299)))["met"]
+    assert row(frames, measured(figure(work="frame 800, a step a call", minimum=1 / 301)))["met"]
+    assert not row(frames, measured(figure(work="frame 800, a step a call", minimum=1 / 299)))["met"]
 
 
 def test_a_missing_figure_says_why():
@@ -54,6 +54,8 @@ def test_a_missing_figure_says_why():
     store.skip("numba is not installed", by="numba strided")
     with pytest.raises(Missing, match="numba is not installed"):
         store.get(work="swing", by="numba strided")
+    twice = measured(figure(), figure())
+    assert "2 figures have the labels" in row(TWO_THREADS, twice)["missing"]
 
 
 def test_numba_on_one_thread_or_on_its_best_is_beside_ours():

@@ -2,11 +2,14 @@
 No test depends on how fast anything is."""
 
 import itertools
+import sys
+from dataclasses import replace
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.benchmark import works
+from clothsim.benchmark import QUICK, candidates, works
+from clothsim.benchmark.figures import Figures, Missing
 from clothsim.benchmark.numpy_peer import NumpyPeer
 from clothsim.benchmark.settings import PAPER_DT
 from clothsim.benchmark.timing import Work, calibrate, measure
@@ -75,6 +78,46 @@ def test_calibrate_fills_the_window_and_ignores_one_slow_try():
     assert calibrate(Fake(clock, [1e-6]), 1e-3, clock) in range(800, 1300)
     # The first try after the warm-up is a hundred times too slow.
     assert calibrate(Fake(clock, [1e-6, 1e-3] + 100 * [1e-6]), 1e-3, clock) in range(800, 1300)
+
+
+def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch):
+    from clothsim.benchmark import numba_peer
+
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(ImportError, match=r"not installed: pip install 'clothsim\[bench\]'"):
+        numba_peer.import_kernels()
+
+    class Broken:
+        def find_spec(self, name, path=None, target=None):
+            if name == "clothsim.benchmark.numba_kernels":
+                raise OSError("libllvmlite.so is missing")
+
+    monkeypatch.delitem(sys.modules, "clothsim.benchmark.numba_kernels", raising=False)
+    monkeypatch.delattr("clothsim.benchmark.numba_kernels", raising=False)
+    monkeypatch.setattr(numba_peer, "find_spec", lambda name: name)
+    monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
+    with pytest.raises(ImportError, match="cannot be imported: OSError: libllvmlite.so is missing"):
+        numba_peer.import_kernels()
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, parallel):
+    monkeypatch.setattr("clothsim.benchmark.numba_peer.most_threads", lambda: 2)
+    figures = Figures()
+    settings = replace(QUICK, numba_parallel=parallel)
+    most = candidates.numba_threads(settings, (1, 2, 8), figures)
+    bench = candidates.Bench(settings, figures, (), ("sse2",), (1, 2, 8), most, print)
+    start = works.paper(False, sphere=False)
+    for kind in ("numba gather", "numba strided"):
+        made = [candidates.numba(bench, start, kind, "single", n) for n in (1, 2, 8)]
+        assert [len(one) for one in made] == [1, 1, 0]
+        with pytest.raises(Missing, match="NUMBA_NUM_THREADS is 2"):
+            figures.get(by=kind, threads=8)
+        few = not parallel and kind == "numba strided"
+        with pytest.raises(Missing, match="on one thread only" if few else "not measured in this"):
+            figures.get(by=kind, threads=2)
+        with pytest.raises(Missing, match="not measured in this run"):
+            figures.get(by=kind, threads=1)
 
 
 def check_peer(make, **options):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from .. import _validate as check
@@ -46,8 +47,8 @@ def bench(
         "limits": peak arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s];
         "figures": one entry a measured time (see `clothsim.benchmark.figures.Figure`) with how
         many times faster it is than each peer (`clothsim.benchmark.ratios.ratios`); "accuracy";
-        "targets": one entry a target with its value, or why it has none; "skipped"; "files":
-        those written.
+        "targets": one entry a target with its value, or why it has none; "skipped": what was left
+        out or failed, and why; "files": those written.
 
     Raises
     ------
@@ -61,10 +62,9 @@ def bench(
     >>> {figure["work"] for figure in report["figures"]} >= {"2 x 2", "32 x 32, a step a call"}
     True
     """
-    from . import efficiency, files, machine, numba_peer, targets
+    from . import candidates, efficiency, files, machine, targets
     from . import sections as parts
-    from .candidates import Bench
-    from .figures import Figures
+    from .figures import Figures, attempt
     from .ratios import ratios
 
     unknown = set(sections) - set(SECTIONS)
@@ -73,14 +73,8 @@ def bench(
     folder = None if out is None else check.folder("out", out)
     about = machine.describe()
     figures = Figures()
-    try:
-        numba_peer.import_kernels()
-        numba = True
-    except ImportError as error:
-        numba = False
-        figures.skip(str(error), by="numba gather")
-        figures.skip(str(error), by="numba strided")
     counts = tuple(sorted({1, min(2, about["cores"]), about["cores"]}))
+    numba_threads = candidates.numba_threads(settings, counts, figures)
     supported = tuple(about["build"]["instruction_sets_supported"])
     chosen = about["build"]["instruction_set"]
     instruction_sets = (chosen, *(name for name in supported if name != chosen))
@@ -92,7 +86,9 @@ def bench(
         bar.say("limits")
         if "limits" in sections:
             limits = machine.limits(instruction_sets, counts)
-        plan = Bench(settings, figures, kernels, instruction_sets, counts, numba, bar.advance)
+        plan = candidates.Bench(
+            settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance
+        )
         for name, measure in parts.ALL.items():
             if name in sections:
                 bar.say(name)
@@ -104,6 +100,7 @@ def bench(
     measured = targets.Measured(
         figures, settings, kernels, instruction_sets, counts, limits, accuracy
     )
+    skipped = figures.skipped
     result: dict[str, Any] = {
         "schema": 1,
         "machine": about,
@@ -112,9 +109,17 @@ def bench(
         "limits": machine.as_plain(limits),
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
-        "efficiency": efficiency.efficiency(measured),
-        "targets": [target.evaluate(measured) for target in targets.TARGETS],
-        "skipped": figures.skipped,
+        "efficiency": attempt(
+            partial(efficiency.efficiency, measured), [], skipped, table="efficiency"
+        ),
+        "targets": [
+            attempt(
+                partial(target.evaluate, measured),
+                target.row(missing="failed"), skipped, target=target.name,
+            )
+            for target in targets.TARGETS
+        ],
+        "skipped": skipped,
         "files": [],
     }
     if folder is not None:

@@ -29,7 +29,7 @@ class Bench:
     kernels: tuple[str, ...]
     instruction_sets: tuple[str, ...]
     threads: tuple[int, ...]
-    numba: bool
+    numba_threads: int
     advance: Callable[[int], object]
 
     @property
@@ -117,14 +117,32 @@ def _errors(candidates: Sequence[Candidate], steps: int) -> list[float | None]:
     return errors
 
 
-def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -> Candidate:
+def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -> list[Candidate]:
+    """A kernel for numba as the only candidate, or none where numba may not use the threads."""
+    if threads > bench.numba_threads:
+        return []
     from . import numba_peer
 
     make = {"numba gather": numba_peer.NumbaGather, "numba strided": numba_peer.NumbaStrided}[kind]
-    return bench.peer(
-        start,
-        partial(make, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads),
-        by=kind,
-        precision=precision,
-        threads=threads,
-    )
+    make = partial(make, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads)
+    return [bench.peer(start, make, by=kind, precision=precision, threads=threads)]
+
+
+def numba_threads(settings: Settings, counts: Sequence[int], figures: Figures) -> int:
+    """The most threads that numba may use, 0 without it; `figures` learns what is left out."""
+    from .numba_peer import most_threads
+
+    kinds = ("numba gather", "numba strided")
+    try:
+        most = most_threads()
+    except ImportError as error:
+        for kind in kinds:
+            figures.skip(str(error), by=kind)
+        return 0
+    for count in counts:
+        if count > most:
+            for kind in kinds:
+                figures.skip(f"NUMBA_NUM_THREADS is {most}", by=kind, threads=count)
+        elif count > 1 and not settings.numba_parallel:
+            figures.skip("on one thread only with these settings", by=kinds[1], threads=count)
+    return most

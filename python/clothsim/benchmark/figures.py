@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -102,14 +102,28 @@ class Figures:
         Raises
         ------
         Missing
-            If there is none.
+            If there is none, or more than one.
         """
         found = self.find(**labels)
         if len(found) > 1:
-            raise ValueError(f"{len(found)} figures have the labels {labels}")
+            raise Missing(f"{len(found)} figures have the labels {labels}")
         if found:
             return found[0]
         for skipped, reason in self._reasons:
             if all(labels.get(k, v) == v for k, v in skipped.items()):
                 raise Missing(reason)
         raise Missing("not measured in this run")
+
+
+def attempt(
+    function: Callable[[], Any], otherwise: Any, skipped: list[dict[str, Any]], **labels: str
+) -> Any:
+    """What `function` gives; if it fails `otherwise`, and `skipped` learns why.
+
+    For what is made of figures: they took minutes, and are not lost for a plot or a target.
+    """
+    try:
+        return function()
+    except Exception as error:
+        skipped.append({**labels, "reason": f"{type(error).__name__}: {error}"})
+        return otherwise

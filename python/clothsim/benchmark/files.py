@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from .._json import as_json
+from .figures import attempt
 from .machine import slug
 from .settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 
@@ -54,14 +56,14 @@ def _draw(report: dict[str, Any], start: str) -> None:
         reason = "matplotlib is not installed: pip install 'clothsim[bench]'"
         report["skipped"].append({"plot": "all", "reason": reason})
         return
-    for what, draw in plots.ALL.items():
-        try:
-            figure = draw(report)
-            if figure is not None:
-                figure.savefig(f"{start}-{what}.png", dpi=120)
-                report["files"].append(f"{start}-{what}.png")
-        except Exception as error:
-            report["skipped"].append({"plot": what, "reason": f"{type(error).__name__}: {error}"})
+    def save(what: str) -> None:
+        figure = plots.ALL[what](report)
+        if figure is not None:
+            figure.savefig(f"{start}-{what}.png", dpi=120)
+            report["files"].append(f"{start}-{what}.png")
+
+    for what in plots.ALL:
+        attempt(partial(save, what), None, report["skipped"], plot=what)
 
 
 def _origin(report: dict[str, Any]) -> dict[str, Any]:

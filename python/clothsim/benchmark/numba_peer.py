@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -19,13 +20,30 @@ def import_kernels():
     Raises
     ------
     ImportError
-        Without numba, naming the extra that brings it.
+        Without numba, naming the extra that brings it; with a numba that cannot be imported, in
+        its own words.
     """
+    if find_spec("numba") is None:
+        raise ImportError("numba is not installed: pip install 'clothsim[bench]'")
     try:
         from . import numba_kernels
-    except ImportError as error:
-        raise ImportError("numba is not installed: pip install 'clothsim[bench]'") from error
+    except Exception as error:  # an OSError where a library of its own cannot be loaded
+        raise ImportError(f"numba cannot be imported: {type(error).__name__}: {error}") from error
     return numba_kernels
+
+
+def most_threads() -> int:
+    """How many threads numba may use: NUMBA_NUM_THREADS, or as many as there are processors.
+
+    Raises
+    ------
+    ImportError
+        As `import_kernels`.
+    """
+    import_kernels()
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)
 
 
 def set_threads(threads: int) -> None:

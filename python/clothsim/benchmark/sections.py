@@ -66,14 +66,11 @@ def steps(bench: Bench) -> None:
         bench.core(start, by="gather", precision=precision, threads=1, strict=True)
         for precision in PRECISIONS
     ]
-    if bench.numba:
-        candidates += [
-            numba(bench, start, kind, precision, threads)
-            for kind in ("numba gather", "numba strided")
-            for precision in PRECISIONS
-            for threads in bench.threads
-            if threads == 1 or kind == "numba gather" or bench.settings.numba_parallel
-        ]
+    for precision in PRECISIONS:
+        for threads in bench.threads:
+            candidates += numba(bench, start, "numba gather", precision, threads)
+            if threads == 1 or bench.settings.numba_parallel:
+                candidates += numba(bench, start, "numba strided", precision, threads)
     # Errors in contact say how a contact magnifies rounding, not how good the kernel is.
     smooth = [c for c in candidates if not c.start.name.startswith("contact")]
     run(bench, smooth, bench.settings.error_steps)
@@ -132,12 +129,10 @@ def batch(bench: Bench) -> None:
         for precision in PRECISIONS
         for threads in bench.threads
     ]
-    if bench.numba and bench.settings.numba_parallel:
-        candidates += [
-            numba(bench, start, "numba strided", precision, threads)
-            for precision in PRECISIONS
-            for threads in bench.threads
-        ]
+    if bench.settings.numba_parallel:
+        for precision in PRECISIONS:
+            for threads in bench.threads:
+                candidates += numba(bench, start, "numba strided", precision, threads)
     run(bench, candidates, longer=8)
 
 
@@ -156,11 +151,9 @@ def grids(bench: Bench) -> None:
             for precision in PRECISIONS
             for threads in counts
         ]
-        if bench.numba and rows in bench.settings.numba_sizes:
-            candidates += [
-                numba(bench, start, "numba strided", precision, max(bench.threads))
-                for precision in PRECISIONS
-            ]
+        if rows in bench.settings.numba_sizes:
+            for precision in PRECISIONS:
+                candidates += numba(bench, start, "numba strided", precision, bench.threads[-1])
         if rows > _IN_TURN:
             for candidate in candidates:
                 run(bench, [candidate], large=True)
@@ -171,15 +164,15 @@ def grids(bench: Bench) -> None:
 
 def frames(bench: Bench) -> None:
     """A step a frame of 800 x 800, with and without the positions copied out; steps after a pause."""
-    start = works.grid(800)
-    copied = Start("frame 800", *_state(start))
-    candidates = []
-    for kernel in bench.kernels:
-        options = {"by": kernel, "precision": "single", "threads": max(bench.threads)}
-        candidates += [
-            bench.core(start, works.Calls, **options),
-            bench.core(copied, works.Frames, **options),
-        ]
+    grid = _state(works.grid(800))
+    frame = Start("frame 800" + A_STEP_A_CALL, *grid)
+    copied = Start(frame.name + ", positions copied", *grid)
+    candidates = [
+        bench.core(start, make, by=kernel, precision="single", threads=threads)
+        for kernel in bench.kernels
+        for threads in bench.threads[1:] or bench.threads
+        for start, make in ((frame, works.Calls), (copied, works.Frames))
+    ]
     run(bench, candidates)
     cloth = _state(works.paper(bend=True, sphere=False))
     candidates = []
