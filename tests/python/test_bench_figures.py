@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from clothsim.benchmark import QUICK, targets
-from clothsim.benchmark.efficiency import efficiency
+from clothsim.benchmark.efficiency import efficiency, traffic
 from clothsim.benchmark.figures import Figure, Figures, Missing
 from clothsim.benchmark.ratios import ratios
 
@@ -80,11 +80,57 @@ def test_share_of_the_peak():
     given = measured(ours, limits=limits)
     share = row("share of the multiply-add peak, single, 1 thread", given)
     assert share["value"] == pytest.approx(80.0)
-    (line,) = efficiency(given)
-    assert line["flops_per_second"] == pytest.approx(95e9)
-    assert line["memory_seconds_per_point"] == pytest.approx(4e-9)
-    assert line["arithmetic_seconds_per_point"] == pytest.approx(6.25e-9)
-    assert line["bound"] == "arithmetic"
+    wrong = measured(ours, replace(ours, instruction_set="avx2", minimum=1e-6), limits=limits)
+    assert row("share of the multiply-add peak, single, 1 thread", wrong) == share
+
+
+def test_efficiency_is_beside_the_limits_of_its_threads_and_of_memory_where_that_counts():
+    small = {"work": "swing+bend", "threads": 1, "minimum": 8e-6, "flops": 760_000}
+    large = {"work": "grid 1024", "threads": 2, "points": 1024**2, "minimum": 6.291456e-3,
+             "flops": 786_432_000}  # fmt: skip
+    limits = {
+        "peak": {("avx512", "single", 1): 118.75e9, ("avx512", "single", 2): 250e9},
+        "bandwidth": {1: 12e9, 2: 24e9},
+    }
+    given = [figure(**{**work, "by": by}) for by in ("edge", "gather") for work in (small, large)]
+    decoy = figure(**{**large, "threads": 1})
+    rows = efficiency(measured(*given, decoy, limits=limits))
+    assert [(r["work"], r["kernel"], r["threads"]) for r in rows] == [
+        ("swing+bend", "gather", 1), ("swing+bend", "edge", 1),
+        ("grid 1024", "gather", 2), ("grid 1024", "edge", 2),
+    ]  # fmt: skip
+    def nanoseconds(r):
+        limits = ("arithmetic_seconds_per_point", "memory_seconds_per_point")
+        return [1e9 * r[key] for key in ("seconds_per_point", *limits)]
+
+    assert rows[1]["flops_per_second"] == pytest.approx(95e9)
+    assert rows[1]["share_of_peak"] == pytest.approx(0.8)
+    assert nanoseconds(rows[0]) == pytest.approx([7.8125, 6.25, 40.0])
+    assert nanoseconds(rows[1]) == pytest.approx([7.8125, 6.25, 8.0])
+    assert nanoseconds(rows[2]) == pytest.approx([6.0, 3.0, 20.0])
+    assert nanoseconds(rows[3]) == pytest.approx([6.0, 3.0, 4.0])
+    assert [r["bytes_per_point_step"] for r in rows] == [480, 96, 480, 96]
+    # What stays in cache is not bound by memory, however slow that is.
+    assert [r["bound"] for r in rows] == ["arithmetic", "arithmetic", "memory", "memory"]
+    fast = {**limits, "bandwidth": {1: 60e9, 2: 60e9}}
+    rows = efficiency(measured(*given, limits=fast))
+    assert [r["bound"] for r in rows[2:]] == ["memory", "arithmetic"]
+
+
+def test_traffic_of_the_gather_kernel_is_that_of_its_four_sweeps():
+    state = stage_a = stage_b = compensation = 6
+    first = total = 3
+    fetched = [
+        state + stage_a + first,
+        stage_a + state + stage_b + total,
+        stage_b + state + stage_a + total,
+        stage_a + state + first + total,
+    ]
+    written = [stage_a + first, stage_b + total, stage_a + total, state]
+    values = sum(fetched) + sum(written)
+    assert traffic("gather", "double") == 8 * values
+    assert traffic("gather", "single") == 4 * (values + 2 * compensation)
+    assert traffic("edge", "single") == traffic("edge", "double") == 2 * 6 * 8
 
 
 @pytest.mark.parametrize("what", ["structural", "shear", "bend", "damping"])

@@ -1,4 +1,4 @@
-"""What a step does and moves, beside the machine's limits."""
+"""What a step computes and moves, beside the machine's limits."""
 
 from __future__ import annotations
 
@@ -7,36 +7,76 @@ from typing import Any
 from .figures import Missing
 from .targets import Measured, share_of_peak
 
-_BYTES = {"single": 96, "double": 96}
-"""Least memory traffic of a point-step: state read and written once. 6 components and, in single,
-as many compensations."""
+STATE_TRAFFIC = 96
+"""Bytes of a point-step that reads and writes the state once: six components of 8 bytes or, in
+single, six of 4 and as many compensations."""
+
+# The gather kernel sweeps the whole cloth once a stage (cpp/simulation/gather_engine.cpp). Counted
+# are the values of a point in each array that a stage touches (`finish_stage` in
+# cpp/kernels/gather_impl.hpp): once fetched, also where it is only written, since a store fetches
+# its line, and once written back if it is written. Neighbours lie in rows that are still in cache.
+#
+#   stage   fetched                                              written back
+#   first   state 6, stage a 6, first acceleration 3       15    a, first acceleration      9
+#   second  a 6, state 6, b 6, acceleration sum 3          21    b, acceleration sum        9
+#   third   b 6, state 6, a 6, acceleration sum 3          21    a, acceleration sum        9
+#   fourth  a 6, state 6, both accelerations 6             18    state                      6
+#
+# That is 108 values; in single the fourth stage also fetches and writes 6 compensations.
+_GATHER_TRAFFIC = {"single": 120 * 4, "double": 108 * 8}
+
+# Bytes of state of which more comes from memory in each step (cpp/simulation/caches.hpp).
+_KEPT_IN_CACHE = 4 << 20
+
+
+def traffic(kernel: str, precision: str) -> int:
+    """Bytes that a point-step of a cloth larger than the caches reads and writes at least."""
+    return _GATHER_TRAFFIC[precision] if kernel == "gather" else STATE_TRAFFIC
 
 
 def efficiency(measured: Measured) -> list[dict[str, Any]]:
-    """Flops, share of the peak, least traffic and bound of each kernel: 5,826 springs, 1 thread."""
+    """Each kernel's time beside its limits: 32 x 32 on one thread, 1024 x 1024 on all.
+
+    Returns
+    -------
+    list of dict
+        "work", "kernel", "precision", "threads", "flops_per_step", "flops_per_second",
+        "share_of_peak", "bytes_per_point_step"; [s] of a point-step: "seconds_per_point" measured,
+        "arithmetic_seconds_per_point" and "memory_seconds_per_point" at the limits;
+        "through_memory": whether those bytes go through memory, or the cloth stays in cache;
+        "bound": the larger limit of those that hold.
+    """
     rows = []
-    for by in measured.kernels:
-        for precision in ("single", "double"):
-            try:
-                share = share_of_peak(measured, by, precision)
-                seconds = measured.seconds("swing+bend", by, precision)
-            except Missing:
-                continue
-            flops, points = measured.flops("swing+bend", by, precision), 32 * 32
-            peak = measured.limits["peak"][measured.instruction_sets[0], precision, 1]
-            arithmetic = flops / points / peak
-            memory = _BYTES[precision] / measured.limits["bandwidth"][1]
-            rows.append(
-                {
-                    "kernel": by,
-                    "precision": precision,
-                    "flops_per_step": flops,
-                    "flops_per_second": flops / seconds,
-                    "share_of_peak": share,
-                    "bytes_per_point_step": _BYTES[precision],
-                    "arithmetic_seconds_per_point": arithmetic,
-                    "memory_seconds_per_point": memory,
-                    "bound": "arithmetic" if arithmetic > memory else "memory",
-                }
-            )
+    for work, threads in (("swing+bend", 1), ("grid 1024", measured.threads[-1])):
+        for kernel in measured.kernels:
+            for precision in ("single", "double"):
+                try:
+                    rows.append(_row(measured, work, kernel, precision, threads))
+                except Missing:
+                    continue
     return rows
+
+
+def _row(m: Measured, work: str, kernel: str, precision: str, threads: int) -> dict[str, Any]:
+    share = share_of_peak(m, kernel, precision, work, threads)
+    figure = m.figure(work, kernel, precision, threads)
+    rate = figure.flops / figure.minimum
+    measured = figure.minimum / figure.points
+    moved = traffic(kernel, precision)
+    memory = moved / m.limits["bandwidth"][threads]
+    through_memory = figure.points * STATE_TRAFFIC / 2 > _KEPT_IN_CACHE
+    return {
+        "work": work,
+        "kernel": kernel,
+        "precision": precision,
+        "threads": threads,
+        "flops_per_step": figure.flops,
+        "flops_per_second": rate,
+        "share_of_peak": share,
+        "bytes_per_point_step": moved,
+        "seconds_per_point": measured,
+        "arithmetic_seconds_per_point": measured * share,
+        "memory_seconds_per_point": memory,
+        "through_memory": through_memory,
+        "bound": "memory" if through_memory and memory > measured * share else "arithmetic",
+    }

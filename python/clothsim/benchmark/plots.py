@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .efficiency import _BYTES
+from .efficiency import STATE_TRAFFIC
 from .figures import FEATURE
 from .targets import ALL_SPRINGS
 
@@ -74,7 +74,7 @@ def _limit_lines(
     panel.plot(
         *zip(*compute, strict=True), "k:", lw=1.2, label=f"peak arithmetic, {by}, {threads} threads"
     )
-    memory = 1e9 * _BYTES[precision] / limits["bandwidth"][threads]
+    memory = 1e9 * STATE_TRAFFIC / limits["bandwidth"][threads]
     panel.axhline(memory, color="0.5", lw=1.2, ls="-.",
                   label=f"memory, state read and written once, {threads} threads")  # fmt: skip
 

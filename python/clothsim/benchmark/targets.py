@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from .figures import A_STEP_A_CALL, FEATURE, Figures, Missing
+from .figures import A_STEP_A_CALL, FEATURE, Figure, Figures, Missing
 from .settings import Settings
 
 LEFT_OUT = ("structural", "bend", "shear", "damping")
@@ -27,7 +27,13 @@ class Measured:
     def seconds(
         self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any
     ) -> float:
-        """Least time of a step.
+        """Least time of a step [s]; raises as `figure` does."""
+        return self.figure(work, by, precision, threads, **labels).minimum
+
+    def figure(
+        self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any
+    ) -> Figure:
+        """The figure with these labels; of the core on the best instruction set by default.
 
         Raises
         ------
@@ -42,17 +48,7 @@ class Measured:
                 raise Missing(f"no {labels['instruction_set']} here")
         if threads is not None and threads > max(self.threads):
             raise Missing(f"needs {threads} cores")
-        figure = self.figures.get(work=work, by=by, precision=precision, threads=threads, **labels)
-        return figure.minimum
-
-    def flops(self, work: str, by: str, precision: str) -> int:
-        """Floating-point operations of a step, as `Scene.explain` counts them."""
-        if by not in self.kernels:
-            raise Missing("not built yet")
-        found = self.figures.find(work=work, by=by, precision=precision, strict=False)
-        if not found or found[0].flops is None:
-            raise Missing("not measured in this run")
-        return found[0].flops
+        return self.figures.get(work=work, by=by, precision=precision, threads=threads, **labels)
 
 
 @dataclass(frozen=True)
@@ -195,12 +191,15 @@ def _machine() -> Iterator[Target]:
         )  # fmt: skip
 
 
-def share_of_peak(m: Measured, by: str, precision: str) -> float:
-    """Flops of a step over what the peak allows in its time, 5,826 springs, one thread."""
+def share_of_peak(
+    m: Measured, by: str, precision: str, work: str = "swing+bend", threads: int = 1
+) -> float:
+    """Flops of a step, as `Scene.explain` counts them, over what the peak allows in its time."""
     if not m.limits:
         raise Missing("limits not measured in this run")
-    rate = m.flops("swing+bend", by, precision) / m.seconds("swing+bend", by, precision)
-    return rate / m.limits["peak"][m.instruction_sets[0], precision, 1]
+    figure = m.figure(work, by, precision, threads)
+    peak = m.limits["peak"][m.instruction_sets[0], precision, threads]
+    return figure.flops / figure.minimum / peak
 
 
 def _features() -> Iterator[Target]:
@@ -220,9 +219,9 @@ ALL_SPRINGS = f"{FEATURE}all springs, damped"
 
 
 def _saving(m: Measured, what: str) -> float:
-    work = f"{FEATURE}no {what}"
-    time = 1 - m.seconds(work, "edge", "single") / m.seconds(ALL_SPRINGS, "edge", "single")
-    return time / (1 - m.flops(work, "edge", "single") / m.flops(ALL_SPRINGS, "edge", "single"))
+    less = m.figure(f"{FEATURE}no {what}", "edge", "single")
+    all_springs = m.figure(ALL_SPRINGS, "edge", "single")
+    return (1 - less.minimum / all_springs.minimum) / (1 - less.flops / all_springs.flops)
 
 
 def _use() -> Iterator[Target]:
