@@ -137,6 +137,20 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     return str(value)
 
 
+def choices(name: str, value: Any, options: Collection[str]) -> list[str]:
+    """The names in the collection `value`, at least one, in the order that `options` have."""
+    accepted = f"a collection of some of {_listed(options)}"
+    if isinstance(value, (str, bytes)) or not isinstance(value, Collection):
+        raise TypeError(_wrong(name, accepted, value))
+    unknown = [one for one in value if one not in options]
+    if unknown:
+        hint = _nearest(unknown[0], options)
+        raise ValueError(f"{name} must be {accepted}, got {unknown[0]!r}{hint}")
+    if not len(value):
+        raise ValueError(_wrong(name, accepted, value))
+    return [option for option in options if option in value]
+
+
 def folder(name: str, value: Any) -> Path:
     """`value` as the path of a folder that is there or can be made: nothing in its way is a file."""
     if not isinstance(value, (str, os.PathLike)):

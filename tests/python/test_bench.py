@@ -116,6 +116,26 @@ def test_report_tells_of_processors_on_one_core(report, together, told):
     assert ("2 threads reached 1.00 times the peak of one" in printed) == told
 
 
+@pytest.mark.parametrize(("load", "told"), [(0.4, False), (0.6, True)])
+def test_report_tells_of_load_before_the_run(report, load, told):
+    result, _ = report
+    printed = text({**result, "machine": {**result["machine"], "load_average": (load, 2.0, 3.0)}})
+    assert f"before the run {load:.2f}, 2.00, 3.00" in printed
+    assert ("Something ran in the minute before" in printed) == told
+
+
+def test_report_tells_windows_and_steps_of_errors(report):
+    result, _ = report
+    settings = asdict(replace(BRIEF, windows=40, seconds=4e-3, large_windows=7))
+    printed = text({**result, "settings": settings})
+    assert "least of 40 windows of 4 ms" in printed
+    assert "batch, 5 of 32 ms; grids above 1024 x 1024, 7 one after the other" in printed
+    assert "32 x 32 mass points; the error is that of the position after 3 steps" in printed
+    assert "calls; the error is that of the position after 20 steps" in printed
+    with_error = {f["work"] for f in result["figures"] if f["error"] is not None}
+    assert with_error == {"swing", "swing+bend", "static", "static+bend", "grid 8", "grid 16"}
+
+
 @pytest.mark.parametrize("instruction_set", ["avx512", "avx2", "sse2"])
 def test_report_tells_that_targets_are_those_of_avx512(report, instruction_set):
     result, _ = report
@@ -215,9 +235,20 @@ def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
         bench(out)
 
 
-def test_unknown_section_is_refused():
-    with pytest.raises(ValueError, match="sections must be some of"):
-        bench(None, sections=["speed"])
+@pytest.mark.parametrize(
+    "sections, error, told",
+    [
+        ("steps", TypeError, r"got 'steps' \(str\)"),
+        (7, TypeError, r"got 7 \(int\)"),
+        (["limits", "step"], ValueError, r"got 'step' \(did you mean 'steps'\?\)"),
+        ((), ValueError, r"got \(\)"),
+    ],
+)
+def test_what_are_no_sections_is_refused_before_measuring(monkeypatch, sections, error, told):
+    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    some = "sections must be a collection of some of 'limits', 'steps'"
+    with pytest.raises(error, match=f"{some}.*{told}"):
+        bench(None, sections=sections)
 
 
 def test_instruction_set_is_put_back(monkeypatch):

@@ -52,8 +52,10 @@ def bench(
 
     Raises
     ------
+    TypeError
+        If `sections` is no collection, such as one name by itself, or `out` no path.
     ValueError
-        For an unknown section, or an `out` that is no folder.
+        For an unknown section, for none, or an `out` that is no folder.
 
     Examples
     --------
@@ -67,33 +69,31 @@ def bench(
     from .figures import Figures, attempt
     from .ratios import ratios
 
-    unknown = set(sections) - set(SECTIONS)
-    if unknown or not sections:
-        raise ValueError(f"sections must be some of {SECTIONS}, got {tuple(sections)!r}")
+    chosen = check.choices("sections", sections, SECTIONS)
     folder = None if out is None else check.folder("out", out)
     about = machine.describe()
     figures = Figures()
     counts = tuple(sorted({1, min(2, about["cores"]), about["cores"]}))
     numba_threads = candidates.numba_threads(settings, counts, figures)
     supported = tuple(about["build"]["instruction_sets_supported"])
-    chosen = about["build"]["instruction_set"]
-    instruction_sets = (chosen, *(name for name in supported if name != chosen))
+    best = about["build"]["instruction_set"]
+    instruction_sets = (best, *(name for name in supported if name != best))
     kernels = parts.kernels()
 
     limits: dict[str, Any] = {}
     accuracy = None
     with _bar(progress) as bar:
         bar.say("limits")
-        if "limits" in sections:
+        if "limits" in chosen:
             limits = machine.limits(instruction_sets, counts)
         plan = candidates.Bench(
             settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance
         )
         for name, measure in parts.ALL.items():
-            if name in sections:
+            if name in chosen:
                 bar.say(name)
                 measure(plan)
-        if "accuracy" in sections:
+        if "accuracy" in chosen:
             bar.say("accuracy")
             accuracy = parts.accuracy(plan)
 
@@ -105,7 +105,7 @@ def bench(
         "schema": 1,
         "machine": about,
         "settings": asdict(settings),
-        "sections": [section for section in SECTIONS if section in sections],
+        "sections": chosen,
         "limits": machine.as_plain(limits),
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,

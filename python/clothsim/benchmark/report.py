@@ -6,6 +6,7 @@ from typing import Any
 
 from . import tables
 from .figures import A_STEP_A_CALL, CS_STEP, FEATURE, PAPER_WORKS
+from .settings import BATCH_LONGER, IN_TURN
 from .targets import ALL_SPRINGS
 
 
@@ -44,14 +45,25 @@ def _machine(report: dict[str, Any]) -> list[str]:
         f"{_processor(about)}, {about['cores']} cores, {about['system']}, {about['created']}",
     ]
     if load:
-        lines.append("load average before the run " + ", ".join(f"{one:.2f}" for one in load))
+        shown = ", ".join(f"{one:.2f}" for one in load)
+        lines.append(f"load average over 1, 5 and 15 minutes before the run {shown}")
         if load[0] > 0.5:
-            lines.append("Other work was running: the figures below are too high.")
-    windows = report["settings"]["windows"]
-    lines.append(
-        f"Each time is the least of {windows} short windows taken in turn with all others."
-    )
-    return lines
+            lines.append(
+                "Something ran in the minute before, a build perhaps. If it still did later, the "
+                "figures below are too high: medians far above the least times tell."
+            )
+    return lines + (_windows(report["settings"]) if report["figures"] else [])
+
+
+def _windows(settings: dict[str, Any]) -> list[str]:
+    windows, length = settings["windows"], 1e3 * settings["seconds"]
+    return [
+        f"Each time is the least of {windows} windows of {length:g} ms (a step, where that is "
+        "longer), taken in turn with the others of its group. Other windows:",
+        f"batch, {max(1, windows // BATCH_LONGER)} of {BATCH_LONGER * length:g} ms; grids above "
+        f"{IN_TURN} x {IN_TURN}, {settings['large_windows']} one after the other; after a pause, "
+        f"{windows} of exactly the steps named.",
+    ]
 
 
 def _processor(about: dict[str, Any]) -> str:

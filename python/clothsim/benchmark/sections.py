@@ -15,11 +15,12 @@ from . import works
 from .candidates import DTYPES, Bench, numba, run
 from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
 from .numpy_peer import NumpyPeer
-from .settings import PAPER_DT
+from .settings import BATCH_LONGER, IN_TURN, PAPER_DT
 from .works import Start
 
 PRECISIONS = ("single", "double")
-_IN_TURN = 1024  # rows of a grid of which a state for each work fits into memory
+_GRID_ERROR_STEPS = 20
+_LARGEST_WITH_ERROR = 256  # rows of a grid, which the reference steps too
 
 
 def steps(bench: Bench) -> None:
@@ -133,7 +134,7 @@ def batch(bench: Bench) -> None:
         for precision in PRECISIONS:
             for threads in bench.threads:
                 candidates += numba(bench, start, "numba strided", precision, threads)
-    run(bench, candidates, longer=8)
+    run(bench, candidates, longer=BATCH_LONGER)
 
 
 def grids(bench: Bench) -> None:
@@ -154,12 +155,12 @@ def grids(bench: Bench) -> None:
         if rows in bench.settings.numba_sizes:
             for precision in PRECISIONS:
                 candidates += numba(bench, start, "numba strided", precision, bench.threads[-1])
-        if rows > _IN_TURN:
+        if rows > IN_TURN:
             for candidate in candidates:
                 run(bench, [candidate], large=True)
                 gc.collect()
         else:
-            run(bench, candidates, error_steps=20 if rows <= 256 else 0)
+            run(bench, candidates, _GRID_ERROR_STEPS if rows <= _LARGEST_WITH_ERROR else 0)
 
 
 def frames(bench: Bench) -> None:

@@ -9,6 +9,10 @@ STATE_TIME = 0.25  # s that the paper's cloth has fallen where it is timed; it t
 CONTACT_TIME = 0.6  # s, where it lies on the sphere
 STATE_DT = 1e-4  # s
 BATCH = 64
+BATCH_LONGER = 8
+"""A window of the batch is so many times longer than others, and there are as many times fewer."""
+IN_TURN = 1024
+"""Rows of the largest grid whose works take turns: a state for each of them fits into memory."""
 SECTIONS = ("limits", "steps", "features", "batch", "grids", "frames", "calls", "accuracy")
 
 
@@ -21,11 +25,12 @@ class Settings:
     windows : int
         Windows per figure.
     seconds : float
-        Length of a window [s].
+        Length of a window [s]; a window has a step at least.
     large_windows : int
-        The same on grids that are timed one after the other.
+        The same on grids larger than `IN_TURN`, which are timed one after the other.
     error_steps : int
-        Steps of 5 us after which a figure's error is taken.
+        Steps of 5 us after which the error is taken of the paper's cloth in free fall; of grids
+        to 256 x 256 it is taken after 20.
     sizes : tuple of int
         Rows (= columns) of the grids.
     numba_sizes : tuple of int

@@ -36,6 +36,13 @@ def _error(figure: dict[str, Any]) -> str:
     return "" if figure["error"] is None else f"{figure['error']:.1e}"
 
 
+def _error_steps(figures: list[dict[str, Any]]) -> str:
+    """After how many steps the errors are taken, if there are any."""
+    counts = sorted({f["error_steps"] for f in figures if f["error"] is not None})
+    after = " and ".join(f"{count:,}" for count in counts)
+    return f"; the error is that of the position after {after} steps of 5 us" if after else ""
+
+
 def _columns(figures: list[dict[str, Any]]) -> dict[str, str]:
     """Heads of the ratios that some of the figures have, and their names."""
     return {f"x {peer}": c for peer, c in COLUMNS.items() if any(f[c] for f in figures)}
@@ -47,7 +54,7 @@ def _ratios(figure: dict[str, Any], columns: dict[str, str]) -> list[str]:
 
 def steps(figures: list[dict[str, Any]]) -> list[str]:
     lines = [
-        "32 x 32 mass points; the error is that of the position after some steps of 5 us",
+        f"32 x 32 mass points{_error_steps(figures)}",
         "x: how many times faster than a peer of the same precision (the reference has double "
         "only), as many springs and no sphere, on the thread count on which that is fastest",
     ]
@@ -101,7 +108,8 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
         "work", "by", "precision", "threads", "min us", "median", "ns a point", "steps/s",
         "error m", *columns,
     )  # fmt: skip
-    return ["Batch (a cloth-step), grids, frames, pauses and calls", *table(head, rows)]
+    title = "Batch (a cloth-step), grids, frames, pauses and calls"
+    return [title + _error_steps(figures), *table(head, rows)]
 
 
 def calls(figures: list[dict[str, Any]]) -> list[str]:
