@@ -4,6 +4,7 @@ No test depends on how fast anything is."""
 import itertools
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
@@ -118,6 +119,21 @@ def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, paral
             figures.get(by=kind, threads=2)
         with pytest.raises(Missing, match="not measured in this run"):
             figures.get(by=kind, threads=1)
+
+
+def test_numba_takes_the_kernel_of_its_threads(monkeypatch):
+    from clothsim.benchmark import numba_peer
+
+    names = ("serial", "parallel", "batch", "serial_slopes", "parallel_slopes")
+    kernels = SimpleNamespace(**{name: name for name in names})
+    module = SimpleNamespace(BORDER=2, strided=lambda shape: kernels)
+    monkeypatch.setattr(numba_peer, "import_kernels", lambda: module)
+    start, batch = works.paper(False, sphere=False), works.batch()
+    for threads, step in ((1, "serial"), (2, "parallel")):
+        for one, kernel in ((start, step), (batch, "batch")):
+            options = (one.scene, one.x, one.v, PAPER_DT, np.float64, threads)
+            assert numba_peer.NumbaStrided(*options).kernel == kernel
+        assert numba_peer.NumbaSlopes(start.scene, threads).kernel == f"{step}_slopes"
 
 
 def check_peer(make, **options):

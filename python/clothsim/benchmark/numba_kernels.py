@@ -6,7 +6,9 @@ Imported only where numba is installed (extra "bench"). Both take uniform mass a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -102,9 +104,19 @@ def gather_steps(steps, x, v, work, offsets, spring, gravity, inverse_mass, free
 BORDER = 2
 
 
+class Strided(NamedTuple):
+    """Compiled for one shape: steps of a cloth or of a batch, and right-hand sides dy/dt."""
+
+    serial: Callable
+    parallel: Callable
+    batch: Callable
+    serial_slopes: Callable
+    parallel_slopes: Callable
+
+
 @lru_cache
 def strided(shape):
-    """(serial, parallel, batch) kernels for one shape, and (serial, parallel) right-hand sides."""
+    """The kernels for cloths of `shape`."""
     fast = {"fastmath": True, "error_model": "numpy"}
     rows, columns = shape
     n, down, one, two = (np.uintp(i) for i in (columns, columns + 2 * BORDER, 1, 2))
@@ -147,50 +159,17 @@ def strided(shape):
             eb = pull(s, q - down - down, x, y, z, u, w, t, spring, 5, up2, unit)
             m = free[o]
             f[o] = m * (
-                e0[0]
-                + e1[0]
-                + e2[0]
-                + e3[0]
-                + e4[0]
-                + e5[0]
-                + e6[0]
-                + e7[0]
-                + e8[0]
-                + e9[0]
-                + ea[0]
-                + eb[0]
-                + g0
-            )
+                e0[0] + e1[0] + e2[0] + e3[0] + e4[0] + e5[0] + e6[0] + e7[0] + e8[0]
+                + e9[0] + ea[0] + eb[0] + g0
+            )  # fmt: skip
             f[o + size] = m * (
-                e0[1]
-                + e1[1]
-                + e2[1]
-                + e3[1]
-                + e4[1]
-                + e5[1]
-                + e6[1]
-                + e7[1]
-                + e8[1]
-                + e9[1]
-                + ea[1]
-                + eb[1]
-                + g1
-            )
+                e0[1] + e1[1] + e2[1] + e3[1] + e4[1] + e5[1] + e6[1] + e7[1] + e8[1]
+                + e9[1] + ea[1] + eb[1] + g1
+            )  # fmt: skip
             f[o + size2] = m * (
-                e0[2]
-                + e1[2]
-                + e2[2]
-                + e3[2]
-                + e4[2]
-                + e5[2]
-                + e6[2]
-                + e7[2]
-                + e8[2]
-                + e9[2]
-                + ea[2]
-                + eb[2]
-                + g2
-            )
+                e0[2] + e1[2] + e2[2] + e3[2] + e4[2] + e5[2] + e6[2] + e7[2] + e8[2]
+                + e9[2] + ea[2] + eb[2] + g2
+            )  # fmt: skip
 
     @njit(**fast, inline="always")
     def move(q, o, s, state, f, out, h):
@@ -293,4 +272,4 @@ def strided(shape):
                 row_force(r, s, f, spring, column, gravity, free, unit)
 
     parallel = njit(**fast, parallel=True)
-    return serial, parallel(steps), batch, (njit(**fast)(slopes), parallel(slopes))
+    return Strided(serial, parallel(steps), batch, njit(**fast)(slopes), parallel(slopes))

@@ -138,8 +138,10 @@ class NumbaStrided(Work):
             ),
             (dtype(1), dtype(dt), dtype(dt / 2), dtype(dt / 6)),
         )
-        serial, parallel, batch, _ = kernels.strided(cloth.shape)
-        self.kernel = batch if self.batched else serial if threads == 1 else parallel
+        of_shape = kernels.strided(cloth.shape)
+        self.kernel = of_shape.serial if threads == 1 else of_shape.parallel
+        if self.batched:
+            self.kernel = of_shape.batch
 
     def prepare(self) -> None:
         set_threads(self.threads)
@@ -167,7 +169,8 @@ class NumbaSlopes:
         peer = NumbaStrided(scene, x, v, 1.0, np.float64, threads)
         self.threads = threads
         self.shape = (6, *scene.cloth.shape)
-        self.kernel = peer.kernels.strided(scene.cloth.shape)[3][threads > 1]
+        of_shape = peer.kernels.strided(scene.cloth.shape)
+        self.kernel = of_shape.parallel_slopes if threads > 1 else of_shape.serial_slopes
         self.state, self.scene = peer.arguments[0], peer.arguments[4]
         self.start = np.moveaxis(np.concatenate([x, v], axis=-1), -1, 0).ravel()
 
