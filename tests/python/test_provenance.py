@@ -27,13 +27,16 @@ def test_provenance_names_build_machine_and_time():
     assert about["created"].endswith("+00:00")
 
 
+UNKNOWN = {"family": None, "model": None, "stepping": None}
+
+
 @pytest.mark.parametrize(
     "told, expected",
     [
         (CPUINFO, {"cpu": "AMD EPYC", "family": 25, "model": 17, "stepping": 1}),
-        ("model name : A\nstepping : unknown\n", {"cpu": "A", "family": None, "model": None, "stepping": None}),
+        ("model name : A\nstepping : unknown\n", {"cpu": "A", **UNKNOWN}),
     ],
-)  # fmt: skip
+)
 def test_processors_of_one_name_are_told_apart(monkeypatch, told, expected):
     monkeypatch.setattr(Path, "read_text", lambda self: told)
     assert processor() == expected
@@ -46,8 +49,7 @@ def test_processor_has_a_name_where_the_system_has_no_such_file(monkeypatch):
     monkeypatch.setattr(Path, "read_text", missing)
     monkeypatch.setattr("platform.processor", lambda: "")
     monkeypatch.setattr("platform.machine", lambda: "arm64")
-    unknown = dict.fromkeys(("family", "model", "stepping"))
-    assert processor() == {"cpu": "arm64", **unknown}
+    assert processor() == {"cpu": "arm64", **UNKNOWN}
 
 
 @pytest.mark.parametrize("seconds, expected", [(100.0, 1000), (2.0, None), (0.0, 1)])

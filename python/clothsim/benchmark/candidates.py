@@ -36,7 +36,9 @@ class Bench:
     def best(self) -> str:
         return self.instruction_sets[0]
 
-    def core(self, start: Start, make: Callable[..., Any] = works.Core, **options: Any) -> Candidate:
+    def core(
+        self, start: Start, make: Callable[..., Any] = works.Core, **options: Any
+    ) -> Candidate:
         options = {"strict": False, "instruction_set": self.best, **options}
         return Candidate(start, partial(make, start, **options), options)
 

@@ -86,7 +86,8 @@ def _limit_lines(
     look = {"color": color, "lw": 1.2}
     panel.plot(*zip(*compute, strict=True), ls=":", label=f"flops at peak, {_on(threads)}", **look)
     memory = 1e9 * STATE_TRAFFIC / limits["bandwidth"][threads]
-    panel.axhline(memory, ls="-.", label=f"{STATE_TRAFFIC} bytes from memory, {_on(threads)}", **look)
+    name = f"{STATE_TRAFFIC} bytes from memory, {_on(threads)}"
+    panel.axhline(memory, ls="-.", label=name, **look)
 
 
 def _bars(

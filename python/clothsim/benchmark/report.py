@@ -67,7 +67,8 @@ def _windows(settings: dict[str, Any]) -> list[str]:
 
 
 def _processor(about: dict[str, Any]) -> str:
-    told = [f"{key} {about[key]}" for key in ("family", "model", "stepping") if about[key] is not None]
+    keys = (key for key in ("family", "model", "stepping") if about[key] is not None)
+    told = [f"{key} {about[key]}" for key in keys]
     return about["cpu"] + (f" ({', '.join(told)})" if told else "")
 
 
@@ -108,7 +109,7 @@ def _limits(limits: dict[str, Any]) -> list[str]:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if value and (value < 1e-3 or value >= 1e6) else f"{value:.4g}"
+    return f"{value:.3g}" if value and not 1e-3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _targets(targets: list[dict[str, Any]], instruction_set: str) -> list[str]:

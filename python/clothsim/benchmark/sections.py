@@ -164,7 +164,7 @@ def grids(bench: Bench) -> None:
 
 
 def frames(bench: Bench) -> None:
-    """A step a frame of 800 x 800, with and without the positions copied out; steps after a pause."""
+    """A step a frame of 800 x 800, its positions copied out or not; steps after a pause."""
     grid = _state(works.grid(800))
     frame = Start("frame 800" + A_STEP_A_CALL, *grid)
     copied = Start(frame.name + ", positions copied", *grid)

@@ -99,8 +99,8 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
     rows = [
         (
             f["work"], _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
-            f"{1e6 * f['median']:.2f}", f"{1e9 * f['minimum'] / f['points']:.2f}", f"{1 / f['minimum']:,.0f}", _error(f),
-            *_ratios(f, columns),
+            f"{1e6 * f['median']:.2f}", f"{1e9 * f['minimum'] / f['points']:.2f}",
+            f"{1 / f['minimum']:,.0f}", _error(f), *_ratios(f, columns),
         )
         for f in figures
     ]  # fmt: skip
@@ -150,8 +150,8 @@ def efficiency(rows: list[dict[str, Any]]) -> list[str]:
         "memory ns", "bound by",
     )  # fmt: skip
     return [
-        "A point-step beside its limits: ns measured, of its flops at the multiply-add peak, and of "
-        "its least bytes through memory",
+        "A point-step beside its limits: ns measured, of its flops at the multiply-add peak, and "
+        "of its least bytes through memory",
         "swing+bend, 32 x 32 mass points, stays in cache: its bytes do not go through memory",
         *table(head, cells),
     ]
