@@ -18,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
     )
     size = command.add_mutually_exclusive_group()
     size.add_argument(
-        "--quick", action="store_true", help="fewer and shorter windows: below a minute"
+        "--quick", action="store_true", help="fewer and shorter windows: a minute or two"
     )
     size.add_argument(
         "--full", action="store_true", help="more windows, and 4096 x 4096 (takes 8 GB of memory)"
