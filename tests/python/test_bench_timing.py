@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.benchmark import QUICK, candidates, works
+from clothsim.benchmark import QUICK, candidates, sections, works
 from clothsim.benchmark.figures import Figures, Missing
 from clothsim.benchmark.numpy_peer import NumpyPeer
 from clothsim.benchmark.settings import PAPER_DT
@@ -119,6 +119,26 @@ def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, paral
             figures.get(by=kind, threads=2)
         with pytest.raises(Missing, match="not measured in this run"):
             figures.get(by=kind, threads=1)
+
+
+def test_paper_s_cloth_has_every_peer(monkeypatch):
+    made = []
+    monkeypatch.setattr(sections, "run", lambda bench, some, *_: made.extend(some))
+    for parallel, counts in ((True, {1, 2}), (False, {1})):
+        made.clear()
+        settings = replace(QUICK, numba_parallel=parallel)
+        bench = candidates.Bench(settings, Figures(), ("edge",), ("sse2",), (1, 2), 2, print)
+        sections.steps(bench)
+        threads = {}
+        for one in made:
+            which = one.start.name, one.labels["by"], one.labels["precision"]
+            threads.setdefault(which, set()).add(one.labels["threads"])
+        for work, strided in (("swing", None), ("swing+bend", counts)):
+            assert threads[work, "reference", "double"] == {1}
+            for precision in ("single", "double"):
+                assert threads[work, "numpy", precision] == {1}
+                assert threads[work, "numba gather", precision] == {1, 2}
+                assert threads.get((work, "numba strided", precision)) == strided
 
 
 def test_numba_takes_the_kernel_of_its_threads(monkeypatch):

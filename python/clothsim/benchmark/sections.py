@@ -62,16 +62,16 @@ def steps(bench: Bench) -> None:
         for precision in PRECISIONS:
             make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, DTYPES[precision])
             candidates.append(bench.peer(start, make, by="numpy", precision=precision, threads=1))
+            for threads in bench.threads:
+                candidates += numba(bench, start, "numba gather", precision, threads)
     start = works.paper(True, False)
     candidates += [
         bench.core(start, by="gather", precision=precision, threads=1, strict=True)
         for precision in PRECISIONS
     ]
     for precision in PRECISIONS:
-        for threads in bench.threads:
-            candidates += numba(bench, start, "numba gather", precision, threads)
-            if threads == 1 or bench.settings.numba_parallel:
-                candidates += numba(bench, start, "numba strided", precision, threads)
+        for threads in bench.threads if bench.settings.numba_parallel else (1,):
+            candidates += numba(bench, start, "numba strided", precision, threads)
     # Errors in contact say how a contact magnifies rounding, not how good the kernel is.
     smooth = [c for c in candidates if not c.start.name.startswith("contact")]
     run(bench, smooth, bench.settings.error_steps)
