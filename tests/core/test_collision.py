@@ -88,11 +88,11 @@ def test_responses_are_those_of_the_formulas(
 def test_a_cloth_on_one_side_of_a_sphere_meets_it(integrator, kernel, threads, axis, side):
     """Here rows lie beside the centre, at times beside the sphere: which of their points are looked at, is asked first."""
     sphere = ball()
-    x, v = cloud(shape=(18, 19))
+    x, v = cloud(shape=(18, 16 if threads == 1 else 19))  # without padding and with some
     layers = np.linspace(0.05, 1.2, 18)[:, None]  # rows that touch, and rows that do not
     x[..., axis] = CENTER[axis] + side * RADIUS * layers
     expected = answered(x + DT * v, v, sphere, DT)
-    assert 50 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 150
+    assert 40 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 150
     options = {"integrator": integrator, "kernel": kernel, "threads": threads}
     result = cs.step(drifting(x, sphere), x, v, DT, **options)
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-12)
