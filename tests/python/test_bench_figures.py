@@ -142,6 +142,14 @@ def test_what_is_left_out_saves_its_share(what):
     assert row(saved, measured(every, less))["value"] == pytest.approx(0.75)
 
 
+@pytest.mark.parametrize("kind", ["", "continuous ", "continuous face "])
+def test_price_of_a_far_sphere_is_what_it_adds(kind):
+    without = figure(work=targets.ALL_SPRINGS, threads=1, minimum=10e-6)
+    far = figure(work=f"feature: {kind or '1 '}sphere, far", threads=1, minimum=10.3e-6)
+    price = f"price of a {kind}sphere out of reach, single"
+    assert row(price, measured(without, far))["value"] == pytest.approx(3)
+
+
 def test_chosen_threads_are_judged_on_the_paper_s_cloth_and_small_grids():
     def times(work, precision, chosen, **on):
         labels = {"work": work, "precision": precision}
@@ -218,5 +226,6 @@ def test_ratios_of_grids_and_batches_are_to_peers_on_the_same():
     others = dict.fromkeys(("x_reference", "x_numpy", "x_numba_gather"))
     assert ratios(batch, (*PEERS, *numba)) == pytest.approx({**others, "x_numba_strided": 3})
     assert ratios(grid, (*PEERS, *numba)) == pytest.approx({**others, "x_numba_strided": 4})
-    for none in (figure(work="grid 32"), paused, numba[0]):
+    damping = [figure(work=f"feature: {what}") for what in ("no damping", "mass per point")]
+    for none in (figure(work="grid 32"), paused, numba[0], *damping):
         assert set(ratios(none, (*PEERS, *numba)).values()) == {None}

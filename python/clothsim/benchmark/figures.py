@@ -11,6 +11,8 @@ PAPER_WORKS = ("swing", "static", "contact")
 """How the names of works begin that step the paper's cloth, as in its experiments."""
 FEATURE = "feature: "
 """How those begin that step it with one thing changed."""
+CONTINUOUS = {"continuous": {}, "continuous face": {"offset": "face"}}
+"""Spheres with continuous contact, of mass points and of triangles, and what makes them so."""
 A_STEP_A_CALL = ", a step a call"
 CS_STEP = ", cs.step"
 """How those end that step once a call: of `Stepper.advance`, of `clothsim.step`."""

@@ -56,6 +56,7 @@ def _draw(report: dict[str, Any], start: str) -> None:
         reason = "matplotlib is not installed: pip install 'clothsim[bench]'"
         report["skipped"].append({"plot": "all", "reason": reason})
         return
+
     def save(what: str) -> None:
         figure = plots.ALL[what](report)
         if figure is not None:

@@ -10,6 +10,9 @@ PEERS = ("reference", "numpy", "numba gather", "numba strided")
 COLUMNS = {peer: "x_" + peer.replace(" ", "_") for peer in PEERS}
 """The name under which a figure has its ratio to each peer."""
 
+_OTHER_FORCES = {FEATURE + name for name in ("no damping", "point damping", "mass per point")}
+"""On as many springs as the peers have, which damp them and know one mass."""
+
 
 def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]:
     """How many times faster a step of the core is than one of each peer.
@@ -42,6 +45,8 @@ def _alike(figure: Figure, other: Figure, peer: str) -> bool:
     if other.by != peer or (other.points, other.springs) != (figure.points, figure.springs):
         return False
     if other.precision != ("double" if peer == "reference" else figure.precision):
+        return False
+    if figure.work in _OTHER_FORCES:
         return False
     if figure.work.startswith((*PAPER_WORKS, FEATURE)):
         return other.work.startswith("swing")  # the peers have no collision pass

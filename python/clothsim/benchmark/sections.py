@@ -13,7 +13,7 @@ import clothsim as cs
 from .. import plan
 from . import works
 from .candidates import DTYPES, Bench, numba, run
-from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
+from .figures import A_STEP_A_CALL, CONTINUOUS, CS_STEP, FEATURE
 from .numpy_peer import NumpyPeer
 from .settings import BATCH_LONGER, IN_TURN, PAPER_DT
 from .works import Start
@@ -100,6 +100,9 @@ def features(bench: Bench) -> None:
     for count, name in ((1, "1 sphere, far"), (4, "4 spheres, far")):
         far = tuple(sphere.replace(center=(0.5, -9.0 - i, 0.5)) for i in range(count))
         starts.append(_like(base, name, spheres=far))
+    for name, options in CONTINUOUS.items():
+        one = sphere.replace(center=(0.5, -9.0, 0.5), response="continuous", **options)
+        starts.append(_like(base, f"{name} sphere, far", spheres=(one,)))
     starts.append(Start(f"{FEATURE}on a sphere", *_state(works.contact(True))))
     run(
         bench,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from .figures import A_STEP_A_CALL, FEATURE, Figure, Figures, Missing
+from .figures import A_STEP_A_CALL, CONTINUOUS, FEATURE, Figure, Figures, Missing
 from .settings import Settings
 
 LEFT_OUT = ("structural", "bend", "shear", "damping")
@@ -208,11 +208,12 @@ def _features() -> Iterator[Target]:
             f"time saved without {what} / its share of the flops, single", "x", 0.9,
             lambda m, what=what: _saving(m, what), False,
         )  # fmt: skip
-    yield Target(
-        "price of a sphere out of reach, single", "%", 2.0,
-        lambda m: 100 * (m.seconds(f"{FEATURE}1 sphere, far", "edge", "single")
-                         / m.seconds(ALL_SPRINGS, "edge", "single") - 1),
-    )  # fmt: skip
+    for name in ("1", *CONTINUOUS):
+        yield Target(
+            f"price of {'a' if name == '1' else f'a {name}'} sphere out of reach, single", "%", 2.0,
+            lambda m, name=name: 100 * (m.seconds(f"{FEATURE}{name} sphere, far", "edge", "single")
+                                        / m.seconds(ALL_SPRINGS, "edge", "single") - 1),
+        )  # fmt: skip
 
 
 ALL_SPRINGS = f"{FEATURE}all springs, damped"
