@@ -128,13 +128,12 @@ def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
 
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """`value` if it is one of the names in `options`."""
+    if isinstance(value, str) and value in options:
+        return str(value)
     accepted = f"one of {_listed(options)}"
     if not isinstance(value, str):
         raise TypeError(_wrong(name, accepted, value))
-    if value not in options:
-        hint = _nearest(value, options)
-        raise ValueError(f"{name} must be {accepted}, got {value!r}{hint}")
-    return str(value)
+    raise ValueError(f"{name} must be {accepted}, got {value!r}{_nearest(value, options)}")
 
 
 def choices(name: str, value: Any, options: Collection[str]) -> list[str]:

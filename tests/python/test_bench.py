@@ -4,6 +4,7 @@ import csv
 import itertools
 import re
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import pytest
 from clothsim._json import as_json
@@ -222,7 +223,8 @@ def test_csv_holds_every_figure(report):
 def test_json_holds_everything_that_is_printed_as_such(report):
     result, folder = report
     (path,) = folder.glob("*.json")
-    assert path.read_text() == as_json(result) + "\n"
+    names = [Path(file).name for file in result["files"]]
+    assert path.read_text() == as_json({**result, "files": names}) + "\n"
     assert sorted(result["files"]) == sorted(map(str, folder.iterdir()))
 
 

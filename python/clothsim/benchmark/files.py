@@ -42,11 +42,11 @@ def write(report: dict[str, Any], folder: Path) -> None:
     if any(target["value"] is not None for target in report["targets"]):
         files.append(f"{start}-targets.csv")
         _table(files[-1], report["targets"])
-    everything = f"{start}.json"
-    files.append(everything)
-    _text(everything, as_json(report))
+    files.append(f"{start}.json")
+    everything = Path(files[-1])
+    _write_all(everything, report)
     _draw(report, start)
-    _text(everything, as_json(report))
+    _write_all(everything, report)
 
 
 def _draw(report: dict[str, Any], start: str) -> None:
@@ -84,5 +84,7 @@ def _table(path: str, rows: Sequence[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _text(path: str, text: str) -> None:
-    Path(path).write_text(text + "\n", encoding="utf-8")
+def _write_all(path: Path, report: dict[str, Any]) -> None:
+    """As JSON; the files by their names, as they lie side by side wherever they are moved."""
+    names = [Path(file).name for file in report["files"]]
+    path.write_text(as_json({**report, "files": names}) + "\n", encoding="utf-8")
