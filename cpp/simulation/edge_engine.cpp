@@ -236,7 +236,8 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
         const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         if (look && done < finished) band.look(done, finished);
-        if (done < finished) std::apply([&](int first, int end) { this->watch(first, end); }, band.RowBand::rows(done, finished));
+        const auto [first, end] = band.RowBand::rows(done, finished);
+        this->watch(first, end);
         done = finished;
     }
     ++band.step;

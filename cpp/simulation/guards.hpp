@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "simulation/engine.hpp"
+#include "simulation/gap.hpp"
 
 namespace clothsim {
 
@@ -96,33 +97,27 @@ private:
     // The plane from which the cloth is farthest after so many steps, at twice the speeds it has.
     static std::optional<Guard> widest(const std::array<Extent<Real>, 3>& place, const std::array<Extent<Real>, 3>& speed,
                                        const Vec3& gravity, const Sphere& sphere, const std::vector<Vec3>& centers, int steps, double dt) {
-        std::optional<Guard> found;
-        double gap = 0;
-        const auto offer = [&](int axis, bool above, double plane, double nearest) {
-            const double wide = above ? nearest - plane : plane - nearest;
-            if (!(wide > gap)) return;
-            gap = wide;
-            found = Guard{axis, above, Real(plane)};
-        };
         const double time = steps * dt;
+        Box cloth, way{centers[0], centers[0]};
         for (int k = 0; k < 3; ++k) {
-            const auto& [low, high] = place[std::size_t(k)];
             const auto& [slowest, fastest] = speed[std::size_t(k)];
-            double least = centers[0][k], most = least, size = 0;
-            for (int i = 0; i <= steps; ++i) {
-                const Vec3& center = centers[std::size_t(i)];
-                least = std::min(least, center[k]);
-                most = std::max(most, center[k]);
-                size = std::max(size, center.cwiseAbs().maxCoeff());
-            }
-            // More than what rounding and the tolerances of contacts and triangles come to.
-            const double reach = sphere.contact_radius + 1e-4 * (sphere.contact_radius + size);
             const double fall = std::abs(gravity[k]) * time * time;
-            offer(k, true, most + reach, double(low) + 2 * std::min(double(slowest), 0.0) * time - fall);
-            // Never where there is padding, which is far above.
-            offer(k, false, least - reach, double(high) + 2 * std::max(double(fastest), 0.0) * time + fall);
+            cloth.low[k] = double(place[std::size_t(k)].low) + 2 * std::min(double(slowest), 0.0) * time - fall;
+            cloth.high[k] = double(place[std::size_t(k)].high) + 2 * std::max(double(fastest), 0.0) * time + fall;
         }
-        return found;
+        double size = 0;
+        for (int i = 0; i <= steps; ++i) {
+            const Vec3& center = centers[std::size_t(i)];
+            way.low = way.low.cwiseMin(center);
+            way.high = way.high.cwiseMax(center);
+            size = std::max(size, center.cwiseAbs().maxCoeff());
+        }
+        // More than what rounding and the tolerances of contacts and triangles come to.
+        const Vec3 reach = Vec3::Constant(sphere.contact_radius + 1e-4 * (sphere.contact_radius + size));
+        way = {way.low - reach, way.high + reach};
+        const auto gap = widest_gap(cloth, way);
+        if (!gap) return {};
+        return Guard{gap->axis, gap->above, Real(gap->above ? way.high[gap->axis] : way.low[gap->axis])};
     }
 
     const RealKernels<Real>& kernels_;

@@ -8,6 +8,7 @@
 
 #include "collision/contact.hpp"
 #include "kernels/kernel_table.hpp"
+#include "simulation/gap.hpp"
 
 namespace clothsim {
 
@@ -58,24 +59,18 @@ private:
     template <class ExtentAlong>
     void find_planes(const ExtentAlong& extent_along) {
         steps_to_planes_ = steps_between_planes;
-        const Extent<Real> place[3] = {extent_along(0), extent_along(1), extent_along(2)};
+        Box band;  // where there is padding, up to far above
+        for (int k = 0; k < 3; ++k) {
+            const Extent<Real> extent = extent_along(k);
+            band.low[k] = double(extent.low);
+            band.high[k] = double(extent.high);
+        }
         for (std::size_t i = 0; i < contacts.size(); ++i) {
-            SphereOutline<Real>& outline = outlines[i];
-            outline.axis = -1;
-            outline.crossed = true;
-            double widest = 0;
-            const auto offer = [&](int axis, bool above, double gap) {
-                if (!(gap > widest)) return;
-                widest = gap;
-                outline.axis = axis;
-                outline.above = above;
-                outline.crossed = false;
-            };
-            const double reach = reach_of_plane(contacts[i]);
-            for (int c = 0; c < 3; ++c) {
-                offer(c, true, double(place[c].low) - (contacts[i].center[c] + reach));
-                offer(c, false, contacts[i].center[c] - reach - double(place[c].high));  // never where there is padding
-            }
+            const Vec3 reach = Vec3::Constant(reach_of_plane(contacts[i]));
+            const auto gap = widest_gap(band, {contacts[i].center - reach, contacts[i].center + reach});
+            outlines[i].axis = gap ? gap->axis : -1;
+            outlines[i].above = gap && gap->above;
+            outlines[i].crossed = !gap;
         }
     }
 

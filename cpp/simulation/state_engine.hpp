@@ -69,12 +69,10 @@ public:
         return raw;
     }
     void set_raw_state(const std::vector<double>& raw) final {
-        contact_pass_.forget();
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
         set_origin({next[0], next[1], next[2]});
-        state_changed();
-        guards_.drop();
+        state_replaced();
     }
 
     void save_checkpoint() final {
@@ -89,9 +87,7 @@ public:
         memory_ = checkpoint_;
         contact_energy = energy_at_checkpoint_;
         contacts_answered = contacts_at_checkpoint_;
-        state_changed();
-        contact_pass_.forget();
-        guards_.drop();
+        state_replaced();
     }
     bool has_continuous() const final { return contact_pass_.needed(); }
 
@@ -132,6 +128,12 @@ protected:
     }
 
     void state_changed() { state_known_ = known_finite_ = false; }
+    // By another one, not by what a step or a contact makes of it.
+    void state_replaced() {
+        state_changed();
+        contact_pass_.forget();
+        guards_.drop();
+    }
     // Of a cloth in one strip.
     ComponentRows<Real> component(int k, int begin, int end) const {
         const VectorGeometry g = layout_.geometry(kernels().lanes);
@@ -284,9 +286,7 @@ private:
     template <class In>
     void load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
-        state_changed();
-        contact_pass_.forget();
-        guards_.drop();
+        state_replaced();
         const int count = 3 * columns();
         std::vector<RowBuffer> positions(std::size_t(shares()), row_buffer(-origin_)), velocities(positions.size(), row_buffer(Vec3::Zero()));
         in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
