@@ -3,6 +3,7 @@
 
 #include "bindings/bindings.hpp"
 #include "kernels/dispatch.hpp"
+#include "simulation/simulation.hpp"
 #include "simulation/threads.hpp"
 
 namespace clothsim {
@@ -60,6 +61,7 @@ void bind_build(py::module_& m) {
     m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("available_threads", &available_threads);
     m.attr("most_threads") = most_threads;
+    m.attr("points_worth_a_thread") = points_worth_a_thread;
 }
 
 }  // namespace clothsim

@@ -6,42 +6,46 @@
 
 namespace clothsim {
 
-// Two rows of a neighbour, the one at the border first, for two stages; and the number of the newest stage in it, counted
-// from the call's first.
+// What springs across a border see of a neighbour, for the four stages of a step: its row there and, for bend springs, the one
+// behind it, without damping only positions. And the number of the newest stage in it, counted from the call's first.
 template <class Real>
 struct Mailbox {
+    static constexpr int slots = 4;
     AlignedVector<Real> rows;
-    int lanes = 0, vectors = 0;
-    std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0;
+    int lanes = 0, vectors = 0, row_count = 0;
+    std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0, seen = 0;
     std::int64_t first = 0;  // stage of the call
     alignas(64) std::atomic<int> newest{-1};
 
-    void prepare(const LiftedLayout& layout) {
+    void prepare(const LiftedLayout& layout, const Features& features) {
         lanes = layout.lanes;
         vectors = layout.vectors;
+        row_count = features.bend ? 2 : 1;
+        seen = (features.spring_damping ? 6 : 3) * lanes;
         state_stride = layout.stride;
         work_stride = WorkRecord::count * lanes;
         row_size = vectors * work_stride;  // the larger one
-        rows.assign(4 * row_size + lanes, Real(0));
+        rows.assign(slots * 2 * row_size + lanes, Real(0));
     }
     void begin(std::int64_t stage) {
         first = stage;
         newest.store(-1, std::memory_order_relaxed);
     }
-    Real* row(std::int64_t stage, int which) { return rows.data() + ((stage & 1) * 2 + which) * row_size; }
+    Real* row(std::int64_t stage, int which) { return rows.data() + (stage % slots * 2 + which) * row_size; }
     void wait(std::int64_t stage) const { wait_for(newest, int(stage - first)); }
     // From vector to vector of the rows at which the stage looks. The first of a step looks at states.
     std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
-    // Of a row only the state is copied.
     void put(std::int64_t stage, const Real* border, const Real* second) {
-        for (int k = 0; k < vectors; ++k) {
-            const std::ptrdiff_t at = k * stride(stage);
-            std::copy_n(border + at, 6 * lanes, row(stage, 0) + at);
-            std::copy_n(second + at, 6 * lanes, row(stage, 1) + at);
-        }
+        for (int which = 0; which < row_count; ++which)
+            for (int k = 0; k < vectors; ++k) {
+                const std::ptrdiff_t at = k * stride(stage);
+                std::copy_n((which == 0 ? border : second) + at, seen, row(stage, which) + at);
+            }
         tell(newest, int(stage - first));
     }
-    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written.
+    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written; and sooner, so that
+    // nothing waits for the answer, whether it is there.
+    void look_ahead() const { prefetch_to_read(&newest); }
     void fetch(std::int64_t stage) {
         if (newest.load(std::memory_order_relaxed) < stage - first) return;
         each_line(stage, prefetch_to_read);
@@ -51,8 +55,8 @@ struct Mailbox {
 private:
     template <class Ask>
     void each_line(std::int64_t stage, const Ask& ask) {
-        for (const int which : {0, 1})
-            for (int k = 0; k < vectors; ++k) for_each_line(row(stage, which) + k * stride(stage), 6 * lanes, ask);
+        for (int which = 0; which < row_count; ++which)
+            for (int k = 0; k < vectors; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
     }
 };
 

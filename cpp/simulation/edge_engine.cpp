@@ -12,8 +12,9 @@
 //     ------- border -------  each finishes its last two rows at the end of a stage: the other needs them at
 //     band 2   ^                  the end of the next
 //
-// The rows go through mailboxes with two slots, by the parity of the stage. Two are enough: a band can finish a
-// stage only with its neighbour's rows of the stage before, so it is never two stages ahead.
+// The rows go through mailboxes with a slot for each stage of a step. Two would be enough: a band can finish a stage only with
+// its neighbour's rows of the stage before, so it is never two stages ahead; but then it would claim lines that the
+// neighbour may still be reading.
 //
 // A cloth that fits in cache is swept stage by stage. In a larger one the four stages follow each other a few
 // rows apart, so that a step reads and writes the state about once; what a stage leaves for the next one lives
@@ -33,6 +34,8 @@ constexpr int rows_at_a_time = 4;
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be handed over.
 constexpr int rows_to_hand = 3;
+// So many, and the last two, before the next stage a neighbour's rows are asked for.
+constexpr int rows_to_fetch = 2;
 
 template <class Real>
 constexpr bool compensated = sizeof(Real) == 4;
@@ -128,8 +131,8 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->engine = this;
         band->strip = i / team;
         static_cast<RowBand&>(*band) = RowBand::of(rows(), i % team, team);
-        band->from_near.prepare(layout_);
-        band->from_far.prepare(layout_);
+        band->from_near.prepare(layout_, plan_.features());
+        band->from_far.prepare(layout_, plan_.features());
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
@@ -201,22 +204,29 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     };
     const auto run_rows = [&](int s, int begin, int end) {
         const int end_inner = std::min(end, n - 2);
+        const auto run_to = [&](int row) {
+            if (begin >= row) return;
+            rows_kernel_(stages[s], begin, row);
+            begin = row;
+        };
         if (begin == 0 && band.far) {
             band.from_far.fetch(number + s);
             band.far->from_far.claim(number + s + 1);
         }
         if (begin == 0 && band.near) begin_at_border(s);
         if (band.near && begin < rows_to_hand) {
-            const int first = std::min(end, rows_to_hand);
-            rows_kernel_(stages[s], begin, first);
-            if (first == rows_to_hand) hand_first(s);
-            begin = first;
+            run_to(std::min(end, rows_to_hand));
+            if (begin == rows_to_hand) hand_first(s);
         }
-        if (begin < end_inner) rows_kernel_(stages[s], begin, end_inner);
-        if (end == n && band.near) {
-            band.from_near.fetch(number + s + 1);
+        // Not at once: what is asked for keeps other loads waiting.
+        if (band.near && end == n) {
+            run_to((begin + end_inner) / 2);
             band.near->from_near.claim(number + s + 2);
+            band.from_near.look_ahead();
+            run_to(end_inner - rows_to_fetch);
+            band.from_near.fetch(number + s + 1);
         }
+        run_to(end_inner);
         if (end > end_inner) run_last(s, std::max(begin, end_inner), end);
     };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {

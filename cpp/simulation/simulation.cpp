@@ -33,6 +33,14 @@ constexpr double worth_a_change = 1.05, disaster = 3;  // times what the alterna
 // From so many mass points on, waking a team takes less than it saves in a step.
 constexpr std::int64_t points_worth_a_team = 16384;
 
+// How many of `count` members are stepped by one thread each. Those left over are too few for all threads, and stepped by the
+// whole team one after the other where that is sooner.
+std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
+    if (count == 1) return 0;
+    const std::int64_t left = count % threads;
+    return 4 * left <= 3 * threads && points >= points_worth_a_thread * threads ? count - left : count;
+}
+
 double seconds_between(steady_clock::time_point start, steady_clock::time_point end) {
     return std::chrono::duration<double>(end - start).count();
 }
@@ -130,7 +138,6 @@ std::int64_t Simulation::first_bad_member() const {
 
 // All of it member by member, so that the state of a member is in cache for it.
 void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept, int threads) {
-    if (frozen_[i]) return;
     Engine& member = *members_[i];
     member.threads = threads;
     if (block.keep) member.save_checkpoint();
@@ -147,16 +154,17 @@ void Simulation::run(const Block& block, int threads) {
     // In front of them since the checkpoint. Without one, the state was taken from it just now.
     const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
     steps_kept_ = none_kept;
-    const std::int64_t count = std::int64_t(members_.size());
-    if (count == 1) {
-        run_member(0, block, kept, threads);
-    } else {
-        const int team = int(std::min<std::int64_t>(threads, count));
+    moving_.clear();
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (!frozen_[i]) moving_.push_back(i);
+    const auto each_alone = moving_.begin() + alone(std::int64_t(moving_.size()), plans_[0].cloth.points(), threads);
+    if (each_alone != moving_.begin()) {
+        const int team = int(std::min<std::int64_t>(threads, each_alone - moving_.begin()));
         std::exception_ptr failure;  // none may leave the region
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-        for (std::int64_t i = 0; i < count; ++i) {
+        for (auto i = moving_.begin(); i < each_alone; ++i) {
             try {
-                run_member(std::size_t(i), block, kept, 1);
+                run_member(*i, block, kept, 1);
             } catch (...) {
 #pragma omp critical(clothsim_member_failure)
                 failure = std::current_exception();
@@ -164,6 +172,7 @@ void Simulation::run(const Block& block, int threads) {
         }
         if (failure) std::rethrow_exception(failure);
     }
+    for (auto i = each_alone; i != moving_.end(); ++i) run_member(*i, block, kept, threads);
     steps_kept_ = kept + block.steps;
     clock.steps += block.steps;
 }

@@ -8,6 +8,7 @@ State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
 most_threads: int
+points_worth_a_thread: int
 
 class Cloth:
     def __init__(

@@ -65,8 +65,11 @@ def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1
     if threads is not None:
         return check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
     rows, columns = shape
-    parts = members if members > 1 else max(1, rows * columns // _POINTS_WORTH_A_THREAD)
-    return max(1, min(_core.available_threads(), parts))
+    if members > 1:  # a thread each, or the whole team for those left over
+        parts = max(members, rows * columns // _core.points_worth_a_thread)
+    else:
+        parts = max(1, rows * columns // _POINTS_WORTH_A_THREAD)
+    return min(_core.available_threads(), parts)
 
 
 def _core_motion(sphere: Sphere) -> _core.Motion:

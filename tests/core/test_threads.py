@@ -10,6 +10,7 @@ import time
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim import plan
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
 
@@ -36,6 +37,39 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
     for threads in (1, 2, 5):
         together = cs.step(scene, xs, vs, dt, 15, **variant.options | {"threads": threads})
         assert same_bits(together, expected), threads
+
+
+@pytest.mark.parametrize("members", [3, 5, 7])
+def test_members_left_over_for_a_team_have_the_same_bits(variant, crumpled, same_bits, members):
+    scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
+    assert x[..., 0].size >= 4 * cs._core.points_worth_a_thread
+    xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
+    expected = cs.step(scene, xs, vs, dt, 15, **variant.options)
+    for threads in (2, 4):
+        several = cs.step(scene, xs, vs, dt, 15, **variant.options | {"threads": threads})
+        assert same_bits(several, expected), threads
+
+
+def test_a_member_left_over_for_a_team_is_named_when_it_becomes_unstable(crumpled):
+    scene, x, v, dt = crumpled(shape=(33, 70))
+    vs = np.stack([v, v, v])
+    vs[2, 20, 30] = 1e200  # its springs overflow
+    for threads in (1, 2, 4):
+        with pytest.raises(cs.UnstableError) as caught:
+            cs.step(scene, np.stack([x] * 3), vs, dt, 15, threads=threads)
+        assert (caught.value.member, caught.value.step) == (2, 1), threads
+
+
+@pytest.mark.parametrize(
+    "available, shape, members, threads",
+    [(16, (32, 32), 3, 3), (16, (128, 128), 3, 16), (16, (64, 64), 3, 8), (2, (32, 32), 3, 2),
+     (16, (32, 32), 64, 16), (16, (8, 8), 2, 2), (16, (32, 32), 1, 8)],
+)  # fmt: skip
+def test_a_batch_chooses_threads_for_members_or_for_a_team(
+    monkeypatch, available, shape, members, threads
+):
+    monkeypatch.setattr(cs._core, "available_threads", lambda: available)
+    assert plan.choose_threads(None, shape, members) == threads
 
 
 def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):

@@ -15,7 +15,7 @@ from . import works
 from .candidates import DTYPES, Bench, numba, run
 from .figures import A_STEP_A_CALL, CONTINUOUS, CS_STEP, FEATURE
 from .numpy_peer import NumpyPeer
-from .settings import BATCH_LONGER, IN_TURN, PAPER_DT
+from .settings import BATCH_LONGER, BATCH_OF_FEW, IN_TURN, PAPER_DT
 from .works import Start
 
 PRECISIONS = ("single", "double")
@@ -125,10 +125,14 @@ def _like(base: Start, name: str, **changes: Any) -> Start:
 
 
 def batch(bench: Bench) -> None:
-    """64 cloths in one call, long enough that each is stepped several times while in cache."""
-    start = works.batch()
+    """Cloths in one call, long enough that each is stepped several times while in cache.
+
+    Of many each thread takes one after the other; of an odd few the last is left to all threads.
+    """
+    start, few = works.batch(), works.batch(BATCH_OF_FEW)
     candidates = [
-        bench.core(start, by=kernel, precision=precision, threads=threads)
+        bench.core(one, by=kernel, precision=precision, threads=threads)
+        for one in (start, few)
         for kernel in bench.kernels
         for precision in PRECISIONS
         for threads in bench.threads

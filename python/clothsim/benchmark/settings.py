@@ -9,6 +9,7 @@ STATE_TIME = 0.25  # s that the paper's cloth has fallen where it is timed; it t
 CONTACT_TIME = 0.6  # s, where it lies on the sphere
 STATE_DT = 1e-4  # s
 BATCH = 64
+BATCH_OF_FEW = 3
 BATCH_LONGER = 8
 """A window of the batch is so many times longer than others, and there are as many times fewer."""
 IN_TURN = 1024

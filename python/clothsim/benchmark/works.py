@@ -64,15 +64,16 @@ def contact(bend: bool) -> Start:
     return Start(name, scene, *_after(scene, CONTACT_TIME), CONTACT_TIME)
 
 
-def batch() -> Start:
-    """64 cloths that differ in stiffness, in free fall."""
+def batch(members: int = BATCH) -> Start:
+    """Cloths that differ in stiffness, in free fall."""
     scene = cs.scenes.paper_swing(bend=True)
     scenes = [
         scene.replace(cloth=scene.cloth.replace(stiffness=float(k)))
-        for k in np.linspace(30_000, 35_000, BATCH)
+        for k in np.linspace(30_000, 35_000, members)
     ]
     x, v = falling(True)
-    return Start("batch", scenes, np.stack([x] * BATCH), np.stack([v] * BATCH), STATE_TIME)
+    name = "batch" if members == BATCH else f"batch of {members}"
+    return Start(name, scenes, np.stack([x] * members), np.stack([v] * members), STATE_TIME)
 
 
 def grid(rows: int) -> Start:
