@@ -43,20 +43,26 @@ struct Mailbox {
             }
         tell(newest, int(stage - first));
     }
-    // Ask for the lines of a stage a while before it is read, if it is there, and before it is written; and sooner, so that
-    // nothing waits for the answer, whether it is there.
+    // Ask for lines of a stage a while before it is read, if it is there, and before it is written; and sooner, so that nothing
+    // waits for the answer, whether it is there.
     void look_ahead() const { prefetch_to_read(&newest); }
-    void fetch(std::int64_t stage) {
+    void fetch(std::int64_t stage, int which, int begin, int end) {
         if (newest.load(std::memory_order_relaxed) < stage - first) return;
-        each_line(stage, prefetch_to_read);
+        each_line(stage, which, begin, end, prefetch_to_read);
     }
-    void claim(std::int64_t stage) { each_line(stage, prefetch_to_write); }
+    void claim(std::int64_t stage, int which, int begin, int end) { each_line(stage, which, begin, end, prefetch_to_write); }
+    void fetch(std::int64_t stage) {
+        for (int which = 0; which < row_count; ++which) fetch(stage, which, 0, vectors);
+    }
+    void claim(std::int64_t stage) {
+        for (int which = 0; which < row_count; ++which) claim(stage, which, 0, vectors);
+    }
 
 private:
+    // Of vectors [begin, end) of a row.
     template <class Ask>
-    void each_line(std::int64_t stage, const Ask& ask) {
-        for (int which = 0; which < row_count; ++which)
-            for (int k = 0; k < vectors; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
+    void each_line(std::int64_t stage, int which, int begin, int end, const Ask& ask) {
+        for (int k = begin; k < end; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
     }
 };
 
@@ -75,12 +81,34 @@ struct EdgeEngine<Real>::Band : RowBand {
     Band* far = nullptr;   // the one where they end
     Mailbox<Real> from_near, from_far;
     std::shared_ptr<Workspace<Real>> workspace;
+    // Of lines that another processor has had, no more can be asked for at once than keeps other loads waiting: those of the
+    // near mailboxes in parts, each before a row of the sweep.
+    struct Part {
+        int before_row;
+        bool to_write;
+        int which, begin, end;  // vectors of a row
+    };
+    std::vector<Part> parts;
     std::vector<EdgeRowPointers<Real>> rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag, several;                         // rows between two stages, and of one at a time; all rows: stage by stage
     NearSpheres<Real> spheres;
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
     bool finite = true;     // the rows looked at in this call
+
+    // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in the last quarter.
+    void plan_parts(int first) {
+        constexpr int vectors_at_once = 2, rows_before_end = 4;
+        const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
+        const int count = from_near.row_count * in_row, all_rows = std::max(0, size() - 2 - first);
+        const auto add = [&](int before_row, bool to_write, int i) {
+            const int begin = i % in_row * vectors_at_once;
+            parts.push_back({before_row, to_write, i / in_row, begin, std::min(begin + vectors_at_once, vectors)});
+        };
+        for (int i = 0; i < count; ++i) add(first + all_rows * (i + 1) / (2 * count), true, i);
+        const int apart = std::max(1, all_rows / (4 * count));
+        for (int i = 0; i < count; ++i) add(std::max(first, size() - rows_before_end - (count - 1 - i) * apart), false, i);
+    }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {

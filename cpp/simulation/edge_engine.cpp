@@ -34,8 +34,6 @@ constexpr int rows_at_a_time = 4;
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be handed over.
 constexpr int rows_to_hand = 3;
-// So many, and the last two, before the next stage a neighbour's rows are asked for.
-constexpr int rows_to_fetch = 2;
 
 template <class Real>
 constexpr bool compensated = sizeof(Real) == 4;
@@ -133,6 +131,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         static_cast<RowBand&>(*band) = RowBand::of(rows(), i % team, team);
         band->from_near.prepare(layout_, plan_.features());
         band->from_far.prepare(layout_, plan_.features());
+        band->plan_parts(rows_to_hand);
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
@@ -218,13 +217,16 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
             run_to(std::min(end, rows_to_hand));
             if (begin == rows_to_hand) hand_first(s);
         }
-        // Not at once: what is asked for keeps other loads waiting.
         if (band.near && end == n) {
-            run_to((begin + end_inner) / 2);
-            band.near->from_near.claim(number + s + 2);
-            band.from_near.look_ahead();
-            run_to(end_inner - rows_to_fetch);
-            band.from_near.fetch(number + s + 1);
+            for (const auto& part : band.parts) {
+                run_to(std::min(part.before_row, end_inner));
+                if (part.to_write) {
+                    band.from_near.look_ahead();
+                    band.near->from_near.claim(number + s + 2, part.which, part.begin, part.end);
+                } else {
+                    band.from_near.fetch(number + s + 1, part.which, part.begin, part.end);
+                }
+            }
         }
         run_to(end_inner);
         if (end > end_inner) run_last(s, std::max(begin, end_inner), end);
