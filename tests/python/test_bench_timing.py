@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.benchmark import QUICK, candidates, sections, works
+from clothsim.benchmark import QUICK, bench, candidates, sections, works
 from clothsim.benchmark.figures import Figures, Missing
 from clothsim.benchmark.numpy_peer import NumpyPeer
 from clothsim.benchmark.settings import PAPER_DT
@@ -225,3 +225,36 @@ def test_a_step_a_call_is_the_same_steps(make, precision):
     other.run(20)
     assert not np.array_equal(one.positions, start.x)
     assert np.array_equal(other.positions, one.positions)
+
+
+class Failing(Work):
+    """A peer that does not compile here."""
+
+    def run(self, steps):
+        raise RuntimeError("Failed in nopython mode pipeline\n" + 40 * "and so on\n")
+
+
+def test_a_peer_that_fails_is_left_out_and_said_and_the_others_are_timed():
+    figures = Figures()
+    settings = replace(QUICK, windows=1, seconds=1e-5)
+    run = candidates.Bench(settings, figures, ("edge",), ("sse2",), (1,), 1, lambda _: None)
+    start = works.paper(True, False)
+    labels = {"precision": "double", "threads": 1}
+    core = run.core(start, by="edge", **labels)
+    peer = run.peer(start, Failing, by="numba gather", **labels)
+    candidates.run(run, [peer, core], error_steps=2)
+    assert [figure.by for figure in figures] == ["edge"]
+    (skipped,) = figures.skipped
+    assert skipped["by"] == "numba gather" and skipped["work"] == start.name
+    assert skipped["reason"] == "RuntimeError: Failed in nopython mode pipeline"
+    # Of the core an error is one.
+    with pytest.raises(RuntimeError, match="nopython"):
+        candidates.run(run, [replace(peer, peer=False), core])
+
+
+def test_the_bar_says_which_of_how_many_sections_it_is_in(capsys):
+    pytest.importorskip("tqdm")
+    bench(None, settings=replace(QUICK, windows=1, seconds=1e-5, reference_dt=1e-4),
+          sections=["accuracy", "calls"], progress=True)  # fmt: skip
+    shown = capsys.readouterr().err
+    assert "calls (1 of 2)" in shown and "accuracy (2 of 2)" in shown

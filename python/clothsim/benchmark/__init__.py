@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -82,9 +82,9 @@ def bench(
 
     limits: dict[str, Any] = {}
     accuracy = None
-    with _bar(progress) as bar:
-        bar.say("limits")
+    with _bar(progress, chosen) as bar:
         if "limits" in chosen:
+            bar.say("limits")
             limits = machine.limits(instruction_sets, counts)
         plan = candidates.Bench(
             settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance
@@ -128,10 +128,11 @@ def bench(
 
 
 class _bar:
-    """A tqdm bar of windows; silent without tqdm or `progress`."""
+    """A tqdm bar of windows in each of the sections; silent without tqdm or `progress`."""
 
-    def __init__(self, progress: bool) -> None:
+    def __init__(self, progress: bool, sections: Sequence[str]) -> None:
         self.bar = None
+        self.sections = list(sections)
         if progress:
             try:
                 from tqdm import tqdm
@@ -141,7 +142,8 @@ class _bar:
 
     def say(self, what: str) -> None:
         if self.bar is not None:
-            self.bar.set_description(what)
+            place = self.sections.index(what) + 1
+            self.bar.set_description(f"{what} ({place} of {len(self.sections)})")
 
     def advance(self, windows: int) -> None:
         if self.bar is not None:

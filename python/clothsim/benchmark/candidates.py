@@ -43,16 +43,17 @@ class Bench:
         return Candidate(start, partial(make, start, **options), options)
 
     def peer(self, start: Start, make: Callable[[], Any], **labels: Any) -> Candidate:
-        return Candidate(start, make, {"instruction_set": "", "strict": False, **labels})
+        return Candidate(start, make, {"instruction_set": "", "strict": False, **labels}, peer=True)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A work still to be made, and its labels."""
+    """A work still to be made, and its labels. `peer`: it is not clothsim's."""
 
     start: Start
     make: Callable[[], Any]
     labels: dict[str, Any]
+    peer: bool = False
 
 
 def run(
@@ -64,9 +65,10 @@ def run(
 ) -> None:
     """Time the candidates in turn and add their figures, with their errors if asked for.
 
-    Windows are `longer` times as long as others, and as many times fewer.
+    Windows are `longer` times as long as others, and as many times fewer. A peer that does not run
+    here is left out.
     """
-    made = [candidate.make() for candidate in candidates]
+    candidates, made = _that_run(bench, candidates)
     settings = bench.settings
     windows = max(1, (settings.large_windows if large else settings.windows) // longer)
     timings = measure(made, windows, longer * settings.seconds, advance=bench.advance)
@@ -95,6 +97,28 @@ def run(
                 )
             ]
         )
+
+
+def _that_run(
+    bench: Bench, candidates: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Any]]:
+    """The candidates without peers that fail in their first step, and their works."""
+    kept, made = [], []
+    for candidate in candidates:
+        try:
+            work = candidate.make()
+            if candidate.peer:
+                work.run(1)  # which compiles it
+        except Exception as error:
+            if not candidate.peer:
+                raise
+            told = str(error).strip().splitlines()  # numba's errors go on for pages
+            reason = f"{type(error).__name__}: {told[0] if told else 'no message'}"
+            bench.figures.skip(reason, work=candidate.start.name, **candidate.labels)
+            continue
+        kept.append(candidate)
+        made.append(work)
+    return kept, made
 
 
 def _errors(candidates: Sequence[Candidate], steps: int) -> list[float | None]:
