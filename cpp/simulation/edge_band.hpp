@@ -81,8 +81,8 @@ struct EdgeEngine<Real>::Band : RowBand {
     Band* far = nullptr;   // the one where they end
     Mailbox<Real> from_near, from_far;
     std::shared_ptr<Workspace<Real>> workspace;
-    // Of lines that another processor has had, no more can be asked for at once than keeps other loads waiting: those of the
-    // near mailboxes in parts, each before a row of the sweep.
+    // Many lines that another processor has had, asked for at once, keep other loads waiting. So those of the near mailboxes are
+    // asked for in parts, each before a row of the sweep.
     struct Part {
         int before_row;
         bool to_write;
