@@ -58,8 +58,8 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = hand_down;
 }
 
-// A cloth without structural springs is worth less time to compile: what gains most, the paper's rows written out, and one
-// loop for all others, which asks for the stage.
+// A cloth without structural springs is worth less time to compile: what gains most, the paper's rows written out, which know
+// their stage where only that family is missing, and one loop for all others, which asks for the stage.
 template <int index>
 constexpr bool in_versions = Features::from_index(index).structural;
 
@@ -134,14 +134,21 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     };
     if constexpr (features.spring_damping)
         if (!e.damped_alike) return edge_rows_of<Arch, Real, index, any_stage, 0, Springs::by_coefficient>(e, begin, end);
-    if constexpr (in_versions<index>) switch (e.stage) {
+    const auto with_stage = [&](const auto& run) __attribute__((always_inline)) {
+        switch (e.stage) {
             case Stage::first: return run.template operator()<Stage::first>();
             case Stage::second: return run.template operator()<Stage::second>();
             case Stage::third: return run.template operator()<Stage::third>();
             case Stage::fourth: return run.template operator()<Stage::fourth>();
             case Stage::evaluate: return run.template operator()<Stage::evaluate>();
         }
-    else run.template operator()<any_stage>();
+    };
+    if constexpr (in_versions<index>) return with_stage(run);
+    constexpr int fixed = 32 / int(Lanes<Real, Arch>::size);
+    if constexpr (masks_in_registers && features.shear && features.bend && !in_versions<index>)
+        if (e.ahead == 0 && may_be_written_out(e) && e.vectors == fixed)
+            return with_stage([&]<Stage stage>() __attribute__((always_inline)) { run_written_out.template operator()<stage, fixed>(); });
+    if constexpr (!in_versions<index>) run.template operator()<any_stage>();
 }
 
 // What the two rows before a band hand on to its first two.

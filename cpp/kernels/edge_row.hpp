@@ -32,10 +32,11 @@ inline constexpr std::array<SpringKind, leg_count> kind_of_leg{to_diagonal, to_b
 // A spring takes some sixty cycles from its first operation to the last, and each of them waits for the one before. So the
 // springs of a vector are written down as a pipeline: in each turn another one begins, the one that began `to_root` turns
 // before takes its root, and the one that began `to_force` turns before becomes a force. In one of the turns the row
-// before is finished. The bits are those of any pipeline; these were the fastest of some hundred.
+// before is finished, in a later one where structural or shear springs are missing. The bits are those of any pipeline; these were
+// the fastest of some hundred.
 struct Pipeline {
     std::array<Leg, leg_count> legs;
-    int to_root, to_force, finishing_turn, finishing_turn_without_shear;
+    int to_root, to_force, finishing_turn, finishing_turn_of_few;
 };
 template <class Real>
 #if defined(__AVX512F__)
@@ -60,8 +61,8 @@ struct Turns {
         return order;
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
-    static constexpr bool shear = present >> falling & 1;
-    static constexpr int finishing = std::min(shear ? all.finishing_turn : all.finishing_turn_without_shear, count - 1);
+    static constexpr bool shear = present >> falling & 1, structural = present >> side & 1;
+    static constexpr int finishing = std::min(shear && structural ? all.finishing_turn : all.finishing_turn_of_few, count - 1);
     // The turn in which the last of these becomes a force; the first turn if there are none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
