@@ -168,7 +168,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             }
             if constexpr (shear && complete(only(rising, true))) diagonal = first ? f[rising] : fell + f[rising];
             if constexpr (has_below && complete(only(rising, shear) | only(down, vertical)))
-                store3(hand_down + vector, W, !shear ? straight : straight_down ? straight + diagonal : diagonal);
+                store3(hand_down + vector, W, !shear ? (straight_down ? straight : none) : straight_down ? straight + diagonal : diagonal);
             if constexpr (shear && complete(diagonals)) {
                 pair = first ? f[falling] : rose + f[falling];
                 fell = f[falling];

@@ -27,6 +27,25 @@ def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits,
         assert same_bits([b], [a]), threads
 
 
+@pytest.mark.parametrize(
+    "feature",
+    [{"springs": families, "damped": damped}
+     for families in (("structural", "shear", "bend"), ("structural", "shear"), ("shear", "bend"),
+                      ("bend",), ("structural",))
+     for damped in (True, False)]
+    + [{"damping_model": "point"}],
+    ids=str,
+)  # fmt: skip
+def test_threads_tell_each_other_what_every_set_of_springs_needs(
+    variant, crumpled, same_bits, feature
+):
+    scene, x, v, dt = crumpled(shape=(32, 32), **feature)
+    one = cs.step(scene, x, v, dt, 6, **variant.options)
+    for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
+        several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
+        assert same_bits(several, one), threads
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype):
     scene, x, v, dt = crumpled(spheres=BALL)
