@@ -134,7 +134,7 @@ private:
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
-    std::vector<std::size_t> moving_;        // members that are not frozen, in this block
+    std::vector<std::size_t> moving_;       // members that are not frozen, in this block
     std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
     static constexpr std::int64_t none_kept = -1;
     std::int64_t steps_kept_ = none_kept;  // since the checkpoint

@@ -241,7 +241,6 @@ def test_units_scaled_by_powers_of_two_give_the_same_bits(variant, crumpled, uni
 
 @pytest.mark.parametrize("shape", [(6, 7), (9, 20), (12, 33), (20, 32), (8, 80)], ids=str)
 def test_a_cloth_without_springs_falls_freely(variant, shape):
-    rows, columns = shape
     cloth = cs.Cloth(shape, springs=(), pins=(), damping=0.0)
     scene = cs.Scene(cloth, gravity=(0.5, -9.80665, 0.25))
     x = cloth.rest_positions
