@@ -143,12 +143,16 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
             case Stage::evaluate: return run.template operator()<Stage::evaluate>();
         }
     };
-    if constexpr (in_versions<index>) return with_stage(run);
-    constexpr int fixed = 32 / int(Lanes<Real, Arch>::size);
-    if constexpr (masks_in_registers && features.shear && features.bend && !in_versions<index>)
-        if (e.ahead == 0 && may_be_written_out(e) && e.vectors == fixed)
-            return with_stage([&]<Stage stage>() __attribute__((always_inline)) { run_written_out.template operator()<stage, fixed>(); });
-    if constexpr (!in_versions<index>) run.template operator()<any_stage>();
+    if constexpr (in_versions<index>) {
+        with_stage(run);
+    } else {
+        if constexpr (masks_in_registers && features.shear && features.bend) {
+            constexpr int fixed = 32 / int(Lanes<Real, Arch>::size);
+            if (e.ahead == 0 && may_be_written_out(e) && e.vectors == fixed)
+                return with_stage([&]<Stage stage>() __attribute__((always_inline)) { run_written_out.template operator()<stage, fixed>(); });
+        }
+        run.template operator()<any_stage>();
+    }
 }
 
 // What the two rows before a band hand on to its first two.

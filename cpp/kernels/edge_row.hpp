@@ -132,7 +132,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
         // What the row gives to the vector is `within`; of the first, what it takes.
-        Vector3<V> straight, diagonal, pair, behind, before, within;
+        Vector3<V> straight = none, diagonal, pair, behind, before, within;
         const auto take_turn = [&]<int turn>() __attribute__((always_inline)) {
             constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
             if constexpr (turn < Order::legs) {
@@ -168,7 +168,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
             }
             if constexpr (shear && complete(only(rising, true))) diagonal = first ? f[rising] : fell + f[rising];
             if constexpr (has_below && complete(only(rising, shear) | only(down, vertical)))
-                store3(hand_down + vector, W, !shear ? (straight_down ? straight : none) : straight_down ? straight + diagonal : diagonal);
+                store3(hand_down + vector, W, !shear ? straight : straight_down ? straight + diagonal : diagonal);
             if constexpr (shear && complete(diagonals)) {
                 pair = first ? f[falling] : rose + f[falling];
                 fell = f[falling];
