@@ -41,3 +41,11 @@ def test_instruction_set_is_put_back(monkeypatch):
     with machine.instruction_set("sse2"):
         assert cs.build_config()["instruction_set"] == "sse2"
     assert cs.build_config()["instruction_set"] != "sse2"
+
+
+def test_file_names_tell_processors_of_one_name_apart():
+    about = {"cpu": "Some(R) CPU @ 2", "cores": 2, "build": {"instruction_set": "avx2"}}
+    assert machine.slug({**about, "family": 26, "model": 2}) == (
+        "some-cpu-2-family-26-model-2-2-cores-avx2"
+    )
+    assert machine.slug({**about, "family": None, "model": None}) == "some-cpu-2-2-cores-avx2"

@@ -41,9 +41,10 @@ def describe() -> dict[str, Any]:
 
 
 def slug(machine: dict[str, Any]) -> str:
-    """A file name for this kind of machine."""
-    words = f"{machine['cpu']} {machine['cores']} cores {machine['build']['instruction_set']}"
-    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((r|tm)\)", "", words.lower())).strip("-")
+    """A file name for this kind of machine; family and model tell apart processors of one name."""
+    kind = [f"{key} {machine[key]}" for key in ("family", "model") if machine[key] is not None]
+    words = [machine["cpu"], *kind, f"{machine['cores']} cores", machine["build"]["instruction_set"]]
+    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((r|tm)\)", "", " ".join(words).lower())).strip("-")
 
 
 def limits(instruction_sets: tuple[str, ...], threads: tuple[int, ...]) -> dict[str, Any]:
