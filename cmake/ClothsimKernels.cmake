@@ -7,7 +7,7 @@ function(clothsim_add_kernels isa)
   target_include_directories(${options} INTERFACE cpp)
   target_link_libraries(${options} INTERFACE clothsim_options xsimd)
   target_compile_options(${options} INTERFACE ${ARGN})
-  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")  # g++ 12 warns about its own _mm512_undefined_ps
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND isa STREQUAL "avx512")  # g++ 12 warns about its own _mm512_undefined_ps
     target_compile_options(${options} INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized)
   endif()
   target_compile_definitions(${options} INTERFACE "CLOTHSIM_ISA=\"${isa}\"" "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
