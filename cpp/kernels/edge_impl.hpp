@@ -45,17 +45,18 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
     Real* received = e.received[0];
     Real* hand_down = e.received[1];
+    const int first_finished = e.pending < 0 ? begin : e.pending;
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
         edge_row<Arch, Real, index, stage, fixed, along, true, true, true>(e, sources, received, hand_down, pending_row(e), reach,
                                                                            ahead(row));
         std::swap(received, hand_down);
-        end_pending<Lanes<Real, Arch>>(e);
         e.pending = row;
         e.pending_source = sources.here;
     }
     e.received[0] = received;
     e.received[1] = hand_down;
+    end_rows<Lanes<Real, Arch>>(e, first_finished, end - 1);
 }
 
 // A cloth without structural springs is worth less time to compile: what gains most, the paper's rows written out, which know
@@ -104,7 +105,7 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
     };
     run_row<Arch, Real, index>(e, run);
     std::swap(e.received[0], e.received[1]);
-    end_pending<Lanes<Real, Arch>>(e);
+    if (e.pending >= 0) end_rows<Lanes<Real, Arch>>(e, e.pending, e.pending + 1);
     e.pending = row;
     e.pending_source = source.here;
 }

@@ -96,12 +96,7 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     store3(e.received[0], W, received[0]);
     store3(e.received[0] + 3 * W, W, received[1]);
     store3(e.received[0] + 6 * W, W, received_past);
-    // Not row by row: the answer to a contact is a call, and the sums would not stay in registers.
-    for (int row = begin; row < end; ++row) {
-        e.pending = row;
-        end_pending<V>(e);
-    }
-    e.pending = -1;
+    end_rows<V>(e, begin, end);
 }
 
 }  // namespace

@@ -109,26 +109,30 @@ CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row,
     return xsimd::all(nearest <= V(sphere.plane));
 }
 
+// The spheres that points of rows [begin, end) have met.
 template <class V, class Real>
-CLOTHSIM_INLINE void edge_spheres(const EdgeArguments<Real>& e, int row) {
+__attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int begin, int end) {
     constexpr int W = int(V::size), state_stride = StateRecord::count * W;
     for (int s = 0; s < e.sphere_count; ++s) {
         SphereOutline<Real>& sphere = e.spheres[s];
-        if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
-        sphere.crossed = true;
         const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
-        for (int k = 0; k < e.vectors; ++k) {
-            const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
-            const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
-            if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
+        for (int row = begin; row < end; ++row) {
+            if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
+            sphere.crossed = true;
+            for (int k = 0; k < e.vectors; ++k) {
+                const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
+                const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
+                if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
+            }
         }
     }
 }
 
-// What is left to do when the vectors of the pending row are finished.
+// What is left to do when the vectors of rows [begin, end) are finished. Not row by row: the answer to a contact is a call,
+// for which each row would save what it keeps in registers.
 template <class V, class Real>
-CLOTHSIM_INLINE void end_pending(EdgeArguments<Real>& e) {
-    if (e.stage == Stage::fourth && e.sphere_count > 0 && e.pending >= 0) edge_spheres<V>(e, e.pending);
+CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) {
+    if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
 }
 
 // The end of the stage of the row that is pending.
@@ -136,8 +140,9 @@ template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
     const PendingRow<Real> pending = pending_row(e);
-    for (int k = 0; pending.there && k < e.vectors; ++k) finish<V, Real, any_stage, 0>(e, pending, k);
-    end_pending<V>(e);
+    if (!pending.there) return;
+    for (int k = 0; k < e.vectors; ++k) finish<V, Real, any_stage, 0>(e, pending, k);
+    end_rows<V>(e, e.pending, e.pending + 1);
     e.pending = -1;
 }
 
