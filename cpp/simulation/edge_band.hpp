@@ -96,18 +96,20 @@ struct EdgeEngine<Real>::Band : RowBand {
     std::int64_t step = 0;  // to which the state belongs
     bool finite = true;     // the rows looked at in this call
 
-    // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in the last quarter.
+    // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in the last quarter. To
+    // stop a sweep for a part takes up to two thirds of a row, so the first to be claimed and the last to be fetched are asked for
+    // where it stops anyway: at `first`, and before the last two rows.
     void plan_parts(int first) {
-        constexpr int vectors_at_once = 2, rows_before_end = 4;
+        constexpr int vectors_at_once = 2;
         const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
-        const int count = from_near.row_count * in_row, all_rows = std::max(0, size() - 2 - first);
+        const int count = from_near.row_count * in_row, last = std::max(first, size() - 2), all_rows = last - first;
         const auto add = [&](int before_row, bool to_write, int i) {
             const int begin = i % in_row * vectors_at_once;
             parts.push_back({before_row, to_write, i / in_row, begin, std::min(begin + vectors_at_once, vectors)});
         };
-        for (int i = 0; i < count; ++i) add(first + all_rows * (i + 1) / (2 * count), true, i);
+        for (int i = 0; i < count; ++i) add(first + all_rows * i / (2 * count), true, i);
         const int apart = std::max(1, all_rows / (4 * count));
-        for (int i = 0; i < count; ++i) add(std::max(first, size() - rows_before_end - (count - 1 - i) * apart), false, i);
+        for (int i = 0; i < count; ++i) add(std::max(first, last - (count - 1 - i) * apart), false, i);
     }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
