@@ -18,9 +18,13 @@ def drawn(sphere=SPHERE, columns=20):
     """A sheet, pinned around a dent that is drawn upwards, and its scene."""
     pins = np.ones((24, columns), dtype=bool)
     pins[7:17, columns // 2 - 4 : columns // 2 + 4] = False
-    cloth = cs.Cloth((24, columns), mass=20.0, stiffness=300.0, damping=0.0, pins=pins)
+    return let_go(cs.Cloth((24, columns), mass=20.0, stiffness=300.0, damping=0.0, pins=pins), sphere)
+
+
+def let_go(cloth, sphere=SPHERE):
+    """The cloth at rest, drawn upwards where it is not pinned."""
     x = cloth.rest_positions.copy()
-    x[~pins, 1] = 0.5
+    x[~cloth.pinned, 1] = 0.5
     return cs.Scene(cloth, sphere, gravity=(0, 0, 0)), x, np.zeros_like(x)
 
 
@@ -50,6 +54,19 @@ def test_guarded_steps_end_where_others_do(integrator, kernel, threads, offset):
     assert np.abs(expected[0] - free[0]).max() > 0.05
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-9)
     assert cs.penetration(result[0], SPHERE)["points"] == 0
+
+
+def test_steps_of_the_implicit_rule_in_one_go():
+    """Of few points, so that many steps go by before a guard is looked for again."""
+    pins = np.ones((6, 6), dtype=bool)
+    pins[2:4, 2:4] = False
+    scene, x, v = let_go(cs.Cloth((6, 6), mass=1.5, stiffness=3000.0, damping=0.0, pins=pins))
+    ends = [
+        cs.step(s, x, v, DT, STEPS, integrator="implicit_midpoint", threads=1)[0]
+        for s in (scene, unguarded(scene), scene.replace(spheres=()))
+    ]
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
+    assert np.abs(ends[1] - ends[2]).max() > 0.5
 
 
 @pytest.mark.parametrize("columns", [20, 32])
