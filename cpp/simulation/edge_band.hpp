@@ -97,8 +97,8 @@ struct EdgeEngine<Real>::Band : RowBand {
     bool finite = true;     // the rows looked at in this call
 
     // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in the last quarter. To
-    // stop a sweep for a part takes up to two thirds of a row, so the first to be claimed and the last to be fetched are asked for
-    // where it stops anyway: at `first`, and before the last two rows.
+    // stop a sweep for a part takes up to 0.6 of the time of a row, so the first to be claimed and the last to be fetched are asked
+    // for where it stops anyway: at `first`, and before the last two rows. Parts before rows that are done are asked for at once.
     void plan_parts(int first) {
         constexpr int vectors_at_once = 2;
         const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
@@ -109,7 +109,7 @@ struct EdgeEngine<Real>::Band : RowBand {
         };
         for (int i = 0; i < count; ++i) add(first + all_rows * i / (2 * count), true, i);
         const int apart = std::max(1, all_rows / (4 * count));
-        for (int i = 0; i < count; ++i) add(std::max(first, last - (count - 1 - i) * apart), false, i);
+        for (int i = 0; i < count; ++i) add(last - (count - 1 - i) * apart, false, i);
     }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
