@@ -18,6 +18,13 @@ bool processor_has(InstructionSet set) {
     return false;
 }
 
+// AMD's processors of family 19h (Zen 4) take 512 bits in two halves, those after them (Zen 5) at once; earlier ones have no
+// AVX-512.
+bool takes_512_bits_at_once() {
+    __builtin_cpu_init();
+    return __builtin_cpu_is("amd") && !__builtin_cpu_is("amdfam19h");
+}
+
 }  // namespace
 
 const std::vector<const KernelTable*>& built_instruction_sets() {
@@ -46,6 +53,14 @@ const KernelTable& choose_instruction_set(const std::string& name) {
     }
     throw std::invalid_argument((name.empty() ? "CLOTHSIM_ISA" : "instruction_set") + (" is '" + wanted) +
                                 "'; this processor runs, of those built: " + accepted);
+}
+
+bool hands_on_in_registers() {
+    const char* const environment = std::getenv("CLOTHSIM_HAND_ON");
+    const std::string wanted = environment ? environment : "";
+    if (wanted.empty()) return !takes_512_bits_at_once();
+    if (wanted == "registers" || wanted == "memory") return wanted == "registers";
+    throw std::invalid_argument("CLOTHSIM_HAND_ON is '" + wanted + "'; accepted: registers, memory");
 }
 
 }  // namespace clothsim

@@ -16,4 +16,9 @@ std::vector<const KernelTable*> supported_instruction_sets();
 // std::invalid_argument for a name that is not built or not supported.
 const KernelTable& choose_instruction_set(const std::string& name);
 
+// Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as the environment
+// variable CLOTHSIM_HAND_ON says, "registers" or "memory", else as this processor is faster. The bits are the same. Throws
+// std::invalid_argument for another word.
+bool hands_on_in_registers();
+
 }  // namespace clothsim

@@ -57,6 +57,7 @@ struct EdgeArguments : StepConstants<Real> {
     const Real* reach;                      // [vector][columns - 1][lane]: all bits where so many columns follow, else none
     bool complete;                          // rows end with a whole vector
     bool damped_alike;                      // all families, or none of them
+    bool hand_on_in_registers;              // from row to row, where both ways are compiled
     // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what the
     // current row has received and what it hands to the next one (they take turns), and to the row after that.
     Real* received[2];

@@ -116,9 +116,9 @@ template <class Arch, class Real, int index>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     constexpr Features features = Features::from_index(index);
     const auto run_written_out = [&]<Stage stage, int fixed>() __attribute__((always_inline)) {
-        constexpr bool of_two = in_versions<index> && fixed == 2 && features.shear && !features.bend;
-        if constexpr (of_two) edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
-        else edge_rows_of<Arch, Real, index, stage, fixed, along_written_out>(e, begin, end);
+        if constexpr (in_versions<index> && fixed == 2 && features.shear && !features.bend)
+            if (e.hand_on_in_registers) return edge_rows_of_two<Arch, Real, index, stage>(e, begin, end);
+        edge_rows_of<Arch, Real, index, stage, fixed, along_written_out>(e, begin, end);
     };
     const auto run = [&]<Stage stage>() __attribute__((always_inline)) {
         if (e.ahead == 0 && may_be_written_out(e)) {

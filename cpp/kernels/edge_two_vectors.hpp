@@ -1,6 +1,7 @@
 // The edge kernel's rows of two vectors with structural and shear springs: what one row hands on to the next stays in
 // registers, for which second neighbours would leave too few. The sums are those of `edge_row`, and so are the bits; but
-// the springs past the row's end come first, so that the stage of the first vector is finished in its own row.
+// the springs past the row's end come first, so that the stage of the first vector is finished in its own row. For processors
+// that take a vector in two halves; one that takes it at once is faster with `edge_row` (hands_on_in_registers).
 #pragma once
 
 #include "kernels/edge_update.hpp"

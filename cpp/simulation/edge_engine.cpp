@@ -111,6 +111,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.reach = reach_.data();
     e.complete = !layout_.padded();
     e.damped_alike = damped_alike_;
+    e.hand_on_in_registers = hand_on_in_registers_;
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();
     e.received_2 = scratch + 2 * handed_size();

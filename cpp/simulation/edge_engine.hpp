@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "dynamics/field.hpp"
+#include "kernels/dispatch.hpp"
 #include "simulation/lifted_layout.hpp"
 #include "simulation/state_engine.hpp"
 #include "simulation/strip_borders.hpp"
@@ -68,6 +69,7 @@ private:
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
     double unit_ = 1;  // of the accelerations the kernel sums
     bool damped_alike_ = false;
+    const bool hand_on_in_registers_ = hands_on_in_registers();
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
     StripBorders<Real> borders_;
     std::int64_t step_ = 0;  // of the state in memory

@@ -217,3 +217,28 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
     ]
     for result, wanted in zip(cs.reference_step(scene, x, v, dt), expected):
         np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("damped", [True, False])
+@pytest.mark.parametrize("integrator", ["rk4", "dopri5"])
+def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
+    monkeypatch, crumpled, same_bits, integrator, damped, threads
+):
+    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
+    springs = ("structural", "shear")
+    scene, x, v, dt = crumpled(shape=(32, 32), springs=springs, damped=damped, spheres=ball)
+    done = {}
+    for place in ("registers", "memory"):
+        monkeypatch.setenv("CLOTHSIM_HAND_ON", place)
+        options = {"precision": "single", "kernel": "edge", "threads": threads}
+        state = cs.step(scene, x, v, dt, 15, integrator=integrator, **options)
+        done[place] = [*state, cs.acceleration(scene, x, v, **options)]
+    assert same_bits(done["registers"], done["memory"])
+
+
+def test_a_wrong_place_to_hand_on_is_an_error_that_lists_the_right_ones(monkeypatch, crumpled):
+    scene, x, v, dt = crumpled()
+    monkeypatch.setenv("CLOTHSIM_HAND_ON", "cache")
+    with pytest.raises(ValueError, match="CLOTHSIM_HAND_ON is 'cache'; accepted: registers, memory"):
+        cs.step(scene, x, v, dt, 1, kernel="edge")
