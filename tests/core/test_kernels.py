@@ -220,14 +220,15 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-@pytest.mark.parametrize("damped", [True, False])
+@pytest.mark.parametrize("damping", [0.4, 0.0])
 @pytest.mark.parametrize("integrator", ["rk4", "dopri5"])
 def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
-    monkeypatch, crumpled, same_bits, integrator, damped, threads
+    monkeypatch, crumpled, same_bits, integrator, damping, threads
 ):
     ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
     springs = ("structural", "shear")
-    scene, x, v, dt = crumpled(shape=(32, 32), springs=springs, damped=damped, spheres=ball)
+    scene, x, v, dt = crumpled(shape=(32, 32), springs=springs, spheres=ball)
+    scene = scene.replace(cloth=scene.cloth.replace(damping=damping))
     done = {}
     for place in ("registers", "memory"):
         monkeypatch.setenv("CLOTHSIM_HAND_ON", place)
