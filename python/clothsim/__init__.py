@@ -12,7 +12,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 from typing import TYPE_CHECKING
 
 from . import _openmp  # noqa: F401  # before anything that loads the core
-from . import scenes
+from . import _accessor, scenes
 from ._on_demand import on_demand
 from .build import build_config
 from .cloth import Cloth
@@ -33,8 +33,11 @@ if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .stability.map import stability_map
     from .sweep import open_sweep
+    from .sweep.fields import sweepable
 
 __version__ = build_config()["version"]
+
+_accessor.register()
 
 __all__ = [
     "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
@@ -42,11 +45,11 @@ __all__ = [
     "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
     "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",
-    "stability_map", "step", "sweep", "thread_grid", "triangles", "work_precision",
+    "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip
 
 __getattr__, __dir__ = on_demand(globals(), {
     "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
-    "open_sweep": ".sweep.dataset",
+    "open_sweep": ".sweep.dataset", "sweepable": ".sweep.fields",
 })  # fmt: skip

@@ -3,13 +3,34 @@
 from __future__ import annotations
 
 import importlib
+from importlib.util import find_spec
 from typing import Any
 
 
+def how_to_install(extra: str) -> str:
+    """How a user gets the packages of an extra: from a clone, as no package index has clothsim."""
+    return f"run pip install '.[{extra}]' in a clone of clothsim"
+
+
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
-    """The module of that name, or an ImportError that tells which extra brings it."""
+    """The module of that name, or an ImportError that says which extra brings it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        package = name.partition(".")[0]
-        raise ImportError(f"{what} needs {package}: pip install 'clothsim[{extra}]'") from error
+        raise ImportError(_lacking(name, what, extra)) from error
+
+
+def check_installed(name: str, what: str, extra: str = "sweep") -> None:
+    """Raise the ImportError of `needed` before any work is done, without importing the package."""
+    if find_spec(name.partition(".")[0]) is None:
+        raise ImportError(_lacking(name, what, extra))
+
+
+def check_progress(progress: bool) -> None:
+    """Raise an ImportError where a progress bar is asked for and tqdm is missing."""
+    if progress:
+        check_installed("tqdm", "progress=True", "demo")
+
+
+def _lacking(name: str, what: str, extra: str) -> str:
+    return f"{what} needs {name.partition('.')[0]}: {how_to_install(extra)}"

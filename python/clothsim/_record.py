@@ -1,4 +1,4 @@
-"""What the model's value types have in common: equality, copies and plain data."""
+"""What value types have in common: equality, hash, copies, plain data and a short repr."""
 
 from __future__ import annotations
 
@@ -17,8 +17,40 @@ Self = TypeVar("Self", bound="Record")
 
 def _same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return type(a) is type(b) and np.array_equal(a, b)
-    return bool(a == b)
+        numbers = isinstance(a, np.ndarray) and a.dtype.kind == "f"
+        return type(a) is type(b) and np.array_equal(a, b, equal_nan=numbers)
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_same(value, b[key]) for key, value in a.items())
+    return bool(a == b) or (a != a and b != b)
+
+
+def _hashable(value: Any) -> Any:
+    """A value that has a hash, equal where `_same` holds."""
+    if isinstance(value, np.ndarray):
+        # 0.0 and -0.0 are equal and have other bytes: adding 0 leaves 0.0 of both.
+        return value.shape, (value + 0.0).tobytes()
+    if isinstance(value, Mapping):
+        return frozenset(value.items())
+    return value
+
+
+# Longer arrays, and tuples of more numbers or records, are shown by their shape or length.
+_SHOWN = 24
+_RECORDS_SHOWN = 4
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        if value.size > _SHOWN:
+            return f"<array of shape {value.shape}>"
+        return repr(value.tolist())
+    if isinstance(value, MappingProxyType):
+        return repr(dict(value))
+    if isinstance(value, tuple) and value:
+        most = _RECORDS_SHOWN if isinstance(value[0], Record) else _SHOWN
+        if len(value) > most:
+            return f"<{len(value)} entries, the first {value[0]!r}>"
+    return repr(value)
 
 
 def _plain(value: Any) -> Any:
@@ -39,8 +71,8 @@ def frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
-class Record:
-    """Base of the frozen dataclasses of the model: equal by value, arrays included."""
+class EqualByValue:
+    """Base of dataclasses that are equal where all their fields are, arrays included."""
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
@@ -48,20 +80,31 @@ class Record:
         mine, theirs = self._values(), other._values()
         return all(_same(mine[name], theirs[name]) for name in mine)
 
-    # Arrays have no hash, so a type that is compared by them has none either.
-    __hash__ = None  # type: ignore[assignment]
+    # Reports are dicts, which have no hash.
+    __hash__: Any = None
+
+    def _values(self) -> dict[str, Any]:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return {field.name: getattr(self, field.name) for field in fields}
+
+
+class Record(EqualByValue):
+    """Base of the frozen dataclasses of the model: equal and hashed by value, arrays included."""
+
+    def __hash__(self) -> int:
+        # Kept, as arrays are long; `__reduce__` does not copy it, as other processes hash otherwise.
+        if "_hash" not in self.__dict__:
+            values = tuple(_hashable(value) for value in self._values().values())
+            self._set(_hash=hash((type(self).__name__, *values)))
+        return int(self.__dict__["_hash"])
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Through the constructor, so that a copy's arrays are read-only again.
         return partial(type(self), **self._open_values()), ()
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name}={value!r}" for name, value in self._open_values().items())
+        values = ", ".join(f"{name}={_short(value)}" for name, value in self._values().items())
         return f"{type(self).__name__}({values})"
-
-    def _values(self) -> dict[str, Any]:
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        return {field.name: getattr(self, field.name) for field in fields}
 
     def _open_values(self) -> dict[str, Any]:
         """The arguments, with plain dicts in place of read-only views of them."""

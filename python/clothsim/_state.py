@@ -49,10 +49,7 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     else:
         shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
     accepted = f"an array of shape {shapes} of finite numbers"
-    try:
-        given = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+    given = check.as_array(name, value, accepted)
     if given.dtype.kind not in "iuf":
         raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
     fits = given.shape[-3:] == shape and (
@@ -121,7 +118,7 @@ class State:
     ) -> None:
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
-        check_options(precision, kernel, strict, integrator)
+        integrator = check_options(precision, kernel, strict, integrator)
         check_backend(backend, kernel, threads, integrator)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position

@@ -26,7 +26,17 @@ INT64_MAX = 2**63 - 1
 def _shown(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
-    return f"{reprlib.repr(value)} ({type(value).__name__})"
+    try:
+        text = reprlib.repr(value)
+    except ValueError:  # an int of more digits than Python prints
+        text = "a number of thousands of digits"
+    return f"{text} ({type(value).__name__})"
+
+
+def _failed(name: str, accepted: str, value: Any, error: Exception) -> Exception:
+    """The error of a value whose own conversion raised `error`."""
+    kind = ValueError if isinstance(error, ValueError) else TypeError
+    return kind(f"{_wrong(name, accepted, value)}: {type(error).__name__}: {error}")
 
 
 def _wrong(name: str, accepted: str, value: Any) -> str:
@@ -71,6 +81,9 @@ def number(
         result = float(value)
     except OverflowError:
         result = math.inf
+    except Exception as error:
+        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
+        raise _failed(name, accepted, value, error) from error
     too_low = minimum is not None and (result <= minimum if exclusive else result < minimum)
     too_high = maximum is not None and result > maximum
     if not math.isfinite(result) or too_low or too_high:
@@ -80,18 +93,23 @@ def number(
 
 
 def integer(
-    name: str, value: Any, *, minimum: int | None = None, maximum: int | None = None
+    name: str, value: Any, *, minimum: int | None = None, maximum: int = INT64_MAX
 ) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
     low = "" if minimum is None else f" >= {minimum}"
-    high = "" if maximum is None else f" <= {maximum}"
+    # The largest that the core holds goes without saying.
+    named = maximum != INT64_MAX or (isinstance(value, numbers.Integral) and value > maximum)
+    high = f" <= {maximum}" if named else ""
     accepted = f"an integer{low}{' and' if low and high else ''}{high}"
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not isinstance(value, numbers.Integral) or isinstance(value, bool):
         raise TypeError(_wrong(name, accepted, value))
-    result = int(value)
-    if (minimum is not None and result < minimum) or (maximum is not None and result > maximum):
+    try:
+        result = int(value)
+    except Exception as error:
+        raise _failed(name, accepted, value, error) from error
+    if (minimum is not None and result < minimum) or result > maximum:
         raise ValueError(_wrong(name, accepted, value))
     return result
 
@@ -120,6 +138,20 @@ def items(name: str, value: Any, count: int, what: str) -> list[Any]:
     return list(value)
 
 
+MOST_POINTS = 2**31 - 1
+"""The most mass points that a grid can have: the core numbers them in 32 bits."""
+
+
+def shape(value: Any, least: int = 1) -> tuple[int, int]:
+    """`value` as (rows, columns) of a grid with at least so many mass points."""
+    given = items("shape", value, 2, "integers (rows, columns)")
+    rows, columns = (integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(given))
+    if not least <= rows * columns <= MOST_POINTS:
+        bound = "at least two" if rows * columns < least else f"at most {MOST_POINTS:,}"
+        raise ValueError(f"shape must have {bound} mass points, got {(rows, columns)}")
+    return rows, columns
+
+
 def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
     """`value` as a tuple of `length` finite floats."""
     entries = items(name, value, length, "finite numbers")
@@ -141,7 +173,7 @@ def choices(name: str, value: Any, options: Collection[str]) -> list[str]:
     accepted = f"a collection of some of {_listed(options)}"
     if isinstance(value, (str, bytes)) or not isinstance(value, Collection):
         raise TypeError(_wrong(name, accepted, value))
-    unknown = [one for one in value if one not in options]
+    unknown = [one for one in value if not isinstance(one, str) or one not in options]
     if unknown:
         hint = _nearest(unknown[0], options)
         raise ValueError(f"{name} must be {accepted}, got {unknown[0]!r}{hint}")
@@ -150,15 +182,28 @@ def choices(name: str, value: Any, options: Collection[str]) -> list[str]:
     return [option for option in options if option in value]
 
 
+def path(name: str, value: Any, accepted: str = "a path") -> Path:
+    """`value`, a str or what gives one as `os.fspath`, as a path."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise TypeError(_wrong(name, accepted, value))
+    try:
+        text = os.fspath(value)
+    except Exception as error:
+        raise _failed(name, accepted, value, error) from error
+    if not isinstance(text, str):
+        raise TypeError(_wrong(name, f"{accepted} that is a str", value))
+    if "\0" in text or not text:
+        raise ValueError(_wrong(name, f"{accepted} without null characters, not empty", value))
+    return Path(text)
+
+
 def folder(name: str, value: Any) -> Path:
     """`value` as the path of a folder that is there or can be made: nothing in its way is a file."""
-    if not isinstance(value, (str, os.PathLike)):
-        raise TypeError(_wrong(name, "the path of a folder", value))
-    path = Path(value)
-    there = next((one for one in (path, *path.parents) if one.exists()), path)
+    where = path(name, value, "the path of a folder")
+    there = next((one for one in (where, *where.parents) if one.exists()), where)
     if there.exists() and not there.is_dir():
-        raise ValueError(f"{name} must be a folder, got {str(path)!r}: {str(there)!r} is a file")
-    return path
+        raise ValueError(f"{name} must be a folder, got {str(where)!r}: {str(there)!r} is a file")
+    return where
 
 
 def keys(
@@ -182,15 +227,22 @@ def keys(
     return dict(value)
 
 
+def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
+    """`value` as NumPy makes an array of it. What its own ``__array__`` raises passes as it is."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        if hasattr(value, "__array__"):
+            raise
+        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+
+
 def array(
     name: str, value: Any, shape: tuple[int, ...], what: str = "finite numbers"
 ) -> npt.NDArray[np.float64]:
     """A C-contiguous float64 copy of `value`, which has exactly `shape` and is finite."""
     accepted = f"an array of shape {shape} of {what}"
-    try:
-        given = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+    given = as_array(name, value, accepted)
     if given.dtype.kind not in "iuf" and given.size:
         raise TypeError(_wrong(name, accepted, value) + f" with entries of dtype {given.dtype}")
     if given.shape != shape:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from . import _core
+from ._keywords import suggests
 
 
+@suggests
 def build_config() -> dict[str, Any]:
     """How clothsim was compiled and what it will use on this machine.
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._keywords import suggesting
 from ._record import Record, frozen
 
 FAMILIES = ("structural", "shear", "bend")
@@ -47,6 +48,7 @@ _ENDS = (
 )
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloth(Record):
     """A rectangular sheet of mass points and springs (Kim et al., section 2; defaults Table 2).
@@ -138,7 +140,7 @@ class Cloth(Record):
     pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
 
     def __post_init__(self) -> None:
-        shape = _shape(self.shape)
+        shape = check.shape(self.shape, least=2)
         springs = _springs(self.springs)
         damping_model = check.choice("damping_model", self.damping_model, DAMPING_MODELS)
         if damping_model == "point" and isinstance(self.damping, Mapping):
@@ -303,16 +305,6 @@ class Cloth(Record):
         return np.concatenate(blocks)
 
 
-def _shape(value: Any) -> tuple[int, int]:
-    rows, columns = (
-        check.integer(f"shape[{k}]", n, minimum=1)
-        for k, n in enumerate(check.items("shape", value, 2, "integers (rows, columns)"))
-    )
-    if rows * columns < 2:
-        raise ValueError(f"shape must have at least two mass points, got {(rows, columns)}")
-    return rows, columns
-
-
 def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
     if check.is_number(value):
         return check.number("mass", value, minimum=0, exclusive=True)
@@ -345,6 +337,8 @@ def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
             raise TypeError(f"{accepted}, got {value!r}")
         value = list(value)
+    elif value.ndim == 0:
+        raise ValueError(f"{accepted}, got an array without dimensions")
     mask = _mask(value)
     if mask is not None:
         if mask.shape != shape:

@@ -7,15 +7,12 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
+from ._keywords import suggests
 
 GROUP = (_core.group_size, _core.group_size, 1)
 
 
-def _shape(shape: tuple[int, int]) -> tuple[int, int]:
-    rows, columns = check.items("shape", shape, 2, "integers (rows, columns)")
-    return check.integer("shape[0]", rows, minimum=1), check.integer("shape[1]", columns, minimum=1)
-
-
+@suggests
 def thread_grid(
     shape: tuple[int, int], group: tuple[int, int, int] = GROUP
 ) -> npt.NDArray[np.void]:
@@ -56,7 +53,7 @@ def thread_grid(
     >>> grid[17, 3]["index"], grid[17, 3]["group_y"], grid[17, 3]["thread_y"]
     (np.int64(547), np.int32(1), np.int32(1))
     """
-    rows, columns = _shape(shape)
+    rows, columns = check.shape(shape)
     wanted = tuple(
         check.integer(f"group[{k}]", n, minimum=1)
         for k, n in enumerate(check.items("group", group, 3, "integers"))
@@ -66,6 +63,7 @@ def thread_grid(
     return _core.thread_ids(rows, columns)
 
 
+@suggests
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """The triangles of the sheet, two a cell, split from (row, column + 1) to (row + 1, column).
 
@@ -92,4 +90,4 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     >>> cs.triangles((2, 2)).tolist()
     [[0, 1, 2], [1, 3, 2]]
     """
-    return _core.triangles(*_shape(shape))
+    return _core.triangles(*check.shape(shape))

@@ -13,20 +13,20 @@ of omega dt and delta dt. The step is stable where no eigenvalue of it is larger
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._keywords import suggests
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Integrator:
     """One time integration method.
 
@@ -73,6 +73,22 @@ class Integrator:
     def evaluations_per_step(self, damped: bool) -> int:
         """Force evaluations per step of a scene with or without damping."""
         return self.stages_damped if damped else self.stages
+
+    def __repr__(self) -> str:
+        return f"<Integrator {self.name}: order {self.order}, {', '.join(self._traits)}>"
+
+    @property
+    def _traits(self) -> tuple[str, ...]:
+        """The properties in words, as they are printed."""
+        order = "" if self.damped else " (damped: order 1)"
+        damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
+        return (
+            f"{self.stages} stage{'s' * (self.stages > 1)}{damped}",
+            ("explicit" if self.explicit else "implicit")
+            + ", adaptive" * self.adaptive
+            + ", symplectic" * self.symplectic
+            + order,
+        )
 
 
 def _record(
@@ -142,16 +158,98 @@ _TABLE = (
     ),
 )  # fmt: skip
 
-_INTEGRATORS: Mapping[str, Integrator] = MappingProxyType({one.name: one for one in _TABLE})
+
+class _Integrators(Mapping[str, Integrator]):
+    """The methods by name; it prints as a table."""
+
+    def __init__(self, methods: tuple[Integrator, ...]) -> None:
+        self._methods = {method.name: method for method in methods}
+
+    def __getitem__(self, name: str) -> Integrator:
+        return self._methods[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._methods)
+
+    def __len__(self) -> int:
+        return len(self._methods)
+
+    def __repr__(self) -> str:
+        rows = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
+        for one in self.values():
+            stages, kind = one._traits
+            limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
+            rows.append((one.name, str(one.order), stages.split(" ", 1)[0], *limits, kind))
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ("  ".join(cell.ljust(n) for cell, n in zip(row, widths)).rstrip() for row in rows)
+        return "\n".join(lines)
 
 
+_INTEGRATORS: Mapping[str, Integrator] = _Integrators(_TABLE)
+
+ALIASES: Mapping[str, str] = {
+    "runge_kutta": "rk4",
+    "runge_kutta_4": "rk4",
+    "euler": "semi_implicit_euler",
+    "symplectic_euler": "semi_implicit_euler",
+    "verlet": "velocity_verlet",
+    "leapfrog": "velocity_verlet",
+    "forest_ruth": "pefrl",
+    "rk45": "dopri5",
+    "dormand_prince": "dopri5",
+    "dop8": "dop853",
+    "midpoint": "implicit_midpoint",
+}
+"""Further names of the methods, as other packages and books have them."""
+
+
+def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
+    """The name of a method as `integrators` has it.
+
+    Case does not count, nor whether words are joined by "_", "-" or a space; `ALIASES` are taken
+    as well.
+
+    Parameters
+    ----------
+    name : str
+    *more : str
+        Names accepted beside those of the methods, such as "auto".
+    argument : str, default "integrator"
+        Name of the argument in error messages.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `name` is no such name; the message suggests the nearest.
+
+    Examples
+    --------
+    >>> from clothsim.integration import integrator_name
+    >>> integrator_name("RK4"), integrator_name("RK45"), integrator_name("semi-implicit Euler")
+    ('rk4', 'dopri5', 'semi_implicit_euler')
+    """
+    if isinstance(name, str):
+        if name in _INTEGRATORS or name in more:
+            return str(name)
+        plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
+        plain = ALIASES.get(plain, plain)
+        if plain in _INTEGRATORS or plain in more:
+            return plain
+    return check.choice(argument, name, (*more, *_INTEGRATORS))
+
+
+@suggests
 def integrators() -> Mapping[str, Integrator]:
     """The time integration methods by name, each an `Integrator`.
 
     Returns
     -------
     mapping of str to Integrator
-        Read-only, in the order in which they are documented.
+        Read-only, in the order in which they are documented. It prints as a table.
 
     Examples
     --------
@@ -186,6 +284,7 @@ _PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
 _PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
 
 
+@suggests
 def amplification_matrix(
     integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
 ) -> Floats:
@@ -214,7 +313,7 @@ def amplification_matrix(
     >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
     [[0.0, 1.0], [-1.0, 1.0]]
     """
-    check.choice("integrator", integrator, tuple(_INTEGRATORS))
+    integrator = integrator_name(integrator)
     omega, delta = np.broadcast_arrays(
         _rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt)
     )
@@ -236,6 +335,7 @@ def amplification_matrix(
     return result
 
 
+@suggests
 def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
     """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
 
@@ -263,7 +363,7 @@ def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayL
 
 
 def _rates(name: str, value: npt.ArrayLike) -> Floats:
-    array = np.asarray(value)
+    array = check.as_array(name, value, "real numbers >= 0")
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
     array = array.astype(np.float64)

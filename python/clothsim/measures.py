@@ -7,8 +7,10 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
+from ._keywords import suggests
 from ._state import state_arrays
-from .plan import INTEGRATORS, core_cloth
+from .integration import integrator_name
+from .plan import core_cloth
 from .scene import Scene
 from .sphere import Sphere
 from .stability.bound import guaranteed_dt
@@ -22,6 +24,7 @@ def _one_scene(scene: Scene) -> Scene:
     return scene
 
 
+@suggests
 def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
     """Kinetic, elastic and gravity energy, and their total.
 
@@ -64,6 +67,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
+@suggests
 def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
@@ -101,8 +105,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     """
     if not isinstance(sphere, Sphere):
         raise TypeError(f"sphere must be a Sphere, got {sphere!r} ({type(sphere).__name__})")
-    x = np.asarray(x)
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
+    x = check.as_array("x", x, accepted)
     if x.dtype.kind not in "iuf":
         raise TypeError(f"x must be {accepted}, got dtype {x.dtype}")
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
@@ -118,6 +122,7 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
+@suggests
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
 
@@ -157,6 +162,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     return values if x.ndim == 4 else float(values[0])
 
 
+@suggests
 def max_stable_dt(
     scene: Scene,
     integrator: str = "rk4",
@@ -217,7 +223,7 @@ def max_stable_dt(
     >>> f"{cs.max_stable_dt(scene, x=scene.initial_position):.2e}"
     '1.73e-03'
     """
-    check.choice("integrator", integrator, INTEGRATORS)
+    integrator = integrator_name(integrator)
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")

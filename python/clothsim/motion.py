@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._keywords import suggesting
 from ._record import Record, frozen
 
 Vectors = npt.NDArray[np.float64]
@@ -24,7 +25,7 @@ Self = TypeVar("Self", bound="_Motion")
 
 def _times(t: npt.ArrayLike) -> Vectors:
     accepted = "t must be a finite number or an array of finite numbers"
-    given = np.asarray(t)
+    given = check.as_array("t", t, accepted.removeprefix("t must be "))
     if given.dtype.kind not in "iuf":
         raise TypeError(f"{accepted}, got {t!r}")
     if not np.isfinite(given).all():
@@ -107,6 +108,7 @@ class _Motion(Record):
         return cls(**arguments)
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Linear(_Motion):
     """Constant velocity: c(t) = c0 + velocity t, with c0 the sphere's ``center``.
@@ -145,6 +147,7 @@ class Linear(_Motion):
         return np.broadcast_to(self.velocity, (*t.shape, 3)).copy()
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Reciprocate(_Motion):
     """Back and forth about the sphere's ``center``, fast at first and slow at the turning points.
@@ -246,6 +249,7 @@ class Reciprocate(_Motion):
         return along[..., None] * np.array(self.unit_direction)
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Keyframes(_Motion):
     """A table of times and centres, with straight lines at constant speed between them.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _core
 from . import _validate as check
-from .integration import integrators
+from .integration import integrator_name, integrators
 from .motion import Keyframes, Linear, Reciprocate
 
 if TYPE_CHECKING:
@@ -39,13 +39,14 @@ def choose_kernel(kernel: str, strict: bool) -> str:
     return kernel if kernel != "auto" else "gather" if strict else "edge"
 
 
-def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> None:
-    """Raise the errors of arguments that every stepping function takes."""
+def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> str:
+    """Raise the errors of arguments that every stepping function takes; the integrator's name."""
     check.choice("precision", precision, PRECISIONS)
     check.choice("kernel", kernel, KERNELS)
-    check.choice("integrator", integrator, INTEGRATORS)
+    integrator = integrator_name(integrator)
     if check.boolean("strict", strict) and kernel == "edge":
         raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
+    return integrator
 
 
 def check_backend(backend: str, kernel: str, threads: int | None, integrator: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._extras import needed
+from ._keywords import suggests
 from .scene import Scene
 
 
@@ -75,6 +76,7 @@ class Run:
         )
 
 
+@suggests
 def load_run(path: str | Path) -> Run:
     """Read what `Run.save` wrote.
 

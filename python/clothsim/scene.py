@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._keywords import suggesting
 from ._record import Record, frozen
 from .cloth import Cloth
 from .sphere import Sphere
@@ -19,6 +20,7 @@ SCHEMA = 1
 """Version of the layout of ``Scene.to_dict``."""
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Record):
     """A cloth, the spheres it meets, gravity and the initial state.

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from . import _validate as check
+from ._extras import how_to_install
+from ._keywords import suggests
 from .scene import Scene
 
 _COMMENTS = {
@@ -34,6 +37,7 @@ _COMMENTS = {
 }
 
 
+@suggests
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
@@ -68,8 +72,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     ...     cs.load_scene(cs.save_scene(scene, folder + "/moving.toml")) == scene
     True
     """
+    path = check.path("path", path)
     toml = _toml_reader()
-    path = Path(path)
     try:
         data = toml.loads(path.read_text(encoding="utf-8"))
     except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -80,6 +84,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         raise type(error)(f"{path}: {error}") from None
 
 
+@suggests
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
 
@@ -114,7 +119,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
-    path = Path(path)
+    path = check.path("path", path)
     path.write_text("\n".join(_table(scene.to_dict(), "")) + "\n", encoding="utf-8")
     return path
 
@@ -126,7 +131,8 @@ def _toml_reader() -> Any:
         try:
             import tomli as tomllib  # type: ignore[no-redef]
         except ImportError as error:
-            raise ImportError("scene files need tomli: pip install 'clothsim[sweep]'") from error
+            hint = how_to_install("sweep")
+            raise ImportError(f"scene files need tomli: {hint}") from error
     return tomllib
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import _validate as check
+from ._keywords import suggests
 from .cloth import FAMILIES, Cloth
 from .motion import Reciprocate
 from .scene import Scene
@@ -26,6 +27,7 @@ def _paper_cloth(bend: bool) -> Cloth:
     return Cloth(springs=FAMILIES if check.boolean("bend", bend) else ("structural", "shear"))
 
 
+@suggests
 def paper_static(
     response: str = "ray", bend: bool = False, offset: str | float = "edge", literal: bool = False
 ) -> Scene:
@@ -61,6 +63,7 @@ def paper_static(
     return Scene(_paper_cloth(bend), (sphere,))
 
 
+@suggests
 def paper_moving(
     response: str = "ray",
     bend: bool = False,
@@ -112,6 +115,7 @@ def paper_moving(
     return Scene(_paper_cloth(bend), (sphere,))
 
 
+@suggests
 def paper_swing(bend: bool = False) -> Scene:
     """The paper's cloth swings down and meets nothing (Kim et al., Table 2, without a sphere).
 
@@ -133,6 +137,7 @@ def paper_swing(bend: bool = False) -> Scene:
     return Scene(_paper_cloth(bend))
 
 
+@suggests
 def hanging(
     shape: tuple[int, int] = (16, 16),
     size: tuple[float, float] = (1.0, 1.0),
@@ -199,6 +204,7 @@ def hanging(
     return Scene(cloth, position=position)
 
 
+@suggests
 def oscillator(
     stiffness: float = 100.0,
     mass: float = 1.0,
@@ -267,6 +273,7 @@ def oscillator(
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)
 
 
+@suggests
 def hard_cases() -> dict[str, HardCase]:
     """Scenes that strain the method or the arithmetic, each with the outcome to expect, by name.
 

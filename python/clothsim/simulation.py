@@ -7,16 +7,19 @@ from functools import partial
 import numpy as np
 
 from . import _validate as check
+from ._extras import needed
+from ._keywords import suggests
 from .account import Account, of_companion, of_nothing, of_tolerance, report
 from .adaptive import automatic, solve
-from .integration import integrators
+from .integration import integrator_name, integrators
 from .measures import max_stable_dt
-from .plan import INTEGRATORS, check_backend, check_options
+from .plan import check_backend, check_options
 from .run import Run
 from .runs import Options, Progress, Solution, frame_times, run_fixed, size_of
 from .scene import Scene
 
 
+@suggests
 def simulate(
     scene: Scene,
     duration: float,
@@ -136,7 +139,7 @@ def simulate(
     every = _checked_every(every)
     if integrator is None:
         integrator = "auto" if asked is not None else "rk4"
-    check.choice("integrator", integrator, ("auto", *INTEGRATORS))
+    integrator = integrator_name(integrator, "auto")
     named = "rk4" if integrator == "auto" else integrator
     check_options(precision, kernel, strict, named)
     if backend == "gpu" and asked is not None:
@@ -241,8 +244,4 @@ def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution)
 def _progress(shown: bool) -> Progress:
     if not check.boolean("progress", shown):
         return iter
-    try:
-        from tqdm.auto import tqdm
-    except ImportError as error:
-        raise ImportError("progress=True needs tqdm: pip install 'clothsim[demo]'") from error
-    return partial(tqdm, unit="frame")
+    return partial(needed("tqdm.auto", "progress=True", "demo").tqdm, unit="frame")

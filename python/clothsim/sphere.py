@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
+from ._keywords import suggesting
 from ._record import Record
 from .cloth import Cloth
 from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
@@ -20,6 +21,7 @@ RESPONSES = ("reflect", "ray", "continuous")
 OFFSETS = ("none", "edge", "face")
 
 
+@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Record):
     """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.

@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._keywords import suggesting, suggests
 from ._state import FloatArray, State, out_array, out_arrays, state_arrays
 from .scene import Scene
 
 
+@suggests
 def step(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -117,6 +119,7 @@ def step(
     return results
 
 
+@suggests
 def acceleration(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -183,6 +186,7 @@ class Snapshot:
     core: tuple[Any, ...]
 
 
+@suggesting
 class Stepper:
     """A scene whose state stays in the core between calls.
 
@@ -432,6 +436,7 @@ class Stepper:
         return stepper
 
 
+@suggests
 def reference_step(
     scene: Scene,
     x: npt.ArrayLike,

@@ -90,7 +90,7 @@ def test_numbers(call, name, value, error):
 
 @pytest.mark.parametrize(
     "name, value, error",
-    [("integrator", "euler", ValueError), ("integrator", 4, TypeError),
+    [("integrator", "eular", ValueError), ("integrator", 4, TypeError),
      ("precision", "half", ValueError), ("precision", None, TypeError),
      ("kernel", "gahter", ValueError), ("kernel", 0, TypeError),
      ("strict", 1, TypeError), ("strict", "no", TypeError)],

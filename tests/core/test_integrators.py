@@ -1,11 +1,13 @@
 """Every integrator: its order, its stability as the table tells it, its bits, and what it conserves."""
 
 import math
+import re
+from pathlib import Path
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.integration import amplification, amplification_matrix
+from clothsim.integration import ALIASES, amplification, amplification_matrix
 from clothsim.plan import INTEGRATORS
 from clothsim.stability.region import box_limit
 
@@ -256,8 +258,54 @@ def test_names_are_checked():
     scene = cs.scenes.oscillator()
     state = scene.initial_position, scene.initial_velocity
     with pytest.raises(ValueError, match="integrator must be one of .*'dop853'.* \\(did you mean 'rk4'\\?\\)"):
-        cs.step(scene, *state, 1e-3, integrator="rk45")
+        cs.step(scene, *state, 1e-3, integrator="rk5")
     with pytest.raises(ValueError, match="omega_dt must be finite numbers >= 0"):
         amplification("rk4", [-1.0], 0.0)
     with pytest.raises(TypeError, match="delta_dt"):
         amplification("rk4", 1.0, "much")
+
+
+@pytest.mark.parametrize(
+    ("alias", "name"),
+    [("RK4", "rk4"), ("rk45", "dopri5"), ("RK45", "dopri5"), ("DOP853", "dop853"),
+     ("euler", "semi_implicit_euler"), ("Semi-Implicit Euler", "semi_implicit_euler"),
+     ("verlet", "velocity_verlet"), ("midpoint", "implicit_midpoint")],
+)  # fmt: skip
+def test_other_names_of_a_method_are_taken_everywhere(alias, name, same_bits):
+    scene = cs.scenes.oscillator(damping=1.0)
+    state = scene.initial_position, scene.initial_velocity
+    assert same_bits(
+        cs.step(scene, *state, 1e-3, integrator=alias), cs.step(scene, *state, 1e-3, integrator=name)
+    )
+    stepper = cs.Stepper(scene, integrator=alias)
+    stepper.advance(steps=1, dt=1e-3)
+    again = cs.Stepper.restore(stepper.snapshot())
+    again.advance(steps=1, dt=1e-3)
+    assert cs.simulate(scene, 1e-3, dt=1e-3, integrator=alias).report["integrator"] == name
+    assert cs.max_stable_dt(scene, alias) == cs.max_stable_dt(scene, name)
+    assert cs.convergence(scene, 0.1, [0.01], alias).integrator == name
+    assert amplification(alias, 1.0, 0.5) == amplification(name, 1.0, 0.5)
+    swept = cs.sweep(
+        scene, {"integrator": [alias, "pefrl"]}, duration=1e-3, dt=1e-3, progress=False
+    )
+    assert swept.integrator.values.tolist() == [name, "pefrl"] and swept.stable.all()
+    one = cs.sweep(scene, integrator=alias, duration=1e-3, dt=1e-3, progress=False)
+    assert one.clothsim.provenance["identity"]["settings"]["integrator"] == name
+    work = cs.work_precision(scene, 0.1, [alias], precisions=["double"], dts=[0.01], windows=1)
+    assert work.integrator.values.tolist() == [name]
+
+
+def test_adaptive_methods_have_other_names_too():
+    scene = cs.scenes.oscillator()
+    assert cs.simulate(scene, 0.1, rtol=1e-6, integrator="RK45").report["integrator"] == "dopri5"
+    assert cs.simulate(scene, 0.1, rtol=1e-6, integrator="AUTO").report["steps"] > 0
+    work = cs.work_precision(scene, 0.1, ["RK45 adaptive"], precisions=["double"], rtols=[1e-3], windows=1)
+    assert work.solver.values.tolist() == ["dopri5 adaptive double"]
+    with pytest.raises(ValueError, match="methods must be"):
+        cs.work_precision(scene, 0.1, ["rk4 adaptive"])
+
+
+def test_the_docs_have_every_other_name():
+    text = (Path(__file__).parents[2] / "docs" / "integrators.md").read_text(encoding="utf-8")
+    for alias, name in ALIASES.items():
+        assert re.search(rf"^\| .*`{alias}`.* \| `{name}` \|$", text, re.M), alias

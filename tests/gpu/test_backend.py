@@ -215,4 +215,4 @@ except ImportError as error:
     print(error)
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert "pip install 'clothsim[gpu]'" in run.stdout, run.stderr
+    assert "pip install '.[gpu]'" in run.stdout, run.stderr

@@ -32,7 +32,7 @@ def report(tmp_path_factory):
 
 
 def _no_numba():
-    raise ImportError("numba is not installed: pip install 'clothsim[bench]'")
+    raise ImportError("numba is not installed: run pip install '.[bench]' in a clone of clothsim")
 
 
 def test_errors_stand_beside_times(report):
@@ -69,7 +69,7 @@ def test_report_prints_every_target_and_why_one_has_no_value(report):
             assert bound.endswith(one["unit"])
             assert float(value) == pytest.approx(one["value"], rel=5e-3)
             assert met == ("met" if one["met"] else "MISSED")
-    reason = "numba is not installed: pip install 'clothsim[bench]'"
+    reason = "numba is not installed: run pip install '.[bench]' in a clone of clothsim"
     assert f"Left out (by numba strided): {reason}" in lines
 
 

@@ -1,6 +1,7 @@
 """The command line: output, JSON, exit codes and one-line errors."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -73,9 +74,12 @@ def test_every_is_seconds_where_it_is_no_whole_number(capsys, tmp_path):
 def test_run_prints_the_report_as_text(capsys):
     code, out, _ = run(capsys, "run", "oscillator", "--duration", "0.1", "--precision", "single")
     assert code == 0
-    shown = dict(line.split(":", 1) for line in out.splitlines() if line[0] != " ")
+    shown = dict(line.split("  ", 1) for line in out.splitlines())
     assert shown["precision"].strip() == "single"
     assert int(shown["steps"]) >= 1
+    assert re.fullmatch(r" +[\d.e-]+ s", shown["dt"])
+    assert re.match(r" *kinetic \S+ J, elastic \S+ J, gravity \S+ J, total \S+ J$", shown["energy, end"])
+    assert max(len(number) for number in re.findall(r"\d+", out)) <= 9, "digits are for --json"
 
 
 @pytest.mark.parametrize(
@@ -138,7 +142,7 @@ def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_p
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = run(capsys, "reproduce", "--quick", "--out", tmp_path)
     assert (code, out) == (1, "")
-    assert "pip install clothsim[plot]" in err and err.count("\n") == 1
+    assert "pip install '.[plot]'" in err and err.count("\n") == 1
 
 
 def test_interrupt_is_code_130(capsys, monkeypatch):

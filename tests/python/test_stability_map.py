@@ -59,7 +59,7 @@ def test_the_dataset_is_labelled():
 
 def test_without_xarray_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install 'clothsim\[sweep\]'"):
+    with pytest.raises(ImportError, match=r"pip install '\.\[sweep\]'"):
         cs.stability_map(SCENE, [1e3], [1e-3], steps=1)
 
 
@@ -119,7 +119,7 @@ def test_the_table_needs_no_extra(capsys, monkeypatch, tmp_path):
     assert main(SMALL) == 0
     capsys.readouterr()
     assert main([*SMALL, "--out", str(tmp_path)]) == 1
-    assert "pip install clothsim[plot]" in capsys.readouterr().err
+    assert "pip install '.[plot]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

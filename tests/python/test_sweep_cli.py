@@ -67,7 +67,7 @@ def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     store, picture = tmp_path / "s.zarr", tmp_path / "s.png"
     command = ("sweep", scene, "--stiffness", "1e3:1e5:log3", "--dt", "1e-3,1e-2",
                "--duration", "0.3",
-               "--metric", "error,stable", "--store", store, "--resume", "--plot")  # fmt: skip
+               "--metric", "error,stable", "--store", store, "--plot")  # fmt: skip
     code, out, err = run(capsys, *command)
     assert (code, err) == (0, "")
     expected = cs.sweep(cs.load_scene(scene), {"stiffness": [1e3, 1e4, 1e5], "dt": [1e-3, 1e-2]},
@@ -81,8 +81,8 @@ def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG") and str(picture) in out
     code, out, _ = run(capsys, *command[:-1])
     assert code == 0 and "nothing was missing" in out.splitlines()[0]
-    code, _, err = run(capsys, *command[:-2])
-    assert code == 2 and "--resume does what is missing" in err and err.count("\n") == 1
+    code, _, err = run(capsys, *command[:-1], "--no-resume")
+    assert code == 2 and "without --no-resume it would be continued" in err and err.count("\n") == 1
     code, _, err = run(capsys, *[("4e3:1e5:log3" if "log" in str(c) else c) for c in command])
     assert code == 2 and "over[0].values.stiffness[0] (1000.0 in the store, 4000.0 given)" in err
 

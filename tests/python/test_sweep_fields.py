@@ -73,7 +73,7 @@ def test_every_argument_of_the_model_has_a_name():
 @pytest.mark.parametrize(
     ("name", "hint"),
     [("stifness", "'stiffness'"), ("sphere_radios", "'sphere_radius'"),
-     ("sphere1_radios", "'sphere_radius'"), ("timestep", "fields.NAMES"), (3, "fields.NAMES")],
+     ("sphere1_radios", "'sphere_radius'"), ("timestep", "sweepable()"), (3, "sweepable()")],
 )  # fmt: skip
 def test_an_unknown_name_is_refused_with_the_nearest(name, hint):
     with pytest.raises(ValueError, match=hint):

@@ -79,7 +79,7 @@ def test_provenance(tmp_path):
     assert session["instruction_sets"] == [cs.build_config()["instruction_set"]]
     assert session["machine"]["cpu"] and session["hosts"] and session["created"]
     assert session["wall_time"] > 0 and session["members_finished"] == 12
-    assert json.loads(result.attrs["clothsim"]) == about
+    assert json.loads(result.attrs["clothsim_sweep"]) == about
 
 
 @pytest.mark.parametrize("stop_after", [1, 4, 11])

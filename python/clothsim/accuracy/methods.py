@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
-from ..integration import integrators
+from ..integration import integrator_name, integrators
 from ..measures import max_stable_dt
 from ..plan import PRECISIONS
 from ..scene import Scene
@@ -140,9 +140,17 @@ def own_methods(
     known |= {f"{n} adaptive": (n, "rtol") for n, one in integrators().items() if one.adaptive}
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
-    chosen = known if names is None else [check.choice("methods", n, tuple(known)) for n in names]
+    chosen = known if names is None else [_known(name, known) for name in names]
     return [
         Own(known[name][0], precision, threads, known[name][1])
         for name in chosen
         for precision in precisions
     ]
+
+
+def _known(name: str, known: Mapping[str, tuple[str, str]]) -> str:
+    """The key of `known` that the name of an integrator, with " adaptive" or without, stands for."""
+    if isinstance(name, str) and name.endswith(" adaptive"):
+        name = integrator_name(name.removesuffix(" adaptive"), argument="methods") + " adaptive"
+        return check.choice("methods", name, known)
+    return integrator_name(name, argument="methods")

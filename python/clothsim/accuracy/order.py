@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
+from .._keywords import suggests
+from .._record import EqualByValue
 from ..errors import UnstableError
+from ..integration import integrator_name
 from ..scene import Scene
 from ..simulation import simulate
 from .methods import extent
@@ -29,8 +32,8 @@ _ASYMPTOTIC = 0.1
 _STALLED = 0.5
 
 
-@dataclass(frozen=True)
-class Convergence:
+@dataclass(frozen=True, eq=False, repr=False)
+class Convergence(EqualByValue):
     """Errors of a method over time steps; what `convergence` returns.
 
     Attributes
@@ -86,7 +89,10 @@ class Convergence:
             lines.append(f"{dt:11.4g}  {self.rms[k]:9.2e}  {self.max[k]:9.2e}  {local}{mark}")
         return "\n".join(lines)
 
+    __repr__ = __str__
 
+
+@suggests
 def convergence(
     scene: Scene,
     duration: float,
@@ -136,6 +142,7 @@ def convergence(
     (4.0, [50, 100, 200])
     """
     duration = check.number("duration", duration, minimum=0, exclusive=True)
+    integrator = integrator_name(integrator)
     check.choice("precision", precision, ("double", "single"))
     count = check.size("dts", dts, "a sequence of time steps > 0")
     if count == 0:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .. import _validate as check
+from .._extras import needed
 from .methods import OWN
 
 _STYLES = {"double": "-", "single": ":"}
@@ -32,13 +34,11 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     ImportError
         Without matplotlib, naming the extra that brings it.
     """
-    try:
-        from matplotlib import colormaps
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("pictures need matplotlib: pip install 'clothsim[plot]'") from error
-    path = Path(path)
+    colormaps = needed("matplotlib", "a picture", "plot").colormaps
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    path = check.path("path", path)
     figure = Figure(figsize=(13, 6.4), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, sharey=True)

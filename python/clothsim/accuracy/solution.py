@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from .. import _core
 from .. import _validate as check
+from .._keywords import suggests
+from .._record import EqualByValue
 from ..measures import max_stable_dt
 from ..plan import choose_threads
 from ..scene import Scene
@@ -37,8 +39,8 @@ _MOST_HALVINGS = 8
 METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, double")
 
 
-@dataclass(frozen=True)
-class Reference:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(EqualByValue):
     """A solution to measure others by; what `reference` returns.
 
     Attributes
@@ -69,6 +71,13 @@ class Reference:
     error_estimate: dict[str, Floats]
     report: dict[str, Any]
 
+    def __repr__(self) -> str:
+        rows, columns = self.scene.cloth.shape
+        return (
+            f"<Reference of {rows} x {columns} points: {len(self.t)} frames to {self.t[-1]:g} s, "
+            f"error bound {float(np.max(self.error_bound['max'])):.1e} m>"
+        )
+
     def error_of(self, x: npt.ArrayLike, frame: int = -1) -> dict[str, float]:
         """How far positions are from this solution.
 
@@ -97,13 +106,20 @@ class Reference:
         >>> solution.error_of(solution.x[-1])
         {'max': 0.0, 'rms': 0.0}
         """
-        x = np.asarray(x, dtype=np.float64)
+        accepted = f"an array of shape {self.x.shape[1:]}"
+        x = check.as_array("x", x, accepted)
+        if x.dtype.kind not in "iuf":
+            raise TypeError(f"x must be {accepted} of numbers, got dtype {x.dtype}")
         if x.shape != self.x.shape[1:]:
-            raise ValueError(f"x must be an array of shape {self.x.shape[1:]}, got {x.shape}")
+            raise ValueError(f"x must be {accepted}, got {x.shape}")
+        x = x.astype(np.float64)
+        count = len(self.t)
+        frame = check.integer("frame", frame, minimum=-count, maximum=count - 1)
         largest, rms = _distances(x, self.x[frame])
         return {"max": float(largest), "rms": float(rms)}
 
 
+@suggests
 def reference(
     scene: Scene,
     duration: float,

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import _validate as check
-from .._extras import needed
+from .._extras import check_progress, needed
+from .._keywords import suggests
 from ..plan import PRECISIONS
 from ..scene import Scene
 from .bench import Bench, Measured
@@ -16,6 +17,7 @@ from .order import solution_for
 from .solution import Reference
 
 
+@suggests
 def work_precision(
     scene: Scene,
     duration: float,
@@ -98,6 +100,7 @@ def work_precision(
     (2, True)
     """
     xarray = needed("xarray", "work_precision")
+    check_progress(check.boolean("progress", progress))
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
     chosen = _methods(scene, methods, precisions, check.boolean("peers", peers), threads)
@@ -167,10 +170,7 @@ class progress_bar:
     def __enter__(self) -> Any:
         if not self.shown:
             return lambda count: None
-        try:
-            from tqdm.auto import tqdm
-        except ImportError as error:
-            raise ImportError("progress=True needs tqdm: pip install 'clothsim[demo]'") from error
+        tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
         self.bar = tqdm(total=self.total, unit="run")
         return self.bar.update
 

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from .._extras import how_to_install
 from .._json import as_json
 from .figures import attempt
 from .machine import slug
@@ -53,7 +54,7 @@ def _draw(report: dict[str, Any], start: str) -> None:
     from . import plots
 
     if find_spec("matplotlib") is None:
-        reason = "matplotlib is not installed: pip install 'clothsim[bench]'"
+        reason = f"matplotlib is not installed: {how_to_install('bench')}"
         report["skipped"].append({"plot": "all", "reason": reason})
         return
 

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from .._extras import how_to_install
 from ..scene import Scene
 from .numpy_peer import OFFSETS, spring_kinds
 from .timing import Work
@@ -24,7 +25,7 @@ def import_kernels():
         its own words.
     """
     if find_spec("numba") is None:
-        raise ImportError("numba is not installed: pip install 'clothsim[bench]'")
+        raise ImportError(f"numba is not installed: {how_to_install('bench')}")
     try:
         from . import numba_kernels
     except Exception as error:  # an OSError where a library of its own cannot be loaded

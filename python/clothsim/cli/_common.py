@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
+
+from ..integration import integrator_name
 
 
 def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
@@ -26,6 +28,14 @@ def count(text: str) -> int:
     return value
 
 
+def integrator(text: str) -> str:
+    """An argument that names an integrator."""
+    try:
+        return integrator_name(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error).partition(" ")[2]) from None
+
+
 def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) -> None:
     """Raise ValueError if one of the options is given that `flag` would ignore."""
     for option in options:
@@ -45,3 +55,59 @@ def as_text(data: Mapping[str, Any], indent: str = "") -> str:
             shown = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else value
             lines.append(f"{indent}{name + ':':<{width + 1}} {shown}")
     return "\n".join(lines)
+
+
+def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = "") -> str:
+    """One line per entry: its name in words, and its value in four digits with its unit.
+
+    Mappings of plain values take one line. A unit is looked up by the entry's own name, then by
+    that of the mapping it is in. What cannot be told has its "reason" in place of its numbers.
+
+    Examples
+    --------
+    >>> data = {"steps": 12000, "energy": {"start": 0.0, "end": 1.23456789}, "penetration":
+    ...         {"points": float("nan"), "reason": "no sphere"}}
+    >>> print(as_table(data, {"energy": "J", "penetration": "m"}))
+    steps        12,000
+    energy       start 0 J, end 1.235 J
+    penetration  no sphere
+    """
+    rows = list(_rows(data, units, "", ""))
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join(f"{indent}{name:<{width}}  {text}".rstrip() for name, text in rows)
+
+
+def _rows(
+    data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: str
+) -> Iterator[tuple[str, str]]:
+    for key, value in data.items():
+        name = before + key.replace("_", " ")
+        own = units.get(key, unit)
+        if not isinstance(value, Mapping):
+            yield name, short(value, own)
+        elif value.get("reason"):
+            yield name, str(value["reason"])
+        elif any(isinstance(entry, Mapping) for entry in value.values()):
+            yield from _rows(value, units, own, f"{name}, ")
+        else:
+            told = {entry: number for entry, number in value.items() if entry != "reason"}
+            yield name, ", ".join(
+                f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}"
+                for entry, number in told.items()
+            ) or "none"
+
+
+def short(value: Any, unit: str = "") -> str:
+    """A value for people: four digits, thousands apart, and its unit."""
+    if value is None or value == "":
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(short(entry) for entry in value) + (f" {unit}" if unit else "")
+    if not isinstance(value, (int, float)):
+        return str(value)
+    if value != value:
+        return "unknown"
+    text = f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
+    return f"{text} {unit}" if unit else text

@@ -9,9 +9,15 @@ from collections.abc import Callable
 from typing import Any
 
 from .._json import as_json
-from ._common import add_command, as_text
+from ._common import add_command, as_table, short
 
 SLOPE = math.tan(0.35)
+
+UNITS = {
+    "deepest": "m", "points": "m", "triangles": "m", "depth": "m", "jitter": "m",
+    "normal_jitter": "m", "slip": "m", "expected": "m", "spread": "m", "dt": "s", "made": "J",
+    "kinetic_at_impact": "J", "elastic_afterwards": "J", "contact_energy": "J",
+}  # fmt: skip
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
@@ -74,14 +80,20 @@ def run(args: argparse.Namespace) -> None:
 
 def _print(result: Any) -> None:
     if isinstance(result, dict):
-        print(as_text(result, "  "))
+        print(as_table(result, UNITS, "  "))
         return
     headings = list(result[0])
-    cells = [[_short(row.get(heading)) for heading in headings] for row in result]
-    widths = [max(map(len, column)) for column in zip(headings, *cells)]
-    for line in (headings, *cells):
+    cells = [[_cell(row.get(heading)) for heading in headings] for row in result]
+    titles = [_title(heading) for heading in headings]
+    widths = [max(map(len, column)) for column in zip(titles, *cells)]
+    for line in (titles, *cells):
         print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip())
 
 
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
+def _title(name: str) -> str:
+    unit = UNITS.get(name)
+    return name.replace("_", " ") + (f" [{unit}]" if unit else "")
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else short(value)

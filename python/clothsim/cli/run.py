@@ -13,7 +13,16 @@ from typing import Any
 import clothsim as cs
 
 from .._json import as_json
-from ._common import add_command, as_text, count
+from ._common import add_command, as_table, count
+
+
+# Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
+UNITS = {
+    "wall_time": "s", "estimate_wall_time": "s", "steps_per_second": "1/s", "dt": "s",
+    "error_estimate": "m", "asked": "m", "floor": "m", "energy": "J", "penetration": "m",
+    "first_contact": "s", "time": "s", "centre_of_mass": "m", "center_of_mass": "m",
+    "kinetic_energy": "J", "total_energy": "J",
+}  # fmt: skip
 
 
 def ready_scenes() -> dict[str, Any]:
@@ -97,4 +106,4 @@ def run(args: argparse.Namespace) -> None:
     if args.out:
         result.save(args.out)
     report = dict(result.report)
-    print(as_json(report) if args.json else as_text(report))
+    print(as_json(report) if args.json else as_table(report, UNITS))

@@ -14,7 +14,7 @@ from clothsim import _validate as check
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
 from .._json import as_json
-from ._common import add_command, count, refuse_ignored
+from ._common import add_command, count, integrator, refuse_ignored
 from .run import ready_scenes
 
 _OF_THE_MAP = (
@@ -47,7 +47,10 @@ def add_parser(subparsers: Any) -> None:
         help="number of stiffnesses and of time steps, evenly spaced in the logarithm "
         "(default: 6 24)",
     )  # fmt: skip
-    command.add_argument("--integrator", choices=INTEGRATORS, default="rk4", help="default: rk4")
+    command.add_argument(
+        "--integrator", type=integrator, default="rk4", metavar="NAME",
+        help=f"one of {', '.join(INTEGRATORS)} (default: rk4)",
+    )  # fmt: skip
     command.add_argument(
         "--precision", choices=PRECISIONS, default="double", help="of the map (default: double)"
     )

@@ -12,6 +12,7 @@ from typing import Any
 import clothsim as cs
 from clothsim.sweep import METRICS, fields
 
+from .._extras import check_installed, needed
 from .._json import as_json
 from ._common import add_command, count
 from ._sweep_summary import as_data, summary
@@ -62,8 +63,9 @@ def add_parser(subparsers: Any) -> None:
     )  # fmt: skip
     command.add_argument("--store", metavar="DIR", help="keep the results in a zarr store")
     command.add_argument(
-        "--resume", action="store_true", help="go on with a store that exists: do what is missing"
-    )
+        "--resume", action=argparse.BooleanOptionalAction, default=True,
+        help="do what is missing in a store that exists (default), or refuse the store",
+    )  # fmt: skip
     command.add_argument(
         "--every", metavar="N|S", help="frames: every N steps, or S seconds (with a point)"
     )
@@ -113,7 +115,7 @@ def run(args: argparse.Namespace) -> None:
     for group in args.zip:
         over = _zipped(over, tuple(group.replace("-", "_").split(",")))
     if args.store and Path(args.store).exists() and not args.resume:
-        raise ValueError(f"--store {args.store} exists; --resume does what is missing in it")
+        raise ValueError(f"--store {args.store} exists; without --no-resume it would be continued")
     picture = _picture(args)
     try:
         dataset = cs.sweep(
@@ -123,6 +125,7 @@ def run(args: argparse.Namespace) -> None:
             every=_every(args.every),
             frames=args.frames,
             store=args.store,
+            resume=args.resume,
             executor=_client(args.scheduler),
             threads=args.threads,
             progress=sys.stderr.isatty(),
@@ -226,17 +229,14 @@ def _every(text: str | None) -> int | float | None:
 def _client(address: str | None) -> Any:
     if address is None:
         return None
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ImportError("--scheduler needs dask: pip install 'clothsim[dask]'") from error
-    return Client(address)
+    return needed("distributed", "--scheduler", "dask").Client(address)
 
 
 def _picture(args: argparse.Namespace) -> str | None:
     if args.plot is None:
         return None
     default = os.path.splitext(args.store.rstrip("/"))[0] + ".png" if args.store else "sweep.png"
+    check_installed("matplotlib", "--plot", "plot")
     picture = args.plot or default
     if not (Path(picture).parent).is_dir():
         raise ValueError(f"--plot must be in an existing folder, got {picture!r}")
@@ -255,5 +255,6 @@ def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: An
 def _so_far(store: str) -> str:
     status = cs.open_sweep(store)["status"].values
     return (
-        f"{int((status > 0).sum())} of {status.size} members are in {store}; --resume does the rest"
+        f"{int((status > 0).sum())} of {status.size} members are in {store}; the same command does "
+        "the rest"
     )

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from .._extras import how_to_install
+
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # float64, and the integers of its size that `keep` takes it through.
 FLOAT64 = ("shader-f64", "shader-int64")
@@ -46,7 +48,7 @@ def load_wgpu() -> Any:
         from wgpu.backends.wgpu_native import extras
     except ImportError as error:
         raise ImportError(
-            "backend 'gpu' needs wgpu, which is not installed: pip install 'clothsim[gpu]'"
+            f"backend 'gpu' needs wgpu, which is not installed: {how_to_install('gpu')}"
         ) from error
     global _restricted
     if not _restricted:

@@ -11,6 +11,7 @@ from dataclasses import asdict
 
 import clothsim as cs
 from clothsim import _validate as check
+from clothsim._extras import needed
 from clothsim.gpu import experiment
 from clothsim.provenance import provenance
 
@@ -216,13 +217,7 @@ def _performance(number, settings, threads, progress, folder):
 
 
 def _need_matplotlib() -> None:
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "the reproduction draws with matplotlib, which is not installed: "
-            "pip install clothsim[plot]"
-        ) from error
+    needed("matplotlib", "the reproduction", "plot")
 
 
 class _bar:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from .. import _core
 from .. import _validate as check
-from .._extras import needed
+from .._extras import check_installed, check_progress, needed
+from .._keywords import suggests
 from ..measures import max_stable_dt
 from ..plan import check_options
 from ..scene import Scene
@@ -79,6 +80,7 @@ class StabilityMap:
         )
 
 
+@suggests
 def measure_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
@@ -92,9 +94,10 @@ def measure_map(
     """`clothsim.stability_map` in plain arrays, without xarray."""
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
-    check_options(precision, "auto", False, integrator)
+    integrator = check_options(precision, "auto", False, integrator)
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
+    check_progress(check.boolean("progress", progress))
     if threads is None:
         threads = _core.available_threads()
     threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
@@ -123,6 +126,7 @@ def measure_map(
     )
 
 
+@suggests
 def stability_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
@@ -182,6 +186,7 @@ def stability_map(
     >>> found.limit.round(4).tolist()
     [0.2828, 0.0283]
     """
+    check_installed("xarray", "stability_map")  # before the runs, not after them
     return measure_map(
         scene, stiffness, dt, integrator, precision, steps, threads, progress
     ).to_xarray()
@@ -189,7 +194,7 @@ def stability_map(
 
 def _positive(name: str, value: npt.ArrayLike) -> Floats:
     accepted = "a one-dimensional array of finite numbers > 0"
-    given = np.asarray(value)
+    given = check.as_array(name, value, accepted)
     if given.dtype.kind not in "iuf":
         raise TypeError(f"{name} must be {accepted}, got dtype {given.dtype}")
     if given.ndim != 1 or not given.size:
@@ -200,10 +205,7 @@ def _positive(name: str, value: npt.ArrayLike) -> Floats:
 
 
 def _shown(results: Iterator[bool], count: int, progress: bool) -> Iterator[bool]:
-    if not check.boolean("progress", progress):
+    if not progress:
         return results
-    try:
-        from tqdm.auto import tqdm
-    except ImportError as error:
-        raise ImportError("progress=True needs tqdm: pip install 'clothsim[demo]'") from error
+    tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
     return iter(tqdm(results, total=count, unit="run"))

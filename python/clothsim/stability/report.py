@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._extras import needed
 from .hard_case import HardCase, HardCaseResult
 from .map import StabilityMap
 
@@ -50,10 +51,7 @@ def write_csv(found: StabilityMap, path: Path) -> None:
 
 def need_matplotlib() -> None:
     """Raise an ImportError that names the extra, where matplotlib is missing."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise ImportError("the picture needs matplotlib: pip install clothsim[plot]") from error
+    needed("matplotlib", "a picture", "plot")
 
 
 def draw_map(found: StabilityMap, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`Dataset.clothsim`, which every sweep's Dataset has."""
+"""`Dataset.clothsim`: plots and provenance of a sweep."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from typing import Any
 import xarray
 
 from ..scene import Scene
-from . import plots
+from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
+
+
+def _plots() -> Any:
+    # Here, so that `import xarray` waits for no more than the accessor.
+    from . import plots
+
+    return plots
 
 
 class Plots:
@@ -19,19 +26,19 @@ class Plots:
 
     def __call__(self, kind: str | None = None, **options: Any) -> Any:
         """What fits best, or the named kind: "convergence", "stability" or "heatmap"."""
-        return plots.plot(self._dataset, kind, **options)
+        return _plots().plot(self._dataset, kind, **options)
 
     def convergence(self, **options: Any) -> Any:
         """Error over dt, a line for each value of another dimension."""
-        return plots.convergence(self._dataset, **options)
+        return _plots().convergence(self._dataset, **options)
 
     def stability(self, **options: Any) -> Any:
         """Which members came to their end, with the guaranteed stable time step."""
-        return plots.stability(self._dataset, **options)
+        return _plots().stability(self._dataset, **options)
 
     def heatmap(self, variable: str | None = None, **options: Any) -> Any:
         """A metric over two dimensions."""
-        return plots.heatmap(self._dataset, variable, **options)
+        return _plots().heatmap(self._dataset, variable, **options)
 
 
 @xarray.register_dataset_accessor("clothsim")
@@ -52,7 +59,13 @@ class ClothsimAccessor:
     def provenance(self) -> dict[str, Any]:
         """Scene, grid, settings and version ("identity"), and machine, instruction sets, wall time
         and tasks of every session that worked on it ("sessions")."""
-        return dict(json.loads(self._dataset.attrs["clothsim"]))
+        text = self._dataset.attrs.get(ATTRIBUTE, self._dataset.attrs.get(OLD_ATTRIBUTE))
+        if text is None:
+            raise ValueError(
+                f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which `sweep` "
+                "and `open_sweep` give"
+            )
+        return dict(json.loads(text))
 
     @property
     def scene(self) -> Scene:

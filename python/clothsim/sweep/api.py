@@ -6,11 +6,13 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from .._keywords import suggests
 from ..scene import Scene
 
 DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 
 
+@suggests
 def sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,
@@ -53,8 +55,7 @@ def sweep(
         (of every sphere) or "sphere1_" (of the one with index 1); parts of them such as
         "stiffness_shear", "damping_bend", "gravity_y", "sphere_center_x"; "sphere_speed" [m/s] and
         the other arguments of a sphere's motion; "scene"; and "dt", "rtol", "atol", "duration",
-        "integrator", "precision", "kernel" and "strict". ``clothsim.sweep.fields.NAMES`` has them
-        all.
+        "integrator", "precision", "kernel" and "strict". `sweepable` lists them all.
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .. import _validate as check
 from .._extras import needed
+from .._keywords import suggests
+from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
 from .results import Results
 from .store import read_attrs
 
@@ -17,7 +19,6 @@ from .store import read_attrs
 def to_dataset(results: Results, attrs: dict[str, Any]) -> Any:
     """The Dataset of results that are in memory."""
     xarray = needed("xarray", "sweep")
-    _register()
     dims = results.grid.dimensions
     return xarray.Dataset(
         {
@@ -25,10 +26,11 @@ def to_dataset(results: Results, attrs: dict[str, Any]) -> Any:
             for name, variable in results.variables.items()
         },
         {c.name: (c.dimension, c.values, c.attrs) for c in results.coordinates},
-        {"clothsim": json.dumps(attrs)},
+        {ATTRIBUTE: json.dumps(attrs)},
     )
 
 
+@suggests
 def open_sweep(path: str | os.PathLike[str]) -> Any:
     """Open the store of a sweep, finished or not.
 
@@ -60,14 +62,13 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     True
     """
     xarray = needed("xarray", "open_sweep")
-    path = Path(path)
+    path = check.path("path", path)
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")
     attrs = read_attrs(path)
     variables = attrs.pop("variables", None)
     if variables is None:
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
-    _register()
     dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
     labels = [name for name in dataset.variables if name in _coordinate_names(attrs)]
     dataset = dataset.set_coords(labels)[variables]
@@ -77,7 +78,8 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
             texts = array.values.astype(object)
             texts = texts if name == "message" else np.array(texts.tolist())
             dataset[name] = (array.dims, texts, array.attrs)
-    dataset.attrs["clothsim"] = json.dumps(attrs)
+    dataset.attrs.pop(OLD_ATTRIBUTE, None)
+    dataset.attrs[ATTRIBUTE] = json.dumps(attrs)
     return dataset
 
 
@@ -87,7 +89,3 @@ def _coordinate_names(attrs: dict[str, Any]) -> set[str]:
     names = {name for axis in grid for name in axis["values"]}
     names |= {axis["dimension"] for axis in grid}
     return names | {"rows", "columns", "time", "component"}
-
-
-def _register() -> None:
-    from . import accessor  # noqa: F401  gives Datasets their `clothsim`

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _validate as check
+from .._keywords import suggests
 from ..cloth import FAMILIES, Cloth
 from ..motion import MOTIONS, Linear, Reciprocate
 from ..scene import Scene
@@ -74,9 +75,29 @@ def check_name(name: Any) -> str:
         hint = check._nearest(name, NAMES)
         raise ValueError(
             f"over must have names that can be swept, got {name!r}{hint}; "
-            "clothsim.sweep.fields.NAMES lists them"
+            "clothsim.sweepable() lists them"
         )
     return name
+
+
+@suggests
+def sweepable() -> dict[str, str]:
+    """Every name that `sweep` takes in ``over``, with its unit.
+
+    Returns
+    -------
+    dict of str to str
+        Units are "" where values have none. Names of one sphere of several, as "sphere1_radius",
+        come on top: each "sphere_" name with the sphere's index.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> names = cs.sweepable()
+    >>> names["stiffness_shear"], names["gravity_y"], names["integrator"], "stifness" in names
+    ('N/m', 'm/s^2', '', False)
+    """
+    return {name: units(name) for name in NAMES}
 
 
 def units(name: str) -> str:

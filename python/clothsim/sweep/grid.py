@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._record import Record
+from ..integration import integrator_name
 from .fields import NUMERICS, check_name, units
 from .plain import digest, label, plain
 
@@ -160,7 +162,7 @@ def _axis(key: Any, values: Any) -> Axis:
     labels = None
     if isinstance(values, Mapping):
         labels, values = tuple(map(str, values)), list(values.values())
-    places = tuple({name: value} for value in _values(f"over[{name!r}]", values))
+    places = tuple(_place({name: value}) for value in _values(f"over[{name!r}]", values))
     return Axis(name, places, labels)
 
 
@@ -172,7 +174,7 @@ def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
             raise ValueError(
                 f"over[{names!r}] must be rows of {len(names)} values, got {row!r} at index {k}"
             )
-        places.append(dict(zip(names, row, strict=True)))
+        places.append(_place(dict(zip(names, row, strict=True))))
     return Axis("_".join(names), tuple(places))
 
 
@@ -192,8 +194,17 @@ def _samples(over: Any) -> Axis:
                 f"over must give every sample the same names, got {sorted(sample)} at index {k} "
                 f"and {sorted(places[0])} before"
             )
-        places.append({check_name(name): _scalar(value) for name, value in sample.items()})
+        places.append(_place({check_name(name): _scalar(v) for name, v in sample.items()}))
     return Axis("sample", tuple(places))
+
+
+def _place(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with the integrator by its own name; `Member.make` refuses what is none."""
+    name = values.get("integrator")
+    if isinstance(name, str):
+        with contextlib.suppress(ValueError):
+            values["integrator"] = integrator_name(name, "auto")
+    return values
 
 
 def _values(name: str, values: Any) -> list[Any]:

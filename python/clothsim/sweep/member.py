@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .. import _validate as check
 from ..build import build_config
 from ..errors import ContactError, UnstableError
+from ..integration import integrator_name
 from ..measures import energy, max_stable_dt, penetration
 from ..plan import check_options
 from ..scene import Scene
@@ -81,6 +82,7 @@ class Member:
         dt, rtol, atol = (run.get(name, getattr(settings, name)) for name in ("dt", "rtol", "atol"))
         if numerics["integrator"] is None:
             numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
+        numerics["integrator"] = integrator_name(numerics["integrator"], "auto")
         automatic = numerics["integrator"] == "auto"
         named = "rk4" if automatic else numerics["integrator"]
         check_options(numerics["precision"], numerics["kernel"], numerics["strict"], named)

@@ -6,12 +6,12 @@ import os
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from .. import _validate as check
-from .._extras import needed
+from .._extras import check_installed, needed
 from ..build import build_config
+from ..integration import integrator_name
 from ..provenance import provenance
 from ..scene import Scene
 from .dataset import open_sweep, to_dataset
@@ -42,12 +42,11 @@ def run_sweep(
     **settings_given: Any,
 ) -> Any:
     """As `sweep`; `settings_given` are those of `Settings`."""
-    needed("xarray", "sweep")
+    _check_packages(store, progress)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
     grid = make_grid(over)
     settings = _checked_settings(**settings_given)
-    progress = check.boolean("progress", progress)
     _check_frames(grid, settings)
     members = _checked_members(scene, grid, settings)
     if task_seconds is not None:
@@ -60,7 +59,7 @@ def run_sweep(
         if store is None:
             results = Results(grid, settings, scene)
         else:
-            where = Path(store)
+            where = check.path("store", store)
             results = Store(where, grid, settings, scene, identity, session, resume)
         _run(workers, members, results, session, progress, task_seconds)
     finally:
@@ -72,13 +71,23 @@ def run_sweep(
     return to_dataset(results, {"schema": SCHEMA, "identity": identity, "sessions": sessions})
 
 
+def _check_packages(store: Any, progress: Any) -> None:
+    """Raise the ImportError of what is needed at the end now, not after the runs."""
+    needed("xarray", "sweep")
+    if store is not None:
+        needed("zarr", "store=...")
+    if check.boolean("progress", progress):
+        check_installed("tqdm", "progress=True")
+
+
 def _checked_settings(
-    *, duration: Any, dt: Any, strict: Any, every: Any, frames: Any, sampling: Any, metrics: Any,
-    **others: Any,
+    *, duration: Any, dt: Any, integrator: Any, strict: Any, every: Any, frames: Any,
+    sampling: Any, metrics: Any, **others: Any,
 ) -> Settings:  # fmt: skip
     return Settings(
         duration=check.number("duration", duration, minimum=0, exclusive=True),
         dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
+        integrator=None if integrator is None else integrator_name(integrator, "auto"),
         strict=check.boolean("strict", strict),
         every=_every(every),
         frames=check.boolean("frames", frames),

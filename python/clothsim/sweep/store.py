@@ -19,6 +19,7 @@ import numpy as np
 from .. import _validate as check
 from .._extras import needed
 from ..scene import Scene
+from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
 from .grid import Coordinate, Grid
 from .member import PENDING, Record, Settings
 from .plain import differences
@@ -113,7 +114,7 @@ class Store(Results):
         if self.group is None:
             which = json.dumps({name: self.attrs[name] for name in ("schema", "identity")})
             self.group = self.zarr.create_group(
-                self.path, zarr_format=3, attributes={"clothsim": which}
+                self.path, zarr_format=3, attributes={ATTRIBUTE: which}
             )
         missing = [v for v in self.variables.values() if v.name not in self._arrays]
         for variable in missing:
@@ -242,7 +243,8 @@ def read_attrs(path: Path) -> dict[str, Any]:
     zarr = needed("zarr", "a sweep's store")
     try:
         group = zarr.open_group(path, mode="r", use_consolidated=False)
-        attrs = json.loads(group.attrs["clothsim"])
+        name = ATTRIBUTE if ATTRIBUTE in group.attrs else OLD_ATTRIBUTE
+        attrs = json.loads(group.attrs[name])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
     if attrs.get("schema") != SCHEMA:

@@ -1,0 +1,120 @@
+"""Packages beyond NumPy: missed before any work is done, and the xarray accessor."""
+
+import importlib
+import json
+import subprocess
+import sys
+
+import clothsim as cs
+import pytest
+import xarray
+import zarr
+
+SCENE = cs.scenes.oscillator()
+HINT = r"pip install '\.\[{}\]' in a clone"
+
+
+def never(*arguments, **options):
+    raise AssertionError("something was computed before the package was missed")
+
+
+@pytest.fixture
+def nothing_runs(monkeypatch):
+    for module, name in [("_state", "State"), ("stability.map", "is_stable"), ("accuracy.work", "Bench"),
+                         ("accuracy.work", "solution_for"), ("sweep.session", "run_all")]:  # fmt: skip
+        monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "call"),
+    [
+        ("xarray", "sweep", lambda path: cs.stability_map(SCENE, [1e3], [1e-3], steps=1)),
+        ("tqdm", "demo", lambda path: cs.stability_map(SCENE, [1e3], [1e-3], steps=1, progress=True)),
+        ("xarray", "sweep", lambda path: cs.work_precision(SCENE, 0.1)),
+        ("tqdm", "demo", lambda path: cs.work_precision(SCENE, 0.1, progress=True)),
+        ("xarray", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, progress=False)),
+        ("tqdm", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, progress=True)),
+        ("zarr", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, store=path, progress=False)),
+        ("zarr", "sweep", lambda path: cs.open_sweep(path)),
+        ("tqdm", "demo", lambda path: cs.simulate(SCENE, 0.1, dt=1e-3, progress=True)),
+    ],
+)
+def test_a_missing_package_is_missed_before_the_work(package, extra, call, monkeypatch, nothing_runs, tmp_path):
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=f"needs {package}: run {HINT.format(extra)}"):
+        call(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("first", ["clothsim", "xarray"])
+def test_the_accessor_is_there_in_either_order_of_imports(first):
+    second = {"clothsim": "xarray", "xarray": "clothsim"}[first]
+    program = f"""
+import sys, importlib.util
+import {first}
+if "{first}" == "clothsim":
+    assert "xarray" not in sys.modules
+    assert importlib.util.find_spec("xarray").name == "xarray"  # asking is not importing
+    assert "xarray" not in sys.modules
+import {second}
+import xarray
+assert callable(xarray.Dataset().clothsim.plot.heatmap)
+assert "matplotlib" not in sys.modules and "clothsim.sweep.plots" not in sys.modules
+assert not any(type(finder).__name__ == "_AfterXarray" for finder in sys.meta_path)
+"""
+    subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
+
+
+def test_a_missing_xarray_is_missed_as_ever():
+    program = """
+import clothsim, sys
+sys.meta_path = [f for f in sys.meta_path if type(f).__name__ == "_AfterXarray"]
+try:
+    import xarray
+except ModuleNotFoundError as error:
+    assert error.name == "xarray"
+else:
+    raise AssertionError
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_dataset_of_no_sweep_says_so():
+    with pytest.raises(ValueError, match="lacks the attribute 'clothsim_sweep'"):
+        xarray.Dataset().clothsim.provenance
+
+
+def sweep(path):
+    return cs.sweep(
+        SCENE, {"stiffness": [1.0, 2.0]}, duration=0.1, dt=0.01, metrics="stable", store=path, progress=False
+    )
+
+
+def test_a_store_that_xarray_opens_has_the_accessor(tmp_path):
+    sweep(tmp_path / "s.zarr")
+    opened = xarray.open_zarr(tmp_path / "s.zarr", chunks=None)
+    assert callable(opened.clothsim.plot) and opened.clothsim.scene == SCENE
+    assert list(opened.attrs) == ["clothsim_sweep"]
+
+
+def test_stores_with_the_attributes_old_name_are_read_and_resumed(tmp_path):
+    path = tmp_path / "s.zarr"
+    sweep(path)
+    file = path / "zarr.json"
+    text = json.loads(file.read_text())
+    text["attributes"] = {"clothsim": text["attributes"]["clothsim_sweep"]}
+    file.write_text(json.dumps(text))
+    assert dict(zarr.open_group(path, mode="r").attrs).keys() == {"clothsim"}
+    assert xarray.open_zarr(path, chunks=None, consolidated=False).clothsim.scene == SCENE
+    again = cs.open_sweep(path)
+    assert again.clothsim.scene == SCENE and list(again.attrs) == ["clothsim_sweep"]
+    assert sweep(path).clothsim.provenance["sessions"][-1]["tasks"] == 0
+
+
+def test_sweepable_names_have_units():
+    names = cs.sweepable()
+    assert names["sphere_radius"] == "m" and names["damping_shear"] == "N s/m" and names["kernel"] == ""
+    with pytest.raises(ValueError, match=r"'stiffness'.*clothsim\.sweepable\(\) lists them"):
+        cs.sweep(SCENE, {"stifness": [1.0]}, progress=False)

@@ -1,0 +1,93 @@
+"""Values: the model hashes as it compares, and what is long prints short."""
+
+import pickle
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+
+def scene_with_arrays(zero=0.0, dtype=np.float64):
+    cloth = cs.Cloth((6, 5), mass=np.full((6, 5), 0.5), damping={"structural": 1, "shear": 2, "bend": 3})
+    position = cloth.rest_positions.astype(dtype) + zero
+    motion = cs.Keyframes([0, 1], [(0, zero, 0), (1, 0, 0)])
+    return cs.Scene(cloth, cs.Sphere((0, -1, 0), motion=motion), position=position)
+
+
+PAIRS = [
+    (cs.Cloth(), cs.Cloth()),
+    (cs.Cloth(stiffness=2), cs.Cloth(stiffness=2.0)),
+    (cs.Cloth(size=(1, 2)), cs.Cloth(size=np.array([1.0, 2.0]))),
+    (cs.Sphere(motion=cs.Linear((0, -0.0, 1))), cs.Sphere(motion=cs.Linear((0, 0, 1)))),
+    (cs.Reciprocate((1, 0, 0)), cs.Reciprocate((1, 0, 0))),
+    (scene_with_arrays(0.0), scene_with_arrays(0.0)),
+    (scene_with_arrays(-0.0), scene_with_arrays(0.0)),
+    (cs.scenes.paper_moving(), cs.scenes.paper_moving()),
+]
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
+def test_equal_values_have_one_hash(one, other):
+    assert one is not other and one == other
+    assert hash(one) == hash(other) and len({one, other}) == 1
+    assert hash(pickle.loads(pickle.dumps(one))) == hash(one)
+
+
+def test_other_values_are_other_keys():
+    values = {
+        cs.Cloth(), cs.Cloth(stiffness=1), cs.Cloth(stiffness={"structural": 1, "shear": 1, "bend": 1}),
+        cs.Linear((0, 0, 1)), cs.Linear((0, 1, 0)), cs.Sphere(), cs.Sphere(radius=1), cs.Sphere((1, 0, 0)),
+        scene_with_arrays(), scene_with_arrays(1e-12), cs.scenes.paper_static(), cs.scenes.paper_swing(),
+    }  # fmt: skip
+    assert len(values) == 12
+
+
+def test_a_copy_of_another_process_hashes_anew():
+    # Texts hash differently in every process, so a kept hash must not travel.
+    scene = cs.scenes.paper_static()
+    hash(scene)
+    assert "_hash" not in pickle.loads(pickle.dumps(scene)).__dict__
+    assert "_hash" not in scene.replace(gravity=(0, 0, 0)).__dict__
+
+
+def test_long_arrays_print_as_their_shape():
+    shape = (64, 48)
+    pins = np.ones(shape, bool)
+    cloth = cs.Cloth(shape, mass=np.ones(shape), pins=pins)
+    scene = cs.Scene(cloth, [cs.Sphere()] * 50, position=cloth.rest_positions)
+    text = repr(scene)
+    assert len(text) < 700
+    assert "mass=<array of shape (64, 48)>" in text and "position=<array of shape (64, 48, 3)>" in text
+    assert "pins=<3072 entries, the first (0, 0)>" in text
+    assert "spheres=<50 entries, the first Sphere(center=(0.0, 0.0, 0.0), " in text
+
+
+@pytest.mark.parametrize("value", [cs.scenes.paper_moving(), cs.scenes.oscillator(), scene_with_arrays().spheres[0]])
+def test_short_values_print_as_code(value):
+    assert eval(repr(value), vars(cs)) == value
+
+
+def test_integrators_print_as_a_table():
+    lines = repr(cs.integrators()).splitlines()
+    assert len(lines) == 8 and max(map(len, lines)) <= 100
+    assert lines[0].split() == ["name", "order", "stages", "omega", "dt", "delta", "dt", "kind"]
+    assert lines[1].split() == ["rk4", "4", "4", "2.828", "2.785", "explicit"]
+    assert str(cs.integrators()) == repr(cs.integrators())
+
+
+def test_an_integrator_prints_on_a_line():
+    text = repr(cs.integrators()["pefrl"])
+    assert text == "<Integrator pefrl: order 4, 4 stages, explicit, symplectic (damped: order 1)>"
+    assert "2 stages" not in repr(cs.integrators()["rk4"])
+
+
+def test_a_reference_and_a_convergence_print_short_and_compare():
+    scene = cs.scenes.oscillator(damping=2.0)
+    solution = cs.reference(scene, 0.5, cache=False)
+    text = repr(solution)
+    assert text.startswith("<Reference of 1 x 2 points: 2 frames to 0.5 s, error bound ") and len(text) < 80
+    assert solution == cs.reference(scene, 0.5, cache=False).__class__(**vars(solution))
+    found = cs.convergence(scene, 0.5, [0.01, 0.005], reference=solution)
+    assert repr(found) == str(found) and len(repr(found)) < 200
+    assert found == cs.convergence(scene, 0.5, [0.01, 0.005], reference=solution)
+    assert found != cs.convergence(scene, 0.5, [0.01, 0.004], reference=solution)
