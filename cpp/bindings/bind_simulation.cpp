@@ -1,4 +1,7 @@
+#include <algorithm>
 #include <atomic>
+#include <cmath>
+#include <limits>
 #include <optional>
 
 #include "bindings/bindings.hpp"
@@ -60,6 +63,10 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
 void tell(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
+    if (outcome.grown) {
+        result["grown"] = *outcome.grown;
+        result["steps"] = outcome.steps;
+    }
     const auto& unstable = outcome.unstable;
     if (!unstable) return;
     result["member"] = unstable->member;
@@ -78,7 +85,7 @@ std::optional<py::dict> advance(SharedSimulation& shared, std::int64_t steps, do
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
     if (outcome.interrupted) throw py::error_already_set();
-    if (!outcome.unstable && !outcome.pinned_inside) return std::nullopt;
+    if (!outcome.unstable && !outcome.pinned_inside && !outcome.grown) return std::nullopt;
     py::dict result;
     tell(outcome, result);
     return result;
@@ -107,7 +114,6 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     py::dict result;
     result["steps"] = outcome.steps;
     result["rejected"] = outcome.rejected;
-    result["contacts"] = outcome.contacts;
     result["error"] = outcome.error;
     tell(outcome, result);
     return result;
@@ -121,10 +127,29 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     simulation->dense(t, px, pv, threads);
 }
 
-std::vector<double> largest_stretch_of(SharedSimulation& shared) {
+// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained; NaN: not told.
+py::list watched(SharedSimulation& shared) {
+    auto simulation = shared.use();
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    py::list members;
+    for (std::size_t i = 0; i < simulation->size(); ++i) {
+        const Watched& w = simulation->watched(i);
+        py::dict one;
+        one["in_contact"] = w.in_contact();
+        one["first_contact"] = w.in_contact() ? w.first_contact.load() : nan;
+        one["point_depth"] = w.point_depth.load();
+        one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth.load());
+        one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
+        one["energy_gained"] = simulation->energy_told(i) ? w.energy_gained : nan;
+        members.append(one);
+    }
+    return members;
+}
+
+void sample(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::gil_scoped_release release;
-    return simulation->largest_stretch();
+    simulation->sample();
 }
 
 void carry(SharedSimulation& shared, const Array<double>& x, const Array<double>& v, Array<double>& e,
@@ -215,7 +240,10 @@ void bind_simulation(py::module_& m) {
             for (std::size_t i = 0; i < simulation->size(); ++i) evaluations.push_back(simulation->member(i).evaluations);
             return evaluations;
         })
-        .def("largest_stretch", &largest_stretch_of)
+        .def("set_watch", [](S& s, std::int64_t every, double interval) { s.use()->set_watch(every, interval); })
+        .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })
+        .def("sample", &sample)
+        .def_property_readonly("watched", &watched)
         .def("snapshot", &snapshot)
         .def("restore", &restore)
         .def("set_track_contact_energy", [](S& s, bool on) {

@@ -17,8 +17,9 @@ struct Contact {
     const Sphere& sphere;
     Vec3 center;
     Vec3 velocity;
+    double time;  // [s]
 
-    Contact(const Sphere& s, double t) : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)) {}
+    Contact(const Sphere& s, double t) : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t) {}
 
     // Velocity that the response looks at: relative to the sphere, or absolute in the literal reading.
     Vec3 relative(const Vec3& v) const { return sphere.literal ? v : Vec3(v - velocity); }

@@ -46,7 +46,7 @@ public:
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.dt);
                 this->collide_all(clock.at(k));
-                this->watch(0, this->rows());
+                this->watch(0, this->rows(), clock.at(k));
             }
             return;
         }
@@ -65,7 +65,7 @@ public:
                 else advance_verlet(band, clock.dt, known);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
                 known = scheme_ == Scheme::verlet && !contact;
-                this->watch(band.begin, band.end);
+                this->watch(band.begin, band.end, clock.at(k));
                 band.barrier();
             }
             if (band.first) known_after = known;
@@ -269,7 +269,7 @@ private:
         run_stages(band, false, [&](int begin, int end) {
             advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
             if (!contacts.empty()) this->collide_rows(begin, end, contacts);
-            this->watch(begin, end);
+            this->watch(begin, end, t);
         });
         if (tracked) this->collide_all(t);
     }

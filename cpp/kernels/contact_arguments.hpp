@@ -23,7 +23,7 @@ struct ContactArguments {
     Real* state;
     Real* before;               // the state at the start of the step, in the same layout
     const std::uint64_t* free;  // a bit a lane, a value a vector, row by row: 0 for pinned and padding points
-    std::uint8_t* open;         // a value a vector, row by row: whether it still has to go to `before`
+    std::uint8_t* open;         // a value a vector, row by row: marks of contact_marks.hpp
     const SweptSphere* spheres;
     int sphere_count;
     bool copy;  // whether vectors that are done here go to `before` at once

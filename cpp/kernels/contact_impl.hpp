@@ -14,6 +14,7 @@
 #pragma once
 
 #include "kernels/contact_arguments.hpp"
+#include "kernels/contact_marks.hpp"
 #include "kernels/contact_resting.hpp"
 #include "kernels/contact_wide.hpp"
 #include "kernels/vector3.hpp"
@@ -67,10 +68,10 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Those of the `lanes` of a vector that touch the one sphere there is; the lanes that are left over.
+// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `answered`; the lanes that are left over.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector,
-                                                    std::uint64_t lanes) {
+                                                    std::uint64_t lanes, std::uint64_t& answered_lanes) {
     using D = xsimd::batch<double, Arch>;
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
@@ -94,6 +95,7 @@ __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>
         left_over |= std::uint64_t((asked & (m.in_the_air | (m.answered & !moves))).mask()) << l;
         const auto answered = asked & m.answered & moves;
         if (xsimd::none(answered)) continue;
+        answered_lanes |= std::uint64_t(answered.mask()) << l;
         const D chosen = xsimd::select(answered, D(1.0), D(0.0));
         each<3>([&](auto k) __attribute__((always_inline)) {
             Memory::write(state + k * g.component, g.compensation, x[k], chosen);
@@ -123,17 +125,17 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
                 const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
-                std::uint64_t left_over = near.mask();
+                std::uint64_t left_over = near.mask(), answered = 0;
                 if (left_over && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
                         left_over = resting.answer(g, a.state + at, a.before + at, near,
-                                                   lanes_of<Lanes<Real, Arch>>(a.free[index]));
-                    if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over);
+                                                   lanes_of<Lanes<Real, Arch>>(a.free[index]), answered);
+                    if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over, answered);
                 }
                 if (left_over) a.left_over(a.context, row, vector, left_over);
                 std::uint8_t& open = a.open[index];
-                open = left_over != 0 || (first > 0 && open);
-                if (__builtin_expect(a.copy && !open && first + count == a.sphere_count, 1))
+                open = std::uint8_t((left_over ? vector_left_over : 0) | (answered ? vector_answered : 0) | (first > 0 ? open : 0));
+                if (__builtin_expect(a.copy && !(open & vector_left_over) && first + count == a.sphere_count, 1))
                     copy_vector<V>(a.state + at, a.before + at, g);
             }
     }

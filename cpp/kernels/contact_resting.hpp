@@ -60,9 +60,10 @@ public:
         rough_ = s.friction > 0;
     }
 
-    // Answers those of the lanes `near` that are such points; of the others, those that have to be looked at.
+    // Answers those of the lanes `near` that are such points, and adds them to `answered`; of the others, those that have to
+    // be looked at.
     CLOTHSIM_INLINE std::uint64_t answer(const VectorGeometry& g, Real* state, const Real* before, const Mask& near,
-                                         const Mask& moves) const {
+                                         const Mask& moves, std::uint64_t& answered) const {
         alignas(64) Real pq[V::size];  // in double down to here: its sign and size hang on digits that Real lacks
         const Decision decided = decide(g, state, before, pq);
         Mask touches = near & moves & lanes_of<V>(decided.touching);
@@ -125,6 +126,7 @@ public:
             add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
             add(g, state + (k + 3) * g.component, xsimd::fnma(lost, u[k], normal_gain * n[k]), touches);
         });
+        answered |= touches.mask();
         return left_over | in_the_air;
     }
 

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "simulation/simulation.hpp"
@@ -20,6 +21,7 @@ using std::chrono::steady_clock;
 constexpr double seconds_between_polls = 0.01;
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
+constexpr std::int64_t steps_between_energies = 64;  // accepted ones
 
 double seconds_since(steady_clock::time_point start) {
     return std::chrono::duration<double>(steady_clock::now() - start).count();
@@ -35,6 +37,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     const bool continuous = engine.has_continuous();
     const double end = continuous ? request.until : request.end;
     steps_kept_ = none_kept;
+    begin_watches();
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     auto last_poll = steady_clock::now();
@@ -70,7 +73,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             last_begin_ = t;
             last_step_ = h;
             const double next = h == left ? end : t + h;
-            outcome.contacts += engine.accept_in_contact(t, next, team);
+            engine.accept_in_contact(t, next, team);
             const std::int64_t shut_in = std::exchange(engine.contact_report.shut_in, -1);
             if (shut_in >= 0) {
                 outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, next, true};
@@ -82,6 +85,15 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.steps += 1;
             outcome.error = error;
             clock = {t, 0, 0};
+            sample_accepted(t);
+            if (++age_ % steps_between_energies == 0) {
+                const std::int64_t point = watches_[0].runaway_point(engine, true);
+                if (watches_[0].take_growth()) outcome.grown = 0;
+                if (point >= 0) {
+                    outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};
+                    return outcome;
+                }
+            }
             // A step cut short by the end says nothing against longer ones.
             if (h < wanted) controller.h = std::max(controller.h, wanted);
         } else {
@@ -89,6 +101,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double seconds = seconds_since(start);
         if (request.optional && request.threads > 1) choice_.observe(1, seconds);
+        if (outcome.grown) return outcome;
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {
                 outcome.interrupted = true;
@@ -98,6 +111,15 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
     }
     return outcome;
+}
+
+void Simulation::sample_accepted(double t) {
+    if (sample_every_ == 0) return;
+    if (age_ == 0) last_sample_ = -std::numeric_limits<double>::infinity();
+    if (++steps_since_sample_ < sample_every_ && t - last_sample_ < sample_interval_) return;
+    steps_since_sample_ = 0;
+    last_sample_ = t;
+    sample(0, t);
 }
 
 void Simulation::dense(double t, double* x, double* v, int threads) {

@@ -13,6 +13,7 @@
 
 #include "collision/exact.hpp"
 #include "kernels/contact_kernels.hpp"
+#include "kernels/contact_marks.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/diagnostics.hpp"
 #include "simulation/engine.hpp"
@@ -66,17 +67,28 @@ public:
         report_ = {};
         find(threads);
         for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors; ++j) finish_vector(r, j);
+            for (int j = 0; j < geometry_.vectors; ++j) {
+                report_.changed |= (open_[index(r, j)] & vector_answered) != 0;
+                finish_vector(r, j);
+            }
+        faces_moved_ = false;
         if (faces_) {
-            keep_faces_out(*this, plan_.cloth, spheres_, swept_, planes_, report_);
+            faces_moved_ = keep_faces_out(*this, plan_.cloth, spheres_, swept_, planes_, report_);
+            report_.changed |= faces_moved_;
             before_ = memory;
         } else {
             for (int r = 0; r < geometry_.rows; ++r)
                 for (int j = 0; j < geometry_.vectors; ++j)
-                    if (open_[index(r, j)]) copy(r, j);
+                    if (open_[index(r, j)] & vector_left_over) copy(r, j);
         }
         current_ = true;
         return report_;
+    }
+
+    // Whether the pass has looked closer at a mass point of the row: any other is outside the spheres.
+    bool touched(int row) const {
+        const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
+        return faces_moved_ || std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
     }
 
     // What collision/exact.hpp and the face pass ask for.
@@ -153,8 +165,14 @@ private:
             const int column = layout_.column(vector, __builtin_ctzll(lanes), lanes_);
             if (column >= plan_.cloth.columns) continue;
             const int i = row * plan_.cloth.columns + column;
-            if (pinned(i)) note_if_inside(i);
-            else if (!exact::resolve(*this, i, swept_)) report_.note_shut_in(i);
+            if (pinned(i)) {
+                note_if_inside(i);
+                continue;
+            }
+            const PointState free_end = now(i);
+            if (!exact::resolve(*this, i, swept_)) report_.note_shut_in(i);
+            const PointState end = now(i);
+            report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
         }
     }
 
@@ -176,7 +194,7 @@ private:
     Layout layout_;
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
-    bool faces_ = false;
+    bool faces_ = false, faces_moved_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;
     AlignedVector<Real> before_;

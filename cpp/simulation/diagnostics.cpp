@@ -8,40 +8,6 @@
 
 namespace clothsim {
 
-namespace {
-
-// Calls visit(family, length, rest length) for every spring, once each.
-template <class Visit>
-void for_each_spring(const Cloth& cloth, const PointsView& x, Visit visit) {
-    for (int n = 0; n < neighbour_count; ++n) {
-        const Neighbour& neighbour = neighbours[n];
-        const bool counted_once = neighbour.row > 0 || (neighbour.row == 0 && neighbour.column > 0);
-        if (!cloth.present[neighbour.family] || !counted_once) continue;
-        const double rest_length = cloth.rest_length(neighbour);
-        for (int r = 0; r + neighbour.row < cloth.rows; ++r)
-            for (int c = std::max(0, -neighbour.column); c + std::max(0, neighbour.column) < cloth.columns; ++c) {
-                const int i = r * cloth.columns + c;
-                const int j = i + neighbour.row * cloth.columns + neighbour.column;
-                visit(neighbour.family, (x.row(j) - x.row(i)).norm(), rest_length);
-            }
-    }
-}
-
-}  // namespace
-
-Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v) {
-    Energy e{0, 0, 0};
-    for (int i = 0; i < cloth.points(); ++i) {
-        e.kinetic += cloth.mass[i] / 2 * v.row(i).squaredNorm();
-        e.gravity -= cloth.mass[i] * gravity.dot(x.row(i));
-    }
-    for_each_spring(cloth, x, [&](auto family, double length, double rest_length) {
-        const double stretch = length - rest_length;
-        e.elastic += cloth.stiffness[family] / 2 * stretch * stretch;
-    });
-    return e;
-}
-
 Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns) {
     Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> result(2 * std::int64_t(rows - 1) * (columns - 1), 3);
     std::int64_t next = 0;

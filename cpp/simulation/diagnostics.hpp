@@ -13,6 +13,7 @@ using PointsView = Eigen::Map<const Points>;
 
 struct Energy {
     double kinetic, elastic, gravity;  // J
+    double total() const { return kinetic + elastic + gravity; }
 };
 Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
 

@@ -250,7 +250,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         if (look && done < finished) band.look(done, finished);
         const auto [first, end] = band.RowBand::rows(done, finished);
-        this->watch(first, end);
+        this->watch(first, end, t, layout_.own(band.strip), layout_.own(band.strip + 1));
         done = finished;
     }
     ++band.step;

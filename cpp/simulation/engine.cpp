@@ -40,17 +40,22 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
             contact_report.note_shut_in(report.shut_in);
             break;
         }
+        if (report.changed) lower(watched.first_contact, now.at(1));
+        if (depths_watched_) note_depths(now.at(1));
     }
     return true;
 }
 
 bool Engine::accept_in_contact(double t0, double t1, int threads) {
     AdaptiveEngine& method = *adaptive();
-    if (!has_continuous()) return method.accept_step(t1, threads);
+    if (!has_continuous()) {
+        const bool touched = method.accept_step(t1, threads);
+        if (depths_watched_) note_depths(t1);
+        return touched;
+    }
     const std::vector<double> start = raw_state();
     keep_state();
     bool touched = method.accept_step(t1, threads);
-    save_checkpoint();
     const double before = track_contact_energy ? total_energy() : 0;
     const ContactReport report = answer_contacts(t0, t1, t1 - t0, threads);
     if (track_contact_energy) contact_energy += total_energy() - before;
@@ -60,11 +65,9 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
         set_raw_state(start);
         return true;
     }
-    if (changed_since_checkpoint()) {
-        contacts_answered.fetch_add(1, std::memory_order_relaxed);
-        touched = true;
-    }
-    return touched;
+    if (report.changed) lower(watched.first_contact, t1);
+    if (depths_watched_) note_depths(t1);
+    return touched || report.changed;
 }
 
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {

@@ -8,6 +8,7 @@
 
 #include "dynamics/adaptive.hpp"
 #include "simulation/plan.hpp"
+#include "simulation/watched.hpp"
 
 namespace clothsim {
 
@@ -31,6 +32,7 @@ struct Clock {
 struct ContactReport {
     std::int64_t shut_in = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
+    bool changed = false;             // whether a response changed a mass point
 
     void note_shut_in(std::int64_t i) {
         if (shut_in < 0) shut_in = i;
@@ -50,6 +52,12 @@ public:
 
     // Of continuous contact since the last look, see ContactReport.
     ContactReport contact_report;
+
+    // Extremes over the states so far. Depths are watched only when asked for; the first contact always.
+    Watched watched;
+    void watch_depths(bool on) { depths_watched_ = on; }
+    // Raises the depth of mass points by that of all points of the present state, at time t.
+    virtual void note_all_depths(double t) = 0;
 
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
@@ -99,9 +107,11 @@ protected:
     // Before a step that may not be; after it.
     virtual void keep_state() = 0;
     virtual ContactReport answer_contacts(double t0, double t1, double dt, int threads) = 0;
-    // Whether the state is another than that of the last checkpoint.
-    virtual bool changed_since_checkpoint() const = 0;
     virtual double total_energy() const = 0;
+    // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
+    virtual void note_depths(double t) = 0;
+
+    bool depths_watched_ = false;
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet within

@@ -305,12 +305,13 @@ private:
     std::array<std::vector<Triangle>, 2 * apart * apart> candidates_;
 };
 
-// Spheres in turn until none has moved anything; what they push into one another for ever has no place.
+// Spheres in turn until none has moved anything; what they push into one another for ever has no place. Whether any has.
 template <class Points>
-void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const Sphere*>& spheres,
+bool keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const Sphere*>& spheres,
                     const std::vector<SweptSphere>& swept, SeparatingPlanes& planes, ContactReport& report) {
     constexpr int rounds = 30;
     planes.resize(spheres.size());
+    bool any = false;
     for (int round = 0; round < rounds; ++round) {
         bool moved = false;
         int count = 0;
@@ -319,10 +320,12 @@ void keep_faces_out(Points& points, const Cloth& cloth, const std::vector<const 
             ++count;
             moved |= FacePass<Points>(points, cloth, swept[k], planes[k], report).run();
         }
-        if (!moved || count == 1) return;
+        any |= moved;
+        if (!moved || count == 1) return any;
     }
     for (std::size_t k = 0; k < spheres.size(); ++k)
         if (spheres[k]->faces) FacePass<Points>(points, cloth, swept[k], planes[k], report).tell_left_over();
+    return any;
 }
 
 }  // namespace clothsim

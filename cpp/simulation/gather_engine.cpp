@@ -129,7 +129,7 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
                 barrier->wait();
             }
             if (tracked) this->collide_all(clock.at(k));
-            this->watch(rows() * thread / team, rows() * (thread + 1) / team);
+            this->watch(rows() * thread / team, rows() * (thread + 1) / team, clock.at(k));
         }
     };
 

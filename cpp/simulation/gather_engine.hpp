@@ -20,6 +20,7 @@ struct PaddedLayout {
     std::ptrdiff_t at(int row, int column, int k = 0) const { return origin + row * stride + column + k * plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
     std::ptrdiff_t first() const { return origin; }
+    bool in_one_strip() const { return true; }
     Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
     VectorGeometry geometry(int lanes) const {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};

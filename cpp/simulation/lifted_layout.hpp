@@ -64,6 +64,7 @@ struct LiftedLayout {
     std::ptrdiff_t in_record(int column) const { return column % vectors * stride + column / vectors; }
     std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
+    bool in_one_strip() const { return strips == 1; }
     // Where the state stands, without its compensation.
     Blocks state_blocks() const {
         return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};

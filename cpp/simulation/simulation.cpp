@@ -16,8 +16,8 @@ using std::chrono::steady_clock;
 // The state of an unstable run is caught within this many steps of its first non-finite value, then the exact step
 // is found by going back to the last checkpoint.
 constexpr std::int64_t most_steps_unchecked = 64;
-// Above the guaranteed time step energies are compared too, after every so many steps of the clock.
-constexpr std::int64_t steps_between_energies = 16;
+// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth is likely.
+constexpr std::int64_t steps_between_energies = 64, steps_between_energies_above = 16;
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over the steps of
 // earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
@@ -94,6 +94,8 @@ void Simulation::set_stable_dt(std::vector<double> stable_dt) {
 
 void Simulation::restart(std::size_t i) {
     watches_[i].restart();
+    members_[i]->watched = {};
+    age_ = 0;
     bad_points_[i] = -1;
     steps_kept_ = none_kept;
 }
@@ -119,15 +121,62 @@ bool Simulation::above_stable_dt() const {
     return false;
 }
 
-void Simulation::look(std::size_t i) {
+std::int64_t Simulation::energy_period(std::size_t i) const {
+    return clock.dt > stable_dt_[i] ? steps_between_energies_above : steps_between_energies;
+}
+
+std::int64_t Simulation::energy_period() const {
+    return above_stable_dt() ? steps_between_energies_above : steps_between_energies;
+}
+
+void Simulation::begin_watches() {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
+}
+
+void Simulation::look(std::size_t i, std::int64_t age, bool each) {
     bad_points_[i] = -1;
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
-    if (bad_points_[i] < 0 && clock.dt > stable_dt_[i]) bad_points_[i] = watches_[i].runaway_point(*members_[i]);
+    const bool due = age % energy_period(i) == 0;
+    // A checkpoint is taken where states are sampled, and must be a good one.
+    const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
+    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i])) bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
 }
 
 void Simulation::look() {
-    for (std::size_t i = 0; i < members_.size(); ++i) look(i);
+    for (std::size_t i = 0; i < members_.size(); ++i) look(i, age_, false);
+}
+
+void Simulation::set_watch(std::int64_t every, double interval) {
+    sample_every_ = every;
+    sample_interval_ = interval;
+    for (auto& member : members_) member->watch_depths(every > 0);
+}
+
+void Simulation::sample(std::size_t i, double t) {
+    const Plan& plan = plans_[i];
+    Engine& member = *members_[i];
+    Points x(plan.cloth.points(), 3);
+    member.store(x.data(), static_cast<double*>(nullptr));
+    const PointsView view(x.data(), x.rows(), 3);
+    member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
+    for (const Sphere& sphere : plan.spheres) {
+        const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
+        member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
+    }
+}
+
+void Simulation::sample() {
+    begin_watches();
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        if (frozen_[i]) continue;
+        if (sample_every_ > 0) {
+            if (age_ == 0) members_[i]->note_all_depths(clock.now());
+            sample(i, clock.now());
+        }
+        watches_[i].runaway_point(*members_[i], true);
+    }
 }
 
 std::int64_t Simulation::first_bad_member() const {
@@ -147,7 +196,8 @@ void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept
         from.steps -= kept;
         member.advance_in_contact(kept + block.steps, from, threads, false);
     }
-    if (block.look) look(i);
+    if (block.look) look(i, age_ + block.steps, block.each);
+    if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
 }
 
 void Simulation::run(const Block& block, int threads) {
@@ -175,6 +225,7 @@ void Simulation::run(const Block& block, int threads) {
     for (auto i = each_alone; i != moving_.end(); ++i) run_member(*i, block, kept, threads);
     steps_kept_ = kept + block.steps;
     clock.steps += block.steps;
+    age_ += block.steps;
 }
 
 void Simulation::restore_checkpoint(std::int64_t steps) {
@@ -184,6 +235,7 @@ void Simulation::restore_checkpoint(std::int64_t steps) {
         bad_points_[i] = -1;
     }
     clock.steps -= steps;
+    age_ -= steps;
     steps_kept_ = none_kept;
 }
 
@@ -202,7 +254,7 @@ void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::f
             }
             last_poll = steady_clock::now();
         }
-        run({1, true, true}, threads);
+        run({1, true, true, true}, threads);
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
@@ -219,20 +271,17 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
-    const bool watched = above_stable_dt();
-    if (watched && steps > 0) {
-        look();  // notes the energies to begin with; a step is done in any case
-        std::fill(bad_points_.begin(), bad_points_.end(), -1);
-    }
-    if (watched || seconds_kept_ > most_seconds_of_earlier_calls) steps_kept_ = none_kept;
+    if (steps > 0) begin_watches();
+    const std::int64_t energy_period = this->energy_period();
+    if (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls) steps_kept_ = none_kept;
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
         const bool keep = steps_kept_ == none_kept;
-        // Energies are compared at the same steps whatever the clock on the wall says.
-        const std::int64_t to_look = std::min(watched ? steps_between_energies - clock.steps % steps_between_energies
-                                              : keep  ? most_steps_unchecked
-                                                      : most_steps_unchecked - steps_kept_,
-                                              steps - outcome.steps);
+        // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
+        const std::int64_t to_energies = energy_period - age_ % energy_period;
+        const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
+        const std::int64_t to_look = std::min({keep ? most_steps_unchecked : most_steps_unchecked - steps_kept_, to_energies,
+                                               to_sample, steps - outcome.steps});
         const bool choose = optional && threads > 1;
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
         const int team = choose && !choice_.team() ? 1 : threads;
@@ -257,24 +306,14 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
             rewind_to_last_good(outcome, threads, interrupted);
             return outcome;
         }
-        if (outcome.interrupted) return outcome;
+        for (std::size_t i = 0; i < members_.size(); ++i)
+            if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
+        // A checkpoint is taken at the state of each look, so that steps which are done again pass none.
+        if (steps_kept_ >= most_steps_unchecked || n == to_energies || n == to_sample) steps_kept_ = none_kept;
+        if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();
-        if (steps_kept_ >= most_steps_unchecked || (watched && n == to_look)) steps_kept_ = none_kept;
     }
     return outcome;
-}
-
-std::vector<double> Simulation::largest_stretch() const {
-    std::vector<double> result(members_.size()), x, v;
-    for (std::size_t i = 0; i < members_.size(); ++i) {
-        const Cloth& cloth = plans_[i].cloth;
-        x.resize(std::size_t(cloth.points()) * 3);
-        v.resize(x.size());
-        members_[i]->store(x.data(), v.data());
-        const double largest = clothsim::largest_stretch(cloth, {x.data(), cloth.points(), 3});
-        result[i] = largest < -1 ? 0 : largest;  // no length is below 0
-    }
-    return result;
 }
 
 }  // namespace clothsim

@@ -23,6 +23,9 @@ struct Outcome {
         std::int64_t member, point;
     };
     std::optional<PinnedInside> pinned_inside;  // a continuous sphere has run into a pinned point
+    // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to do, so that the
+    // caller may look at the state where it was found.
+    std::optional<std::int64_t> grown;
 };
 
 // Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
@@ -87,16 +90,24 @@ public:
         bool optional;  // the threads, see above
     };
     struct AdaptiveOutcome : Outcome {
-        std::int64_t rejected = 0, contacts = 0;  // steps tried in vain, and steps that ended in contact
-        double error = 0;                         // estimate of the last step, in units of the tolerance
+        std::int64_t rejected = 0;  // steps tried in vain
+        double error = 0;           // estimate of the last step, in units of the tolerance
     };
     AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
                                      const std::function<bool()>& interrupted);
     // The state at a time within the last step of `advance_adaptive`.
     void dense(double t, double* x, double* v, int threads);
 
-    // Of every member, see diagnostics.hpp; 0 for one without springs.
-    std::vector<double> largest_stretch() const;
+    // Watch depths of mass points at the end of every step, and sample depths of triangles and stretches: after every
+    // `every` steps, of an adaptive run also where `interval` [s] has passed since the last sample.
+    void set_watch(std::int64_t every, double interval);
+    // Whether energies are watched; by default they are.
+    void set_watch_energy(bool on) { watch_energy_ = on; }
+    // Sample the present state of every member, and its energy, whenever that is due.
+    void sample();
+    const Watched& watched(std::size_t i) const { return members_[i]->watched; }
+    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step on.
+    bool energy_told(std::size_t i) const { return watches_[i].begun() && !members_[i]->watched.in_contact(); }
 
     // A small perturbation (e, w) of the state (x, v) carried on by `duration`, by the forces linearised there; for one
     // member. The member's own state is lost. Each substep evaluates the forces once, and (x, v) does.
@@ -115,14 +126,24 @@ private:
         std::int64_t steps;
         bool keep;  // a checkpoint before them
         bool look;  // at the state after them
+        bool each = false;  // of steps that are done again one by one, to find the one that went wrong
     };
     void run(const Block& block, int threads);
     // `kept`: steps since the checkpoint before this block.
     void run_member(std::size_t i, const Block& block, std::int64_t kept, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
-    void look(std::size_t i);
+    // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at the end of a
+    // call above the guaranteed time step, and at `each` of the steps that are done again.
+    void look(std::size_t i, std::int64_t age, bool each);
     void look();
+    // Steps between two looks at the energy of a member, and of all.
+    std::int64_t energy_period(std::size_t i) const;
+    std::int64_t energy_period() const;
+    void begin_watches();
+    // A member's state, of time t.
+    void sample(std::size_t i, double t);
+    void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last looked at, or -1
     void restore_checkpoint(std::int64_t steps);
     // From a state that is bad back to the checkpoint, and on to the last good state.
@@ -140,6 +161,12 @@ private:
     std::int64_t steps_kept_ = none_kept;  // since the checkpoint
     double seconds_kept_ = 0;              // that they took
     std::vector<EnergyWatch> watches_;
+    bool watch_energy_ = true;
+    std::int64_t age_ = 0;           // steps since the state was set
+    std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
+    double sample_interval_ = 0;     // [s]
+    double last_sample_ = 0;         // of an adaptive run: its time [s], and steps since
+    std::int64_t steps_since_sample_ = 0;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
     double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`
 };

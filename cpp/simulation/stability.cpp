@@ -1,10 +1,7 @@
 #include "simulation/stability.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <utility>
-
-#include "simulation/diagnostics.hpp"
 
 namespace clothsim {
 
@@ -76,20 +73,32 @@ EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
     for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
         if (cloth.present[n.family])
             all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
-    negligible_ = plan.spheres.empty() ? 1e-6 * all : std::numeric_limits<double>::infinity();
+    negligible_ = 1e-6 * all;
 }
 
-std::int64_t EnergyWatch::runaway_point(const Engine& engine) {
-    if (negligible_ == std::numeric_limits<double>::infinity()) return -1;
-    Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
-    engine.store(x.data(), v.data());
-    const Energy now = energy(plan_.cloth, plan_.gravity, PointsView(x.data(), x.rows(), 3), PointsView(v.data(), v.rows(), 3));
-    const double total = now.kinetic + now.elastic + now.gravity;
-    if (!std::exchange(started_, true)) start_ = total;
-    const double made = total - start_;
-    if (!(made > negligible_ && made > 0.9 * (now.kinetic + now.elastic))) return -1;
+Energy EnergyWatch::energy_of(const Engine& engine) {
+    x_.resize(plan_.cloth.points(), 3);
+    v_.resize(plan_.cloth.points(), 3);
+    engine.store(x_.data(), v_.data());
+    return energy(plan_.cloth, plan_.gravity, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
+}
+
+void EnergyWatch::begin(const Engine& engine) {
+    if (std::exchange(started_, true)) return;
+    start_ = energy_of(engine).total();
+}
+
+std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
+    if (!started_ || engine.watched.in_contact()) return -1;
+    const Energy now = energy_of(engine);
+    const double made = now.total() - start_, moving = now.kinetic + now.elastic;
+    if (record) {
+        engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
+        if (made > negligible_ && made > grown_part * moving && !std::exchange(grown_, true)) news_ = true;
+    }
+    if (!(made > negligible_ && made > runaway_part * moving)) return -1;
     Eigen::Index fastest = 0;
-    v.rowwise().squaredNorm().maxCoeff(&fastest);
+    v_.rowwise().squaredNorm().maxCoeff(&fastest);
     return fastest;
 }
 

@@ -11,11 +11,13 @@
 #include <limits>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "collision/response.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/caches.hpp"
 #include "simulation/contact_pass.hpp"
+#include "simulation/depth.hpp"
 #include "simulation/engine.hpp"
 #include "simulation/finite.hpp"
 #include "simulation/guards.hpp"
@@ -82,12 +84,18 @@ public:
         });
         energy_at_checkpoint_ = contact_energy;
         contacts_at_checkpoint_ = contacts_answered;
+        watched_at_checkpoint_ = watched;
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
         contact_energy = energy_at_checkpoint_;
         contacts_answered = contacts_at_checkpoint_;
+        watched = watched_at_checkpoint_;
         state_replaced();
+    }
+    void note_all_depths(double t) final {
+        std::fill(touched_rows_.begin(), touched_rows_.end(), true);
+        note_depths(t);
     }
     bool has_continuous() const final { return contact_pass_.needed(); }
 
@@ -95,7 +103,8 @@ protected:
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_), guards_(kernels()) {
+        : plan_(plan), layout_(layout), memory_(std::size_t(size), Real(0)), contact_pass_(plan_, layout_), guards_(kernels()),
+          touched_rows_(std::size_t(plan.cloth.rows), false) {
         for (int i = 0; i < plan_.cloth.points(); ++i)
             if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
@@ -109,22 +118,28 @@ protected:
         contact_pass_.forget();
         return guards_.lower();
     }
-    // Some rows are at the end of a step.
-    void watch(int begin, int end) {
+    // Some rows are at the end of a step, at time t; of a cloth in strips, those of columns [first_column, end_column).
+    void watch(int begin, int end, double t, int first_column, int end_column) {
         if (guards_.up()) guards_.check([&](int k) { return component(k, begin, end); });
+        // Where continuous contact comes after the step, the state is not yet the one at its end.
+        if (depths_watched_ && !plan_.spheres.empty() && (guards_.up() || !has_continuous()))
+            note_depths(begin, end, t, first_column, end_column);
     }
+    void watch(int begin, int end, double t) { watch(begin, end, t, 0, columns()); }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport answer_contacts(double t0, double t1, double dt, int threads) final {
         state_changed();
-        return contact_pass_.answer(memory_, t0, t1, dt, threads);
+        const ContactReport report = contact_pass_.answer(memory_, t0, t1, dt, threads);
+        if (depths_watched_)
+            for (int r = 0; r < rows(); ++r) touched_rows_[std::size_t(r)] |= contact_pass_.touched(r);
+        return report;
     }
-    bool changed_since_checkpoint() const final { return memory_ != checkpoint_; }
+    void note_depths(double t) final { note_depths(0, rows(), t, 0, columns()); }
     double total_energy() const final {
         Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
         store_any(x.data(), v.data());
         const PointsView xs(x.data(), x.rows(), 3), vs(v.data(), v.rows(), 3);
-        const Energy e = energy(plan_.cloth, plan_.gravity, xs, vs);
-        return e.kinetic + e.elastic + e.gravity;
+        return energy(plan_.cloth, plan_.gravity, xs, vs).total();
     }
 
     void state_changed() { state_known_ = known_finite_ = false; }
@@ -233,11 +248,14 @@ protected:
 
     // The response of one point that a kernel's test has found.
     void answer(const Contact& contact, int row, int column) {
-        if (column >= columns() || plan_.cloth.pinned[row * columns() + column]) return;
+        if (column >= columns()) return;
+        if (depths_watched_) std::atomic_ref(touched_rows_[std::size_t(row)]).store(true, std::memory_order_relaxed);
+        if (plan_.cloth.pinned[row * columns() + column]) return;
         const PointState before = point_state(row, column);
         if (!touches(contact, before.position)) return;
         const PointState after = respond(contact, before);
         contacts_answered.fetch_add(1, std::memory_order_relaxed);
+        if (after.position != before.position || after.velocity != before.velocity) lower(watched.first_contact, contact.time);
         const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
         for (int k = 0; k < 6; ++k)
             set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
@@ -254,6 +272,7 @@ protected:
         for (const Contact& contact : contacts(t))
             for (int r = 0; r < rows(); ++r)
                 for (int c = 0; c < columns(); ++c) answer(contact, r, c);
+        if (depths_watched_ && (guards_.up() || !has_continuous())) note_depths(t);
     }
 
     Plan plan_;
@@ -376,6 +395,29 @@ private:
         for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
     }
 
+    // Of rows in which a sphere has found a mass point since the last look. No other can have one inside: the test of the
+    // responses takes in the contact radius, pinned points too, and nothing moves points after it.
+    void note_depths(int begin, int end, double t, int first_column, int end_column) {
+        for (int r = begin; r < end; ++r) {
+            if (!std::exchange(touched_rows_[std::size_t(r)], false)) continue;
+            for (const Sphere& sphere : plan_.spheres) {
+                const double nearest = std::sqrt(least_square_of_row(r, sphere.center_at(t), first_column, end_column));
+                raise(watched.point_depth, sphere.radius - nearest);
+            }
+        }
+    }
+    double least_square_of_row(int row, const Vec3& center, int first_column, int end_column) const {
+        const int lanes = kernels().lanes;
+        if (layout_.in_one_strip()) {
+            const VectorGeometry g = layout_.geometry(lanes);
+            return least_square(memory_.data() + layout_.first() + row * g.row, g, lanes, center);
+        }
+        double least = std::numeric_limits<double>::infinity();
+        for (int c = first_column; c < end_column; ++c)
+            least = std::min(least, (point_state(row, c).position - center).squaredNorm());
+        return least;
+    }
+
     double spring_energy(int row, int column) const {
         return clothsim::spring_energy(plan_.cloth, row * columns() + column, point_state(row, column).position,
                                        [this](int j) { return point_state(j / columns(), j % columns()).position; });
@@ -385,6 +427,8 @@ private:
     AlignedVector<Real> checkpoint_;
     double energy_at_checkpoint_ = 0;
     std::int64_t contacts_at_checkpoint_ = 0;
+    Watched watched_at_checkpoint_;
+    std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
     Vec3 origin_ = Vec3::Zero();
 };
 

@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
-from .errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt
+from .errors import (
+    ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth,
+)  # fmt: skip
 from .plan import (
     check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius,
 )  # fmt: skip
@@ -156,7 +158,7 @@ class State:
         self.max_stable_dt = limits * members if not batched else limits
         self._least_stable_dt = min(*self.max_stable_dt, sys.float_info.max)  # inf without springs
         self.core.set_stable_dt(self.max_stable_dt)
-        self.warned = False
+        self.warned = self.warned_of_growth = False
         self.core.load(x, v)
         self._warned_of_pins = False
         for member, one in enumerate(x if self.batched else x[None]):
@@ -179,7 +181,19 @@ class State:
             self._warn(dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if outcome:
+            self._go_on(outcome, steps, dt)
+
+    def _go_on(self, outcome: dict[str, Any], steps: int, dt: float) -> None:
+        """Judge what the core told, and do the steps that it has left to do for that."""
+        done = 0
+        while outcome:
+            if "point" in outcome:
+                outcome["step"] += done
             self.judge(outcome, dt)
+            if "grown" not in outcome:
+                return
+            done += outcome["steps"]
+            outcome = self.core.advance(steps - done, dt, self.threads, self.threads_optional)
 
     def judge(self, outcome: dict[str, Any], dt: float) -> None:
         """Warn of what the core has found, and raise an error for what it could not do."""
@@ -193,8 +207,23 @@ class State:
                 "moves, so it, and triangles at it, are inside while the sphere is there",
                 ContactWarning,
             )
+        if "grown" in outcome:
+            self._warn_of_growth(outcome["grown"], dt)
         if "point" in outcome:
             self._raise_error(outcome, dt)
+
+    def _warn_of_growth(self, member: int, dt: float) -> None:
+        if self.warned_of_growth:
+            return
+        from .measures import max_stable_dt
+
+        self.warned_of_growth = True
+        x, v = np.empty(self.shape), np.empty(self.shape)
+        self.core.store(x, v)
+        state = (x[member], v[member]) if self.batched else (x, v)
+        limit = max_stable_dt(self.scenes[member], self.integrator, *state)
+        which = member if self.batched else None
+        warn_of_growth(self.core.time, dt, limit, self.integrator, which)
 
     def _warn(self, dt: float) -> None:
         if self.warned or dt <= self._least_stable_dt:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from .adaptive import Controlled
 from .build import build_config
-from .measures import energy, penetration
+from .measures import energy
 from .runs import Floats, Solution, rms
 from .scene import Scene
 
@@ -74,13 +75,12 @@ def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
     x, v = one.x[-1], one.v[-1]
     mass = scene.cloth.mass_per_point[..., None]
     energies = energy(scene, x, v)
-    end = one.t[-1]
     return {
-        "first_contact": one.first_contact,
+        "first_contact": one.watched["first_contact"],
         "centre_of_mass": ((mass * x).sum(axis=(0, 1)) / mass.sum()).tolist(),
         "kinetic_energy": energies["kinetic"],
         "total_energy": energies["total"],
-        "penetration": max(float(penetration(x, s, end)["triangles"]) for s in scene.spheres),
+        "penetration": one.watched["triangle_depth"],
     }
 
 
@@ -92,8 +92,7 @@ def _difference(a: Any, b: Any) -> float | None:
 
 def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]:
     """`Run.report`."""
-    t, x, v = solution.t, solution.x, solution.v
-    depths = [penetration(one, sphere, at) for sphere in scene.spheres for one, at in zip(x, t)]
+    x, v = solution.x, solution.v
     wall_time, options, state = solution.wall_time, solution.options, solution.state
     return {
         "steps": solution.steps,
@@ -104,11 +103,9 @@ def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]
         "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
         "dt": solution.step,
         **account,
-        "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])},
-        "penetration": {
-            name: max((depth[name] for depth in depths), default=0.0)
-            for name in ("points", "triangles")
-        },
+        "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])}
+        | _gained(solution.watched),
+        **_extremes(solution.watched),
         "kernel": state.kernel,
         "integrator": options.integrator,
         "precision": options.precision,
@@ -118,3 +115,25 @@ def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]
         "backend": options.backend,
         "version": build_config()["version"],
     }
+
+
+def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
+    """What the core has watched, in the form of the report."""
+    untold = watched.get("reason", "")
+    none = "" if watched["in_contact"] else "no sphere responded"
+    time = watched["first_contact"]
+    return {
+        "penetration": {
+            "points": watched["point_depth"], "triangles": watched["triangle_depth"],
+            "reason": untold,
+        },
+        "stretch": {"largest": watched["stretch"], "reason": untold},
+        "first_contact": {"time": time, "reason": (none or untold) if math.isnan(time) else ""},
+    }  # fmt: skip
+
+
+def _gained(watched: Mapping[str, Any]) -> dict[str, Any]:
+    gained, reason = watched["energy_gained"], ""
+    if math.isnan(gained):
+        reason = watched.get("reason", "") or "a sphere responded, and responses change the energy"
+    return {"gained": gained, "reason": reason}

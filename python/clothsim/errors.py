@@ -17,7 +17,10 @@ class StabilityWarning(UserWarning):
     cloth near rest often takes twice that step. ``max_stable_dt(scene, integrator, x)`` tells the
     limit at a state.
 
-    Given once per `Stepper` and `simulate`, and by `step` once per line of the caller's code (that
+    Or energy has grown out of nothing: without motion of a sphere to drive it, more than half of the
+    kinetic and elastic energy of a cloth was made by the time step, whatever the guarantee says.
+
+    Given once per `Stepper` and `simulate` for each of the two, and by `step` once per line of the caller's code (that
     is Python's default; see `warnings.filterwarnings` for others). Where a run does grow,
     `UnstableError` follows.
 
@@ -50,6 +53,18 @@ def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None) -> 
     warn_caller(
         f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable "
         f"for {which}",
+        StabilityWarning,
+    )
+
+
+def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: int | None) -> None:
+    """Give a `StabilityWarning` of energy that the time step has made."""
+    which = "" if member is None else f" of batch member {member}"
+    advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
+    warn_caller(
+        f"energy{which} grows out of nothing: at t = {t:g} s more than half of the kinetic and elastic "
+        f"energy was made by the time step dt = {dt:g} s; {integrator} is stable at that state up to "
+        f"{limit:.3g} s: {advice}",
         StabilityWarning,
     )
 

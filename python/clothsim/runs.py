@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -72,6 +72,7 @@ class Options:
     kernel: str
     strict: bool
     backend: str = "cpu"
+    sampling: int = 32  # states at which triangles and stretches are sampled, at least
 
     def state(self, scene: Any, x: Any = None, v: Any = None) -> State:
         return State(
@@ -83,10 +84,15 @@ class Options:
         return Options(**{**self.__dict__, **changes})
 
 
-def _contacts(state: State, scene: Scene) -> int:
-    """Answers of the spheres so far; those of "continuous" are not counted: taken to be there."""
-    continuous = any(sphere.response == "continuous" for sphere in scene.spheres)
-    return int(state.core.contacts[0]) + continuous
+# Between two states at which triangles and stretches are sampled. An adaptive method's steps are
+# several times as long.
+_MOST_STEPS_BETWEEN_SAMPLES = 64
+_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
+
+
+def sample_every(steps: float, sampling: int) -> int:
+    """Steps between two sampled states of a run of so many steps, for `sampling` states at least."""
+    return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // sampling)))
 
 
 @dataclass
@@ -101,10 +107,14 @@ class Solution:
     rejected: int
     evaluations: int
     wall_time: float  # of stepping [s]
-    contacts: int  # answers of the spheres to mass points
-    first_contact: float | None  # end of the first step with one [s]; fixed steps: not known
+    watched: Mapping[str, Any]  # extremes over the states at the ends of steps, as the core tells them
     step: float  # fixed: the time step, adaptive: the mean one [s]
     state: State
+
+    @property
+    def contacts(self) -> bool:
+        """Whether a sphere has responded."""
+        return bool(self.watched["in_contact"])
 
 
 def integrate(
@@ -133,9 +143,9 @@ def integrate(
     else:
         # A hair more, so that what rounding leaves of the duration is not a step of its own.
         controller.h = longest = (1 + 1e-9) * longest
+    state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
     frames = _Frames(state)
     steps = rejected = 0
-    first_contact = None
     at_steps = isinstance(every, int)
     times = [duration] if every is None or at_steps else frame_times(duration, every)[1:]
     count = every if at_steps else 2**62
@@ -145,12 +155,9 @@ def integrate(
     start = time.perf_counter()
     for until in progress(times):
         while state.core.time < until:
-            # One contact at a time until the first is found: its moment goes into the report.
-            watching = bool(scene.spheres) and first_contact is None
-            one = watching or error is not None
             begin = state.core.time
             outcome = state.core.advance_adaptive(
-                until, duration, 1 if one else count, tolerance, tolerance * rate, longest,
+                until, duration, 1 if error is not None else count, tolerance, tolerance * rate, longest,
                 controller, state.threads, state.threads_optional,
             )  # fmt: skip
             if "point" in outcome:
@@ -158,8 +165,7 @@ def integrate(
             state.judge(outcome, controller.h)
             steps += outcome["steps"]
             rejected += outcome["rejected"]
-            if watching and outcome["contacts"]:
-                first_contact = state.core.time
+            if error is not None and state.core.watched[0]["in_contact"]:
                 error = None
             if error is not None and outcome["steps"]:
                 here = _tell(
@@ -175,7 +181,7 @@ def integrate(
     wall_time -= told.wall_time - begun if told else 0.0
     return Solution(
         options, frames.t, *frames.arrays(), steps, rejected, state.core.evaluations[0], wall_time,
-        state.core.contacts[0], first_contact, duration / steps, state,
+        state.core.watched[0], duration / steps, state,
     )  # fmt: skip
 
 
@@ -195,7 +201,8 @@ def run_fixed(
     step until a contact.
     """
     state = options.state(scene)
-    state.warned = own_step
+    state.warned = state.warned_of_growth = own_step
+    state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
     frames = _Frames(state)
     steps, wall_time = 0, 0.0
     here = frames.first
@@ -208,13 +215,13 @@ def run_fixed(
             more, here = _advance_told(state, begin, end, dt, error, here)
             steps += more
             wall_time -= error.wall_time - begun
-            error = None if _contacts(state, scene) else error
+            error = None if state.core.watched[0]["in_contact"] else error
         wall_time += time.perf_counter() - start
         frames.store(end)
     evaluations = 4 * steps if options.integrator == "rk4" else state.core.evaluations[0]
     return Solution(
         options, frames.t, *frames.arrays(), steps, 0, evaluations, wall_time,
-        _contacts(state, scene), None, dt, state,
+        state.core.watched[0], dt, state,
     )  # fmt: skip
 
 
@@ -237,6 +244,7 @@ class _Frames:
 
     def store(self, t: float) -> None:
         self._state.store(*self._new(t))
+        self._state.core.sample()
 
     def store_dense(self, t: float) -> None:
         self._state.core.dense(t, *self._new(t), self._state.threads)

@@ -36,6 +36,7 @@ def simulate(
     strict: bool = False,
     backend: str = "cpu",
     estimate_error: bool | None = None,
+    sampling: int = 32,
 ) -> Run:
     """Run a scene from its initial state for `duration` and store frames.
 
@@ -68,6 +69,11 @@ def simulate(
     estimate_error : bool, optional
         Whether a run with a given `dt` is compared with one of twice the time step, at half the
         cost again. Default: no. Without `dt` the error is always estimated.
+    sampling : int, default 32
+        Depths of triangles and stretches are sampled at so many states of the run at least, evenly
+        in time, if it has as many steps: after every n-th step, n = min(64, steps // sampling). A
+        method with error control samples after every 16th step, and where duration / sampling has
+        passed since the last sample. Stored frames are sampled too.
 
     Returns
     -------
@@ -76,10 +82,27 @@ def simulate(
         ``run.report`` has "steps", "rejected_steps", "force_evaluations" (of the run and of its
         error estimate together), "solution_evaluations" (of the run alone), "wall_time" [s] (of it),
         "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
-        "end", see `energy`), "penetration" ("points" and "triangles" [m], the deepest over stored
-        frames and spheres), "kernel", "integrator", "precision", "strict", "threads",
-        "instruction_set" (the adapter with the backend "gpu"), "backend" and "version"; and about
-        the error:
+        "end", see `energy`), "kernel", "integrator", "precision", "strict", "threads",
+        "instruction_set" (the adapter with the backend "gpu"), "backend" and "version". It also has
+        extremes over the states of the run: the initial one and that at the end of each step, after
+        the responses. Each is a mapping with a "reason": "" or why a number is NaN, as all are with
+        the backend "gpu".
+
+        "penetration"
+            "points" and "triangles" [m], the deepest over all spheres; see `penetration`. Mass
+            points are watched at every state. Triangles are sampled (`sampling`), and are as deep
+            as mass points at least.
+        "stretch"
+            "largest", see `largest_stretch`; sampled.
+        "first_contact"
+            "time" [s]: end of the first step in which a response changed the cloth.
+        "energy"
+            Beside "start" and "end", "gained" [J]: the most by which the total energy was above
+            that of the start, 0 where it never was, over one state in 64 and the stored frames
+            (one in 16 where the step is above `max_stable_dt`). Nothing but the method's error
+            can add energy until a sphere responds. After a response it is NaN.
+
+        About the error:
 
         "error_estimate"
             None, or "max" and "rms" [m] of the last positions: with a tolerance, as it was
@@ -104,11 +127,17 @@ def simulate(
     ValueError, TypeError
         If an argument is not as above.
     UnstableError
-        If the state stops being finite.
+        If the state stops being finite or runs away; see `Stepper.advance`.
     KeyboardInterrupt
         On Ctrl-C.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
         With the backend "gpu" only; see `step`.
+
+    Warns
+    -----
+    StabilityWarning
+        If `dt` is above `max_stable_dt`, or if the run makes energy: until a sphere responds, more
+        than half of the kinetic and elastic energy came out of nothing (docs/stability.md).
 
     Notes
     -----
@@ -148,7 +177,8 @@ def simulate(
             "leave it out for a step of half the guaranteed stable one"
         )
     check_backend(backend, kernel, threads, integrator)
-    options = Options(named, precision, threads, kernel, strict, backend)
+    sampling = check.integer("sampling", sampling, minimum=1)
+    options = Options(named, precision, threads, kernel, strict, backend, sampling)
     shown = _progress(progress)
 
     if dt is not None:

@@ -260,10 +260,11 @@ class Stepper:
         ValueError, TypeError
             If an argument is not as above.
         UnstableError
-            If the state stops being finite, or, with a time step above `max_stable_dt`, a point
-            crosses the whole sheet within a step. It is found within 100 steps, and the stepper
-            then stands right before the step that went wrong: every member of a batch at that
-            same step, with the bits it has when it runs alone. `freeze` lets the others go on.
+            If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
+            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if
+            a point crosses the whole sheet within a step. It is found within 64 steps, and the
+            stepper then stands right before the step that went wrong: every member of a batch at
+            that same step, with the bits it has when it runs alone. `freeze` lets the others go on.
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
         RuntimeError
@@ -275,7 +276,8 @@ class Stepper:
         Warns
         -----
         StabilityWarning
-            Once in the life of a stepper, if `dt` is above `max_stable_dt`.
+            Once in the life of a stepper, if `dt` is above `max_stable_dt`; and once if more than
+            half of the kinetic and elastic energy comes out of nothing (docs/stability.md).
         """
         self._state.advance(steps, dt)
 

@@ -207,7 +207,7 @@ def test_after_contact_outcomes_are_compared():
     }  # fmt: skip
     assert abs(outcomes["first_contact"]["value"] - 0.2258) < 0.004
     assert 0 < outcomes["first_contact"]["difference"] < 0.004
-    assert report["penetration"]["points"] < 1e-12  # no frame from within a contact
+    assert report["penetration"]["points"] < 1e-12  # the response has moved every point out
     before = cs.simulate(scene, 0.2, rtol=1e-5).report
     assert before["chaotic"] is False and before["error_estimate"]["rms"] < 1e-5
 

@@ -98,17 +98,13 @@ def test_the_report():
     assert report["error_estimate"] is None
     for moment, k in (("start", 0), ("end", -1)):
         assert report["energy"][moment] == cs.energy(SCENE, run.x[k], run.v[k])
-    assert report["penetration"] == {"points": 0.0, "triangles": 0.0}
+    assert report["energy"]["gained"] >= 0 and report["energy"]["reason"] == ""
+    assert report["penetration"] == {"points": 0.0, "triangles": 0.0, "reason": ""}
+    assert report["stretch"]["largest"] == cs.largest_stretch(SCENE, run.x).max()
+    first = report["first_contact"]
+    assert math.isnan(first.pop("time")) and first == {"reason": "no sphere responded"}
     assert json.loads(json.dumps(report)) == report
     assert cs.simulate(SCENE, 0.001).report["kernel"] in ("gather", "edge")
-
-
-def test_the_penetration_reported_is_the_deepest_of_the_frames():
-    scene = cs.scenes.paper_static("reflect", offset="none")
-    run = cs.simulate(scene, 0.45, dt=5e-4, every=50, threads=1)
-    depths = [cs.penetration(x, scene.spheres[0], t) for x, t in zip(run.x, run.t)]
-    for name in ("points", "triangles"):
-        assert run.report["penetration"][name] == max(d[name] for d in depths) > 1e-4
 
 
 def test_the_error_estimate_is_about_the_error():
@@ -133,7 +129,7 @@ def test_save_and_load(tmp_path, same_bits):
         path = run.save(tmp_path / name)
         assert path.suffix == ".npz" and path.exists()
         again = cs.load_run(path)
-        assert again.scene == run.scene and again.report == run.report
+        assert again.scene == run.scene and repr(again.report) == repr(run.report)  # NaN is not NaN
         assert same_bits((again.t, again.x, again.v), (run.t, run.x, run.v))
     np.savez(tmp_path / "other.npz", a=1)
     with pytest.raises(ValueError, match="is no run of clothsim"):

@@ -24,6 +24,8 @@ from .watch import STEPS_BETWEEN_ENERGIES, EnergyWatches
 # The state is looked at after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
 
+_NOT_WATCHED = "the graphics adapter does not watch the states between frames"
+
 
 class Simulation:
     """One cloth, or a batch of cloths of one shape, advanced together on the adapter.
@@ -181,6 +183,30 @@ class Simulation:
     def contacts(self) -> list[int]:
         """Answers of the spheres to mass points so far; those of "continuous" are not counted."""
         return list(self._contacts)
+
+    def set_watch(self, every: int, interval: float) -> None:
+        """The adapter watches no state between calls; `watched` says so."""
+
+    def sample(self) -> None:
+        """Nothing: see `set_watch`."""
+
+    @property
+    def watched(self) -> list[dict[str, Any]]:
+        """As the core's, per member: NaN with a "reason" for what the adapter does not watch.
+
+        Contacts with "continuous" spheres are assumed, as the adapter does not count them.
+        """
+        names = ("first_contact", "point_depth", "triangle_depth", "stretch", "energy_gained")
+        untold = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
+        none_inside = {"point_depth": 0.0, "triangle_depth": 0.0}
+        return [
+            {
+                **untold,
+                **(none_inside if not scene.spheres else {}),
+                "in_contact": count > 0 or any(s.response == "continuous" for s in scene.spheres),
+            }
+            for scene, count in zip(self._scenes, self._contacts, strict=True)
+        ]
 
     # Stepping -------------------------------------------------------------------------------------
 

@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
-from ..build import build_config
+from ..account import of_nothing, report
 from ..errors import ContactError, UnstableError
 from ..integration import integrator_name
-from ..measures import energy, max_stable_dt, penetration
+from ..measures import max_stable_dt
 from ..plan import check_options
 from ..scene import Scene
 from ..run import Run
+from ..runs import Options, Solution
 from .fields import change_scene, split
 from .grid import Grid
 
@@ -188,12 +189,10 @@ class Outcome:
     t: list[float] = field(default_factory=list)
     x: list[Floats] = field(default_factory=list)
     v: list[Floats] = field(default_factory=list)
-    largest_stretch: float = -np.inf
-    penetration: tuple[float, float] = (0.0, 0.0)  # points, triangles
-    first_contact: float = np.nan
+    watched: Mapping[str, Any] = field(default_factory=dict)  # see `Solution`
+    evaluations: int = 0
+    state: Any = None  # that stepped it
     reference: Any = None
-    threads: int = 1
-    instruction_set: str = ""
     itself: Run | None = None  # of a member with error control
 
     @property
@@ -204,30 +203,15 @@ class Outcome:
         """As `simulate` returns it, for metrics that are functions of a run."""
         if self.itself is not None:
             return self.itself
-        scene, member = self.scene, self.member
-        x, v = np.array(self.x), np.array(self.v)
-        depths = [
-            penetration(one, sphere, t)
-            for sphere in scene.spheres
-            for one, t in zip(x, self.t, strict=True)
-        ]
-        report = {
-            "steps": self.steps,
-            "wall_time": self.seconds,
-            "steps_per_second": self.steps / self.seconds if self.seconds > 0 else np.inf,
-            "dt": member.dt,
-            "error_estimate": None,
-            "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])},
-            "penetration": {
-                name: max((depth[name] for depth in depths), default=0.0)
-                for name in ("points", "triangles")
-            },
-            **member.numerics,
-            "threads": self.threads,
-            "instruction_set": self.instruction_set,
-            "version": build_config()["version"],
-        }
-        return Run(scene, np.array(self.t), x, v, report)
+        member = self.member
+        evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
+        solution = Solution(
+            Options(**member.numerics, threads=self.state.threads), self.t, np.array(self.x),
+            np.array(self.v), self.steps, 0, evaluations, self.seconds, self.watched, member.dt,
+            self.state,
+        )  # fmt: skip
+        facts = report(self.scene, solution, of_nothing())
+        return Run(self.scene, np.array(self.t), solution.x, solution.v, facts)
 
 
 @dataclass

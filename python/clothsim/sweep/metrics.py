@@ -17,8 +17,8 @@ from .member import Outcome
 class Metric:
     """A named metric: the variables it gives, with their attributes, and what it has to watch.
 
-    `needs` has "stretch", "penetration" and "contact" for what is watched during the run, "frames"
-    for the stored frames, and "reference" for a solution to compare with.
+    `needs` has "watch" for depths and stretches during the run, "frames" for the stored frames, and
+    "reference" for a solution to compare with.
     """
 
     name: str
@@ -70,20 +70,21 @@ _ALL = (
     ),
     Metric(
         "largest_stretch",
-        lambda outcome: {"largest_stretch": outcome.largest_stretch},
+        lambda outcome: {"largest_stretch": outcome.watched["stretch"]},
         {"largest_stretch": _attrs("stretch l/L - 1 of the most stretched spring at any time")},
-        ("stretch",),
+        ("watch",),
     ),
     Metric(
         "penetration",
-        lambda outcome: dict(
-            zip(("penetration_points", "penetration"), outcome.penetration, strict=True)
-        ),
+        lambda outcome: {
+            "penetration": outcome.watched["triangle_depth"],
+            "penetration_points": outcome.watched["point_depth"],
+        },
         {
             "penetration": _attrs("depth of the deepest triangle in a sphere at any time", "m"),
             "penetration_points": _attrs("depth of the deepest mass point at any time", "m"),
         },
-        ("penetration",),
+        ("watch",),
     ),
     Metric(
         "stable",
@@ -97,9 +98,8 @@ _ALL = (
     ),
     Metric(
         "first_contact",
-        lambda outcome: {"first_contact": outcome.first_contact},
+        lambda outcome: {"first_contact": outcome.watched["first_contact"]},
         {"first_contact": _attrs("end of the first step that a sphere changed", "s")},
-        ("contact",),
     ),
 )
 
@@ -118,7 +118,7 @@ class FunctionMetric:
 
     name: str
     function: Callable[..., Any]
-    needs: tuple[str, ...] = ("frames",)
+    needs: tuple[str, ...] = ("frames", "watch")
 
     @property
     def variables(self) -> dict[str, dict[str, str]]:

@@ -1,0 +1,11 @@
+// Marks that the kernel of continuous contact leaves at a vector (ContactArguments::open).
+#pragma once
+
+#include <cstdint>
+
+namespace clothsim {
+
+// The vector still has to go to `before`; the kernel has answered one of its points.
+inline constexpr std::uint8_t vector_left_over = 1, vector_answered = 2;
+
+}  // namespace clothsim

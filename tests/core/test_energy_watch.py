@@ -1,0 +1,138 @@
+"""Energy that a step makes of nothing: below the guaranteed time step too, at states it leaves out."""
+
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+SHEET = cs.Cloth((8, 8), mass=32.0, stiffness=35_000.0, damping=0.0)
+
+
+def crumpled(seed, scale=1.0):
+    """Every free point anywhere in a box as large as `scale` sheets."""
+    x = np.random.default_rng(seed).uniform(0.0, scale, (8, 8, 3))
+    x[SHEET.pinned] = SHEET.rest_positions[SHEET.pinned]
+    return cs.Scene(SHEET, position=x)
+
+
+def thrown(seed, speed):
+    """The flat sheet, every free point with a velocity of its own."""
+    v = np.random.default_rng(seed).normal(scale=speed, size=(8, 8, 3)) * ~SHEET.pinned[..., None]
+    return cs.Scene(SHEET, velocity=v)
+
+
+def run(scene, integrator, steps=2000, part=1.0, **options):
+    """The report and the warnings of a run at a part of the guaranteed step, or its error."""
+    dt = part * cs.max_stable_dt(scene, integrator)
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        try:
+            report = cs.simulate(scene, steps * dt, dt, integrator, threads=1, **options).report
+        except cs.UnstableError as error:
+            return error, given
+    return report, given
+
+
+def energy_of(scene, x, v):
+    parts = cs.energy(scene, x, v)
+    return parts["total"], parts["kinetic"] + parts["elastic"]
+
+
+SYMPLECTIC = ("velocity_verlet", "semi_implicit_euler", "pefrl")
+
+
+@pytest.mark.parametrize("integrator", [*SYMPLECTIC, "dop853"])
+@pytest.mark.parametrize("seed", range(3))
+def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed):
+    """The error comes at the first step by which nine tenths are made; a growth that took more than
+    64 steps was warned of before, with a step at which the state is stable."""
+    for scene in (crumpled(seed), crumpled(seed, 0.3), thrown(seed, 100.0)):
+        error, given = run(scene, integrator)
+        assert isinstance(error, cs.UnstableError) and error.dt <= error.max_stable_dt
+        start, _ = energy_of(scene, scene.initial_position, scene.initial_velocity)
+        last, moving = energy_of(scene, error.x, error.v)
+        assert last - start <= 0.9 * moving
+        x, v = cs.step(scene, error.x, error.v, error.dt, integrator=integrator)
+        total, moving = energy_of(scene, x, v)
+        assert total - start > 0.9 * moving
+        for warning in given:
+            assert warning.category is cs.StabilityWarning and "out of nothing" in str(warning.message)
+        assert len(given) == 1 or error.step <= 128
+
+
+def test_the_warning_comes_with_the_state_where_energy_has_grown():
+    """One of the 64th steps: half is made there, and less at all before."""
+    scene, dt = crumpled(1), cs.max_stable_dt(crumpled(1), "pefrl")
+    stepper = cs.Stepper(scene, integrator="pefrl", threads=1)
+    start, _ = energy_of(scene, stepper.positions, stepper.velocities)
+    grown = []
+    with pytest.raises(cs.StabilityWarning, match="out of nothing") as raised, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper.advance(2000, dt)
+    steps = round(stepper.time / dt)
+    assert steps % 64 == 0 and f"t = {stepper.time:g} s" in str(raised.value)
+    limit = cs.max_stable_dt(scene, "pefrl", stepper.positions, stepper.velocities)
+    assert f"up to {limit:.3g} s" in str(raised.value)
+    assert ("take a dt below it" in str(raised.value)) == (limit < dt)
+    other = cs.Stepper(scene, integrator="pefrl", threads=1)
+    other._state.warned_of_growth = True
+    for _ in range(steps // 64):
+        other.advance(64, dt)
+        total, moving = energy_of(scene, other.positions, other.velocities)
+        grown.append((total - start) / moving)
+    assert (other.positions == stepper.positions).all()
+    assert grown[-1] > 0.5 >= max(grown[:-1])
+
+
+@pytest.mark.parametrize("integrator", [*SYMPLECTIC, "rk4", "dopri5"])
+def test_energy_that_swings_is_no_growth(integrator):
+    """At the guaranteed step, where symplectic methods swing most; flat, swinging, thrown, buckling."""
+    x = SHEET.rest_positions.copy()
+    x[..., 0] *= 0.8  # compressed: buckles
+    x[..., 1] = 1e-3 * np.random.default_rng(0).normal(size=(8, 8)) * ~SHEET.pinned
+    buckling = cs.Scene(SHEET.replace(pins=()), position=x)
+    for scene in (cs.Scene(SHEET), thrown(0, 1.0), thrown(1, 10.0), thrown(2, 3.0), buckling):
+        report, given = run(scene, integrator, 1500)
+        assert not given and isinstance(report, dict)
+        assert report["energy"]["gained"] >= 0 and report["energy"]["reason"] == ""
+
+
+def test_what_is_gained_is_the_most_at_the_watched_states():
+    scene, dt = thrown(0, 1.0), cs.max_stable_dt(thrown(0, 1.0), "velocity_verlet")
+    made = []
+    stepper = cs.Stepper(scene, integrator="velocity_verlet", threads=1)
+    start, _ = energy_of(scene, stepper.positions, stepper.velocities)
+    for _ in range(10):
+        stepper.advance(64, dt)
+        made.append(energy_of(scene, stepper.positions, stepper.velocities)[0] - start)
+    for threads in (1, 2):
+        run = cs.simulate(scene, 640 * dt, dt, "velocity_verlet", threads=threads)
+        assert run.report["energy"]["gained"] == pytest.approx(max(made), rel=1e-12) and max(made) > 1
+    damped = cs.simulate(cs.scenes.paper_swing(), 0.2, 1e-3).report["energy"]
+    assert damped["gained"] == 0.0 and damped["reason"] == ""
+    adaptive = cs.simulate(thrown(0, 1.0), 0.3, rtol=1e-9, integrator="dop853").report["energy"]
+    assert 0 <= adaptive["gained"] < 1e-6 * start
+
+
+def test_after_a_response_nothing_is_told():
+    scene = cs.scenes.paper_static("reflect")
+    before, after = (cs.simulate(scene, t, 1e-3).report["energy"] for t in (0.2, 0.3))
+    assert before["gained"] >= 0 and before["reason"] == ""
+    assert np.isnan(after["gained"]) and "responded" in after["reason"]
+
+
+def test_a_batch_is_judged_member_by_member():
+    wild, calm = crumpled(1), thrown(1, 1.0)
+    dt = cs.max_stable_dt(wild, "velocity_verlet")
+    alone = cs.Stepper(calm, integrator="velocity_verlet", threads=1)
+    alone.advance(1000, dt)
+    batch = cs.Stepper([calm, wild], integrator="velocity_verlet", threads=1)
+    with pytest.warns(cs.StabilityWarning, match="member 1"), pytest.raises(cs.UnstableError) as raised:
+        batch.advance(1000, dt)
+    assert raised.value.member == 1
+    batch.freeze(1)
+    batch.advance(1001 - raised.value.step, dt)
+    assert (batch.positions[0] == alone.positions).all()
+    gained = [stepper._state.core.watched[0]["energy_gained"] for stepper in (batch, alone)]
+    assert gained[0] == gained[1] > 0

@@ -1,0 +1,191 @@
+"""What a run's report says about all of its states: depths in spheres, stretches, the first contact.
+
+The reference is a `Stepper` that takes the same steps one by one, and the measures of each state.
+"""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+CLOTH = cs.Cloth((9, 21), mass=1.0, stiffness=200.0, damping=0.2, pins=((0, 0), (-1, 0), (4, 10)))
+PAST = cs.Linear((0.3, 2.0, 0.1))  # through the cloth, over its pinned point
+
+
+def ball(**changes):
+    return cs.Sphere(**{"center": (0.5, -0.35, 0.5), "radius": 0.2, "response": "ray", **changes})
+
+
+SCENES = {
+    "reflect": ball(response="reflect", motion=PAST),
+    "as printed": ball(response="reflect", motion=PAST, literal=True, offset="none"),
+    "ray": ball(motion=PAST),
+    "continuous": ball(response="continuous", motion=PAST),
+    "face": ball(response="continuous", offset="face", motion=PAST),
+    "still": ball(response="reflect", center=(0.7, -0.22, 0.5)),
+    "starts on the cloth": ball(response="continuous", center=(0.3, 0.05, 0.4)),
+}
+MIXED = [
+    ball(response="reflect", motion=PAST, radius=0.15),
+    ball(center=(0.6, -0.3, 0.4), radius=0.1),
+    ball(response="continuous", center=(0.2, -0.3, 0.4), radius=0.1),
+]
+SCENES = {name: cs.Scene(CLOTH, sphere) for name, sphere in SCENES.items()}
+SCENES["three of them"] = cs.Scene(CLOTH, MIXED)
+STEPS, DT = 130, 2e-3
+REPORTED = ("penetration", "stretch", "first_contact")
+
+pytestmark = pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+
+
+def depths(scene, x, t):
+    found = [cs.penetration(x, sphere, t) for sphere in scene.spheres]
+    return np.array([[d["points"], d["triangles"]] for d in found]).max(axis=0)
+
+
+def step_by_step(scene, **options):
+    """Depths of all states, shape (states, 2), stretches, and the step that a sphere first changed."""
+    stepper = cs.Stepper(scene, **options)
+    far = [s.replace(center=(0.0, 1e3, 0.0), motion=None) for s in scene.spheres]
+    free = cs.Stepper(scene.replace(spheres=far), **options)
+    found, stretches, first = [], [], np.nan
+    for k in range(STEPS + 1):
+        if k > 0:
+            stepper.advance(1, DT)
+            free.advance(1, DT)
+        x = stepper.positions
+        found.append(depths(scene, x, stepper.time))
+        stretches.append(cs.largest_stretch(scene, x))
+        same = (x == free.positions).all() and (stepper.velocities == free.velocities).all()
+        if np.isnan(first) and not same:
+            first = stepper.time
+    return np.array(found), np.array(stretches), first
+
+
+def extremes(report):
+    return {name: report[name] for name in REPORTED}
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "velocity_verlet", "pefrl"])
+@pytest.mark.parametrize("name", SCENES)
+def test_they_are_those_of_every_state(name, integrator, precision):
+    if integrator != "rk4" and (precision, name) not in (("double", "three of them"), ("double", "face")):
+        pytest.skip("a path that other cases have")
+    if precision == "single" and name not in ("reflect", "continuous", "three of them"):
+        pytest.skip("a path that other cases have")
+    scene = SCENES[name]
+    options = {"integrator": integrator, "precision": precision}
+    found, stretches, first = step_by_step(scene, **options)
+    report = cs.simulate(scene, STEPS * DT, DT, threads=1, sampling=STEPS, **options).report
+    depth = report["penetration"]
+    exact = {"rel": 1e-12, "abs": 1e-15}
+    assert depth["points"] == pytest.approx(found[:, 0].max(), **exact)
+    assert depth["triangles"] == pytest.approx(found.max(), **exact)
+    assert report["stretch"] == {"largest": pytest.approx(stretches.max(), rel=1e-12), "reason": ""}
+    assert 0 < first <= 0.26 if name != "starts on the cloth" else first == DT
+    assert report["first_contact"] == {"time": pytest.approx(first, rel=1e-12), "reason": ""}
+    if name not in ("still", "face"):  # of which the contact radius, and the triangles, keep out
+        assert found[:, 0].max() > 1e-3
+    if name in ("reflect", "as printed"):  # deep within the run, and out again at its end
+        assert found[-1, 0] < 0.5 * found[:, 0].max()
+
+
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("name", ["reflect", "three of them", "face"])
+def test_they_are_the_same_for_every_number_of_threads(name, kernel):
+    reports = [
+        cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)
+    ]
+    assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])
+
+
+def test_a_large_cloth_in_strips():
+    """Strips of columns take the step one after the other (single, 66 x 2500)."""
+    cloth = cs.Cloth((66, 2500), (0.66, 25.0), mass=66 * 2500 * 1e-3, stiffness=200.0, damping=0.0)
+    spheres = [
+        ball(response="reflect", offset="none", center=(x, -0.1, 0.3), radius=0.1, motion=cs.Linear((0, y, 0)))
+        for x, y in ((3.0, 1.0), (12.5, 2.0), (20.0, 1.5))
+    ]
+    scene = cs.Scene(cloth, spheres)
+    stepper, deepest = cs.Stepper(scene, precision="single", threads=2), 0.0
+    for _ in range(12):
+        stepper.advance(1, 1e-3)
+        x = stepper.positions.astype(float)
+        deepest = max(deepest, *(s.radius - np.linalg.norm(x - s.center_at(stepper.time), axis=-1).min() for s in spheres))
+    report = cs.simulate(scene, 0.012, 1e-3, precision="single", threads=2).report
+    assert report["penetration"]["points"] == pytest.approx(deepest, rel=1e-12) and deepest > 1e-3
+
+
+def test_the_papers_failing_case_is_reported():
+    """Method 1 as printed: the moving sphere goes through the cloth. Only two frames are stored."""
+    run = cs.simulate(cs.scenes.paper_moving("reflect", literal=True), 5.0, dt=5e-4)
+    assert len(run.t) == 2
+    depth = run.report["penetration"]
+    assert 0.24 < depth["points"] <= depth["triangles"] <= 0.25
+    swept = cs.sweep(run.scene, duration=5.0, dt=5e-4, metrics="penetration", progress=False)
+    assert float(swept.penetration_points) == depth["points"]
+    assert float(swept.penetration) == depth["triangles"]
+
+
+@pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
+@pytest.mark.parametrize("name", ["reflect", "ray", "continuous", "face"])
+def test_adaptive_steps(name, integrator):
+    """The moment does not depend on frames, and is that of small steps, to the length of a step."""
+    runs = [
+        cs.simulate(SCENES[name], 0.2, rtol=1e-4, integrator=integrator, every=every).report
+        for every in (None, 1)
+    ]
+    small = cs.simulate(SCENES[name], 0.2, 1e-4).report
+    assert extremes(runs[0])["first_contact"] == extremes(runs[1])["first_contact"]
+    time = runs[0]["first_contact"]["time"]
+    assert time == pytest.approx(small["first_contact"]["time"], abs=2 * runs[0]["dt"])
+    outcomes = runs[0]["outcomes"]
+    assert outcomes["first_contact"]["value"] == time
+    assert outcomes["penetration"]["value"] == runs[0]["penetration"]["triangles"]
+
+
+@pytest.mark.parametrize("offset", ["edge", "face"])
+def test_a_continuous_sphere_that_is_never_touched_leaves_a_plain_error_estimate(offset):
+    near = ball(response="continuous", offset=offset, center=(0.5, -0.35, 0.5))
+    for options in ({"dt": 1e-3, "estimate_error": True}, {"rtol": 1e-6}):
+        report = cs.simulate(cs.Scene(CLOTH, near), 0.1, **options).report
+        assert report["chaotic"] is False and 0 < report["error_estimate"]["rms"] < 1e-4
+        assert np.isnan(report["first_contact"]["time"])
+        assert report["first_contact"]["reason"] == "no sphere responded"
+        longer = cs.simulate(cs.Scene(CLOTH, near), 0.4, **options).report
+        assert longer["chaotic"] is True and longer["first_contact"]["reason"] == ""
+
+
+def test_steps_that_are_taken_back_leave_no_trace():
+    """One member becomes unstable: the others go back to its last good step, and on without it."""
+    wild = SCENES["three of them"].replace(cloth=CLOTH.replace(stiffness=2e6))
+    members = [SCENES["three of them"], wild, SCENES["face"]]
+    values = {}
+    for scenes in (members, members[:1], members[2:]):
+        stepper = cs.Stepper(scenes)
+        stepper._state.warned = True
+        stepper._state.core.set_watch(7, 0.0)
+        left = STEPS
+        while left:
+            try:
+                stepper.advance(left, DT)
+                left = 0
+            except cs.UnstableError as error:
+                assert error.member == 1 and error.step > 1
+                left -= error.step - 1
+                stepper.freeze(1)
+        watched = stepper._state.core.watched
+        for scene, one in zip(scenes, watched, strict=True):
+            one.pop("energy_gained")  # NaN, after a response
+            if scene is not wild:
+                assert values.setdefault(id(scene), one) == one
+    assert len(values) == 2 and all(one["point_depth"] > 1e-3 for one in values.values())
+
+
+def test_the_watch_changes_no_bit_and_a_stepper_has_none():
+    scene = SCENES["three of them"]
+    run = cs.simulate(scene, STEPS * DT, DT, threads=1)
+    stepper = cs.Stepper(scene, threads=1)
+    stepper.advance(STEPS, DT)
+    assert (stepper.positions == run.x[-1]).all() and (stepper.velocities == run.v[-1]).all()
+    (watched,) = stepper._state.core.watched
+    assert watched["point_depth"] == 0.0 and watched["first_contact"] > 0
