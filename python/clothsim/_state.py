@@ -29,7 +29,7 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
         return [scene]
     accepted = "a Scene or a non-empty sequence of Scene of one shape"
     if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
-        raise TypeError(f"scene must be {accepted}, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
     for k, one in enumerate(scene):
         if not isinstance(one, Scene):
             raise TypeError(f"scene must be {accepted}, got {type(one).__name__} at index {k}")
@@ -93,7 +93,7 @@ def out_array(name: str, array: Any, like: FloatArray) -> None:
     """Check that `array` can be written to in place of a new array like `like`."""
     accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"{name} must be {accepted}, got {array!r} ({type(array).__name__})")
+        raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     flags = array.flags
     if array.dtype != like.dtype or array.shape != like.shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")

@@ -12,7 +12,7 @@ import math
 import numbers
 import os
 import reprlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ INT64_MAX = 2**63 - 1
 """The largest count that the core can hold."""
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """`value` and its type for an error message, short whatever it is."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
     try:
@@ -40,7 +41,7 @@ def _failed(name: str, accepted: str, value: Any, error: Exception) -> Exception
 
 
 def _wrong(name: str, accepted: str, value: Any) -> str:
-    return f"{name} must be {accepted}, got {_shown(value)}"
+    return f"{name} must be {accepted}, got {shown(value)}"
 
 
 def _listed(options: Collection[str]) -> str:
@@ -56,6 +57,11 @@ def _range(minimum: float | None, exclusive: bool, maximum: float | None) -> str
     low = "" if minimum is None else f" {'>' if exclusive else '>='} {minimum:g}"
     high = "" if maximum is None else f" <= {maximum:g}"
     return f"{low}{' and' if low and high else ''}{high}"
+
+
+def is_iterable(value: Any) -> bool:
+    """Whether `value` has entries; an array without dimensions has none."""
+    return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)
 
 
 def is_number(value: Any) -> bool:
@@ -97,9 +103,8 @@ def integer(
 ) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
     low = "" if minimum is None else f" >= {minimum}"
-    # The largest that the core holds goes without saying.
-    named = maximum != INT64_MAX or (isinstance(value, numbers.Integral) and value > maximum)
-    high = f" <= {maximum}" if named else ""
+    # The largest that the core holds goes without saying, unless it is what was passed.
+    high = f" <= {maximum}" if maximum != INT64_MAX else ""
     accepted = f"an integer{low}{' and' if low and high else ''}{high}"
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
@@ -110,8 +115,32 @@ def integer(
     except Exception as error:
         raise _failed(name, accepted, value, error) from error
     if (minimum is not None and result < minimum) or result > maximum:
+        if result > maximum and not high:
+            accepted = f"an integer{low}{' and' * bool(low)} <= {maximum}"
         raise ValueError(_wrong(name, accepted, value))
     return result
+
+
+def step_count(duration: float, dt: float) -> None:
+    """Raise a ValueError where a run has more steps than the core can count."""
+    if not duration / dt <= INT64_MAX:
+        raise ValueError(
+            f"duration / dt must be at most {INT64_MAX:.3g} steps, got duration = {duration:g} s "
+            f"and dt = {dt:g} s"
+        )
+
+
+MOST_FRAMES = 2**31 - 1
+"""The most frames of a run; the memory for their times alone is 16 GB."""
+
+
+def frame_count(duration: float, every: float) -> None:
+    """Raise a ValueError where `every`, in seconds, gives more frames than fit in memory."""
+    if not duration / every <= MOST_FRAMES:
+        raise ValueError(
+            f"every must be at least {duration / MOST_FRAMES:.3g} s, so that a run of duration = "
+            f"{duration:g} s has at most {MOST_FRAMES:,} frames, got {every:g}"
+        )
 
 
 def boolean(name: str, value: Any) -> bool:
@@ -231,10 +260,12 @@ def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
     """`value` as NumPy makes an array of it. What its own ``__array__`` raises passes as it is."""
     try:
         return np.asarray(value)
-    except ValueError:
+    except Exception as error:
         if hasattr(value, "__array__"):
             raise
-        raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+        if isinstance(error, ValueError):
+            raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
+        raise _failed(name, accepted, value, error) from error
 
 
 def array(

@@ -7,7 +7,7 @@ A mass point is named by (row, column); its index in arrays and in the spring ta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -315,8 +315,8 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
 
 
 def _springs(value: Any) -> tuple[str, ...]:
-    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-        raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {value!r}")
+    if isinstance(value, (str, bytes)) or not check.is_iterable(value):
+        raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
         raise ValueError(f"springs must name each family once, got {names}")
@@ -334,11 +334,11 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
 def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
     accepted = f"pins must be (row, column) pairs or a boolean array of shape {shape}"
     if not isinstance(value, np.ndarray):
-        if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-            raise TypeError(f"{accepted}, got {value!r}")
+        if isinstance(value, (str, bytes)) or not check.is_iterable(value):
+            raise TypeError(f"{accepted}, got {check.shown(value)}")
         value = list(value)
     elif value.ndim == 0:
-        raise ValueError(f"{accepted}, got an array without dimensions")
+        raise TypeError(f"{accepted}, got {check.shown(value)}")
     mask = _mask(value)
     if mask is not None:
         if mask.shape != shape:

@@ -75,7 +75,8 @@ class Integrator:
         return self.stages_damped if damped else self.stages
 
     def __repr__(self) -> str:
-        return f"<Integrator {self.name}: order {self.order}, {', '.join(self._traits)}>"
+        stages, kind = self._traits
+        return f"<Integrator {self.name}: order {self.order}, stages {stages}, {kind}>"
 
     @property
     def _traits(self) -> tuple[str, ...]:
@@ -83,7 +84,7 @@ class Integrator:
         order = "" if self.damped else " (damped: order 1)"
         damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
         return (
-            f"{self.stages} stage{'s' * (self.stages > 1)}{damped}",
+            f"{self.stages}{damped}",
             ("explicit" if self.explicit else "implicit")
             + ", adaptive" * self.adaptive
             + ", symplectic" * self.symplectic
@@ -175,11 +176,11 @@ class _Integrators(Mapping[str, Integrator]):
         return len(self._methods)
 
     def __repr__(self) -> str:
-        rows = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
+        rows: list[tuple[str, ...]] = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
         for one in self.values():
             stages, kind = one._traits
             limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
-            rows.append((one.name, str(one.order), stages.split(" ", 1)[0], *limits, kind))
+            rows.append((one.name, str(one.order), stages, *limits, kind))
         widths = [max(map(len, column)) for column in zip(*rows)]
         lines = ("  ".join(cell.ljust(n) for cell, n in zip(row, widths)).rstrip() for row in rows)
         return "\n".join(lines)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from ._keywords import suggests
-from ._state import state_arrays
+from ._state import state_array, state_arrays
 from .integration import integrator_name
 from .plan import core_cloth
 from .scene import Scene
@@ -20,7 +20,7 @@ Value = float | npt.NDArray[np.float64]
 
 def _one_scene(scene: Scene) -> Scene:
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     return scene
 
 
@@ -104,7 +104,7 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     (0.0, 0.224745)
     """
     if not isinstance(sphere, Sphere):
-        raise TypeError(f"sphere must be a Sphere, got {sphere!r} ({type(sphere).__name__})")
+        raise TypeError(f"sphere must be a Sphere, got {check.shown(sphere)}")
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.dtype.kind not in "iuf":
@@ -228,7 +228,8 @@ def max_stable_dt(
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
         return guaranteed_dt(core_cloth(_one_scene(scene)), integrator)
-    x, v = state_arrays(x, np.zeros(np.shape(x)) if v is None else v, [_one_scene(scene)], False)
+    x = state_array("x", x, [_one_scene(scene)], False)
+    x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
     from .stability.spectrum import stable_dt_at

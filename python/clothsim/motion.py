@@ -27,9 +27,9 @@ def _times(t: npt.ArrayLike) -> Vectors:
     accepted = "t must be a finite number or an array of finite numbers"
     given = check.as_array("t", t, accepted.removeprefix("t must be "))
     if given.dtype.kind not in "iuf":
-        raise TypeError(f"{accepted}, got {t!r}")
+        raise TypeError(f"{accepted}, got {check.shown(t)}")
     if not np.isfinite(given).all():
-        raise ValueError(f"{accepted}, got {t!r}")
+        raise ValueError(f"{accepted}, got {check.shown(t)}")
     return given.astype(np.float64)
 
 
@@ -346,6 +346,6 @@ def motion_from_dict(data: Mapping[str, Any]) -> Motion:
     Linear(velocity=(1.0, 0.0, 0.0))
     """
     if not isinstance(data, Mapping):
-        raise TypeError(f"motion must be a mapping with a 'kind', got {data!r}")
+        raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)
     return MOTIONS[kind].from_dict(data)  # type: ignore[return-value]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -73,7 +73,7 @@ class Scene(Record):
     def __post_init__(self) -> None:
         cloth = self.cloth
         if not isinstance(cloth, Cloth):
-            raise TypeError(f"cloth must be a Cloth, got {cloth!r} ({type(cloth).__name__})")
+            raise TypeError(f"cloth must be a Cloth, got {check.shown(cloth)}")
         position, velocity = self.position, self.velocity
         if position is not None:
             position = frozen(check.points("position", position, cloth.shape))
@@ -194,7 +194,7 @@ class Scene(Record):
         arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
-            raise TypeError(f"spheres must be a list of mappings, got {spheres!r}")
+            raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
         arguments["spheres"] = tuple(Sphere.from_dict(sphere) for sphere in spheres)
         return cls(**arguments)
 
@@ -203,12 +203,12 @@ def _spheres(value: Any) -> tuple[Sphere, ...]:
     accepted = "a Sphere or a sequence of Sphere"
     if isinstance(value, Sphere):
         return (value,)
-    if not isinstance(value, Iterable):
-        raise TypeError(f"spheres must be {accepted}, got {value!r} ({type(value).__name__})")
+    if not check.is_iterable(value):
+        raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):
         if not isinstance(sphere, Sphere):
             raise TypeError(
-                f"spheres must be {accepted}, got {sphere!r} ({type(sphere).__name__}) at index {k}"
+                f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}"
             )
     return spheres

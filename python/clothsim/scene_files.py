@@ -118,7 +118,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     mass = 512.0  # kg in all, or per mass point
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     path = check.path("path", path)
     path.write_text("\n".join(_table(scene.to_dict(), "")) + "\n", encoding="utf-8")
     return path

@@ -106,7 +106,7 @@ class Sphere(Record):
         if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
             raise TypeError(
                 "motion must be None, a Linear, a Reciprocate or a Keyframes, "
-                f"got {self.motion!r} ({type(self.motion).__name__})"
+                f"got {check.shown(self.motion)}"
             )
         self._set(
             center=check.vector("center", self.center),
@@ -221,7 +221,7 @@ class Sphere(Record):
         1.0
         """
         if not isinstance(cloth, Cloth):
-            raise TypeError(f"cloth must be a Cloth, got {cloth!r} ({type(cloth).__name__})")
+            raise TypeError(f"cloth must be a Cloth, got {check.shown(cloth)}")
         if isinstance(self.offset, float):
             return self.offset
         if self.offset == "none":
@@ -259,8 +259,8 @@ def _offset(value: Any) -> str | float:
     if not isinstance(value, str):
         raise TypeError(
             f"offset must be one of {OFFSETS} or a length >= 0 [m], "
-            f"got {value!r} ({type(value).__name__})"
+            f"got {check.shown(value)}"
         )
     if value not in OFFSETS:
-        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}")
+        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
     return str(value)

@@ -241,7 +241,7 @@ class Stepper:
             "kernel": kernel, "strict": strict, "backend": backend,
         }
         self._scene = scene
-        self._track = bool(track_contact_energy)
+        self._track = check.boolean("track_contact_energy", track_contact_energy)
         self._state = State(scene, x, v, t=t, **self._options)
         self._state.core.set_track_contact_energy(self._track)
 
@@ -494,6 +494,7 @@ def reference_step(
     x, v = state_arrays(x, v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
+    as_printed = check.boolean("as_printed", as_printed)
     advance = _core.reference_step_as_printed if as_printed else _core.reference_step
     return advance(
         core_plan(scene),

@@ -141,18 +141,15 @@ def convergence(
     >>> round(found.order, 1), found.steps.tolist()
     (4.0, [50, 100, 200])
     """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     integrator = integrator_name(integrator)
     check.choice("precision", precision, ("double", "single"))
     count = check.size("dts", dts, "a sequence of time steps > 0")
     if count == 0:
         raise ValueError("dts must have at least one time step, got none")
-    steps = sorted(
-        {
-            math.ceil(duration / check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) - 1e-9)
-            for k, dt in enumerate(dts)
-        }
-    )
+    steps = sorted({_steps(duration, f"dts[{k}]", dt) for k, dt in enumerate(dts)})
     solution = solution_for(scene, duration, reference)
     errors, evaluations = [], []
     for n in steps:
@@ -183,6 +180,14 @@ def convergence(
         floor,
         solution,
     )
+
+
+def _steps(duration: float, name: str, dt: Any) -> int:
+    """How many steps of at most `dt` the duration has."""
+    dt = check.number(name, dt, minimum=0, exclusive=True)
+    if not duration / dt <= check.INT64_MAX:
+        raise ValueError(f"{name} must be above duration / {check.INT64_MAX:.3g}, got {dt:g}")
+    return max(1, math.ceil(duration / dt - 1e-9))
 
 
 def solution_for(scene: Scene, duration: float, given: Reference | None) -> Reference:

@@ -182,10 +182,11 @@ def reference(
     True
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)
+        check.frame_count(duration, every)
     threads = choose_threads(threads, scene.cloth.shape)
     check.boolean("cache", cache)
     times = _times(duration, every)

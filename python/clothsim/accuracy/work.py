@@ -128,7 +128,7 @@ def _methods(
     threads: int | None,
 ) -> list[Method]:
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     names = None if methods is None else [m for m in methods if isinstance(m, str)]
     chosen: list[Method] = list(own_methods(names, precisions, threads))
     chosen += [m for m in methods or () if not isinstance(m, str)]

@@ -18,7 +18,7 @@ from ._common import add_command, as_table, count
 
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
-    "wall_time": "s", "estimate_wall_time": "s", "steps_per_second": "1/s", "dt": "s",
+    "wall_time": "s", "estimate_wall_time": "s", "dt": "s",
     "error_estimate": "m", "asked": "m", "floor": "m", "energy": "J", "penetration": "m",
     "first_contact": "s", "time": "s", "centre_of_mass": "m", "center_of_mass": "m",
     "kinetic_energy": "J", "total_energy": "J",

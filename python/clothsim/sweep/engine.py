@@ -50,7 +50,7 @@ class Workers:
         else:
             raise TypeError(
                 "executor must be None, a concurrent.futures.Executor or a dask.distributed "
-                f"Client, got {executor!r} ({type(executor).__name__})"
+                f"Client, got {check.shown(executor)}"
             )
 
     def _cluster_threads(self) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _validate as check
 from .._record import Record
 from ..integration import integrator_name
 from .fields import NUMERICS, check_name, units
@@ -172,7 +173,7 @@ def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
     for k, row in enumerate(_values(f"over[{names!r}]", rows)):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             raise ValueError(
-                f"over[{names!r}] must be rows of {len(names)} values, got {row!r} at index {k}"
+                f"over[{names!r}] must be rows of {len(names)} values, got {check.shown(row)} at index {k}"
             )
         places.append(_place(dict(zip(names, row, strict=True))))
     return Axis("_".join(names), tuple(places))
@@ -187,7 +188,7 @@ def _samples(over: Any) -> Axis:
         if not isinstance(sample, Mapping) or not sample:
             raise TypeError(
                 "over must be a mapping of names to values or a sequence of mappings, "
-                f"got {sample!r} at index {k}"
+                f"got {check.shown(sample)} at index {k}"
             )
         if places and set(sample) != set(places[0]):
             raise ValueError(
@@ -209,7 +210,7 @@ def _place(values: dict[str, Any]) -> dict[str, Any]:
 
 def _values(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable):
-        raise TypeError(f"{name} must be a sequence of values, got {values!r}")
+        raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
     result = [_scalar(value) for value in values]
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")

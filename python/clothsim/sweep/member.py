@@ -90,6 +90,8 @@ class Member:
         duration = check.number(
             "duration", run.get("duration", settings.duration), minimum=0, exclusive=True
         )
+        if isinstance(settings.every, float):
+            check.frame_count(duration, settings.every)
         limit = float(max_stable_dt(scene, named))
         if automatic or rtol is not None or atol is not None:
             rtol, atol = _tolerances(dt, rtol, atol)
@@ -99,6 +101,7 @@ class Member:
             follows = limit if math.isfinite(limit) else float(max_stable_dt(scene))
             dt = min(_SAFETY * follows, duration)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
+        check.step_count(duration, dt)
         return cls(index, scene, duration, dt, limit, **numerics)
 
     @property
@@ -167,7 +170,7 @@ class Members:
 def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
     if dt is not None:
         raise ValueError(
-            f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {dt!r}"
+            f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {check.shown(dt)}"
         )
     rtol, atol = (
         None if value is None else check.number(name, value, minimum=0)

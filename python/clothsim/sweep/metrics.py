@@ -135,7 +135,7 @@ class FunctionMetric:
         if array.dtype.kind not in "biuf":
             raise TypeError(
                 f"metric {self.name!r} must give a number, an array of numbers or a mapping of "
-                f"them, got {value!r}"
+                f"them, got {check.shown(value)}"
             )
         return array.astype(np.float64)
 
@@ -150,7 +150,7 @@ def choose_metrics(metrics: Any) -> tuple[Metric | FunctionMetric, ...]:
         pairs = [(None, metric) for metric in metrics]
     else:
         raise TypeError(
-            f"metrics must be names, functions or a mapping of names to functions, got {metrics!r}"
+            f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}"
         )
     chosen: dict[str, Metric | FunctionMetric] = {}
     for name, metric in pairs:

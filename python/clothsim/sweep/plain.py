@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _validate as check
 from .._record import Record
 
 _LARGEST_LISTED = (
@@ -33,7 +34,7 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     raise TypeError(
-        f"a swept value must be a number, text, sequence, array, or part of a scene, got {value!r}"
+        f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}"
     )
 
 

@@ -44,7 +44,7 @@ def run_sweep(
     """As `sweep`; `settings_given` are those of `Settings`."""
     _check_packages(store, progress)
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     grid = make_grid(over)
     settings = _checked_settings(**settings_given)
     _check_frames(grid, settings)
