@@ -16,7 +16,9 @@ from . import _accessor, scenes
 from ._on_demand import on_demand
 from .build import build_config
 from .cloth import Cloth
-from .errors import ContactError, ContactWarning, StabilityWarning, UnstableError
+from .errors import (
+    ContactError, ContactWarning, LongRunWarning, OrderWarning, StabilityWarning, UnstableError,
+)  # fmt: skip
 from .grid import thread_grid, triangles
 from .integration import integrators
 from .measures import energy, largest_stretch, max_stable_dt, penetration
@@ -41,7 +43,7 @@ _accessor.register()
 
 __all__ = [
     "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
-    "Reciprocate", "Reference", "Run", "Scene", "Snapshot", "Sphere", "StabilityWarning",
+    "LongRunWarning", "OrderWarning", "Reciprocate", "Reference", "Run", "Scene", "Snapshot", "Sphere", "StabilityWarning",
     "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
     "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",

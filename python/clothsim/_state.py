@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,13 +13,27 @@ import numpy.typing as npt
 from . import _core
 from . import _validate as check
 from .errors import (
-    ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth,
+    ContactError,
+    ContactWarning,
+    LongRunWarning,
+    UnstableError,
+    warn_caller,
+    warn_of_dt,
+    warn_of_growth,
 )  # fmt: skip
+from .integration import warn_of_order
 from .plan import (
-    check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius,
+    check_backend,
+    check_options,
+    choose_kernel,
+    choose_threads,
+    core_cloth,
+    core_plan,
+    point_radius,
 )  # fmt: skip
 from .scene import Scene
 from .stability.bound import guaranteed_dt
+from .stability.limiting import limiting_term
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
@@ -62,7 +77,7 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
     dtype = np.float32 if given.dtype == np.float32 else np.float64
     result = np.require(given, dtype, ("C", "A"))
-    check.check_all(name, result, np.isfinite(result), accepted)
+    check.check_all(name, result, np.isfinite(result), accepted, points=True)
     return result
 
 
@@ -92,13 +107,31 @@ def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
 def out_array(name: str, array: Any, like: FloatArray) -> None:
     """Check that `array` can be written to in place of a new array like `like`."""
     accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
-    if not isinstance(array, np.ndarray):
+    if not isinstance(array, np.ndarray) or check.is_masked(array):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     flags = array.flags
     if array.dtype != like.dtype or array.shape != like.shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
     if not (flags.writeable and flags.c_contiguous and flags.aligned):
         raise ValueError(f"{name} must be {accepted}, got one that is not")
+
+
+MANY_STEPS = 1_000_000
+"""A run of more steps is announced, with the time that it will take."""
+
+# Copies of the state are stepped for so long to tell the time of a step, four times, of which the first warms
+# caches and threads. Half as long is noisy on a busy machine; twice as long is felt.
+_SECONDS_TIMED = 0.02
+_TIMINGS = 4
+_MOST_STEPS_TIMED = 20_000
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in words, of two digits."""
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 class State:
@@ -121,6 +154,10 @@ class State:
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
         integrator = check_options(precision, kernel, strict, integrator)
+        self._options: dict[str, Any] = {
+            "t": t, "integrator": integrator, "precision": precision, "threads": threads,
+            "kernel": kernel, "strict": strict, "backend": backend,
+        }  # fmt: skip
         check_backend(backend, kernel, threads, integrator)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
@@ -158,7 +195,7 @@ class State:
         self.max_stable_dt = limits * members if not batched else limits
         self._least_stable_dt = min(*self.max_stable_dt, sys.float_info.max)  # inf without springs
         self.core.set_stable_dt(self.max_stable_dt)
-        self.warned = self.warned_of_growth = False
+        self.warned = self.warned_of_growth = self.announced = False
         self.core.load(x, v)
         self._warned_of_pins = False
         for member, one in enumerate(x if self.batched else x[None]):
@@ -175,10 +212,11 @@ class State:
         """Advance all members; see `Stepper.advance`."""
         # What nearly every call is, told apart in a tenth of the time that the checks take.
         plain = type(steps) is int and type(dt) is float
-        if not (plain and 0 <= steps <= check.INT64_MAX and 0.0 < dt <= self._least_stable_dt):
+        if not (plain and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt):
             steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
             dt = check.number("dt", dt, minimum=0, exclusive=True)
             self._warn(dt)
+            self.announce(steps, dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if outcome:
             self._go_on(outcome, steps, dt)
@@ -221,9 +259,46 @@ class State:
         x, v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(x, v)
         state = (x[member], v[member]) if self.batched else (x, v)
-        limit = max_stable_dt(self.scenes[member], self.integrator, *state)
+        try:
+            limit = max_stable_dt(self.scenes[member], self.integrator, *state)
+        except ValueError:  # points too near for a direction; no reason to end the run
+            limit = self.max_stable_dt[member]
         which = member if self.batched else None
         warn_of_growth(self.core.time, dt, limit, self.integrator, which)
+
+    def warn_of_order(self) -> None:
+        """Give an `OrderWarning` for the first scene for which the integrator loses order."""
+        any(warn_of_order(self.integrator, scene) for scene in self.scenes)
+
+    def announce(self, steps: float, dt: float) -> None:
+        """Give a `LongRunWarning`, once, before so many steps of dt where they are too many."""
+        if self.announced or steps <= MANY_STEPS:
+            return
+        self.announced = True
+        seconds = steps * self._seconds_per_step(dt)
+        term = limiting_term(self.scenes[0], self.integrator)
+        why = f"; {term}" if dt >= term.max_stable_dt / 4 else ""  # the limit made it short
+        warn_caller(
+            f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}",
+            LongRunWarning,
+        )
+
+    def _seconds_per_step(self, dt: float) -> float:
+        """Measured on steps of a copy of this state, for a twentieth of a second or so."""
+        x, v = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
+        self.store(x, v)
+        copy = State(self.scenes if self.batched else self.scenes[0], x, v, **self._options)
+        copy.warned = copy.warned_of_growth = copy.announced = True
+        each, steps = 0.0, 8
+        try:
+            for _ in range(_TIMINGS):
+                start = time.perf_counter()
+                copy.advance(steps, dt)
+                each = (time.perf_counter() - start) / steps
+                steps = min(max(8, int(_SECONDS_TIMED / each)), _MOST_STEPS_TIMED)
+        except ArithmeticError:  # the run itself tells of it
+            pass
+        return each
 
     def _warn(self, dt: float) -> None:
         if self.warned or dt <= self._least_stable_dt:
@@ -232,7 +307,8 @@ class State:
         limit, member = min(((self.max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
             self.warned = True
-            warn_of_dt(dt, limit, self.integrator, member if self.batched else None)
+            term = str(limiting_term(self.scenes[member], self.integrator))
+            warn_of_dt(dt, limit, self.integrator, member if self.batched else None, term)
 
     def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
         x, v = np.empty(self.shape), np.empty(self.shape)
@@ -254,6 +330,7 @@ class State:
             point=divmod(outcome["point"], scene.cloth.columns),
             dt=dt,
             max_stable_dt=self.max_stable_dt[member],
+            term=str(limiting_term(scene, self.integrator)),
             x=x[member] if self.batched else x,
             v=v[member] if self.batched else v,
             member=member if self.batched else None,

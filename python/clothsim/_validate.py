@@ -12,6 +12,7 @@ import math
 import numbers
 import os
 import reprlib
+import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -64,10 +65,16 @@ def is_iterable(value: Any) -> bool:
     return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)
 
 
+def is_masked(value: Any) -> bool:
+    """Whether `value` is a masked array or the constant ``numpy.ma.masked``."""
+    ma = sys.modules.get("numpy.ma")  # where nobody has imported it, nobody has one
+    return ma is not None and isinstance(value, ma.MaskedArray)
+
+
 def is_number(value: Any) -> bool:
     """Whether `value` is one real number: no bool, no string, a 0-d array of numbers is one."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
+        value = value[()]  # of numpy.ma.masked it is that again, and no number
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
@@ -154,6 +161,8 @@ def size(name: str, value: Any, accepted: str = "a sequence of finite numbers") 
     """The number of entries of an ordered sequence or one-dimensional array."""
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         raise TypeError(_wrong(name, accepted, value))
+    if is_masked(value):
+        as_array(name, value, accepted)
     if isinstance(value, np.ndarray) and value.ndim != 1:
         raise ValueError(_wrong(name, accepted, value))
     return len(value)
@@ -257,7 +266,15 @@ def keys(
 
 
 def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
-    """`value` as NumPy makes an array of it. What its own ``__array__`` raises passes as it is."""
+    """`value` as NumPy makes an array of it. What its own ``__array__`` raises passes as it is.
+
+    A masked array is refused: NumPy drops the mask on the way, and what it hides would count.
+    """
+    if is_masked(value) or (isinstance(value, (list, tuple)) and any(map(is_masked, value))):
+        raise TypeError(
+            f"{name} must be {accepted}, got a masked array, whose mask would be lost; "
+            "pass its .filled(value), or .data if nothing is masked"
+        )
     try:
         return np.asarray(value)
     except Exception as error:
@@ -285,11 +302,17 @@ def array(
     return result
 
 
-def check_all(name: str, values: np.ndarray, good: np.ndarray, accepted: str) -> None:
-    """Raise a ValueError that names the first entry of `values` where `good` is False."""
+def check_all(
+    name: str, values: np.ndarray, good: np.ndarray, accepted: str, *, points: bool = False
+) -> None:
+    """Raise a ValueError that names the first entry of `values` where `good` is False.
+
+    `points`: the last three axes are row, column and component, and the mass point is named too.
+    """
     if not good.all():
         at = tuple(int(k) for k in np.argwhere(~good)[0])
-        raise ValueError(f"{name} must be {accepted}, got {float(values[at])!r} at index {at}")
+        where = f"index {at}, mass point {at[-3:-1]}" if points else f"index {at}"
+        raise ValueError(f"{name} must be {accepted}, got {float(values[at])!r} at {where}")
 
 
 def points(name: str, value: Any, shape: tuple[int, int]) -> npt.NDArray[np.float64]:

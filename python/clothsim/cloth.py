@@ -358,7 +358,7 @@ def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
 def _mask(value: Any) -> npt.NDArray[np.bool_] | None:
     """`value` as a boolean array, None if it is something else."""
     try:
-        array = np.asarray(value)
+        array = check.as_array("pins", value, "(row, column) pairs or a boolean array")
     except (ValueError, OverflowError):
         return None
     return array if array.dtype == np.bool_ else None

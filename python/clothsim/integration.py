@@ -13,15 +13,19 @@ of omega dt and delta dt. The step is stable where no eigenvalue of it is larger
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
 from ._keywords import suggests
+from .errors import OrderWarning, warn_caller
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
@@ -34,8 +38,9 @@ class Integrator:
     ----------
     name : str
         What `step`, `simulate` and `Stepper` take as ``integrator``.
-    order : int
-        The error of a smooth motion falls with this power of the time step.
+    order, order_damped : int
+        The error of a smooth motion falls with this power of the time step: of a scene without
+        damping, and of a damped one; see `order_of`.
     stages : int
         Force evaluations per step of an undamped scene; see `evaluations_per_step`.
     stages_damped : int
@@ -48,7 +53,7 @@ class Integrator:
     symplectic : bool
         Keeps the energy of an undamped scene bounded over any number of steps.
     damped : bool
-        Handles forces that depend on the velocity at its full order; else with order 1.
+        Whether it keeps its order with forces that depend on the velocity, as damping does.
     imaginary_limit : float
         Largest stable omega * dt of the undamped oscillator.
     real_limit : float
@@ -59,6 +64,7 @@ class Integrator:
 
     name: str
     order: int
+    order_damped: int
     stages: int
     stages_damped: int
     explicit: bool
@@ -69,6 +75,18 @@ class Integrator:
     real_limit: float
     description: str
     source: str
+
+    def order_of(self, scene: Scene) -> int:
+        """The order with which the error of this scene falls: `order_damped` if it is damped.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> pefrl = cs.integrators()["pefrl"]
+        >>> [pefrl.order_of(cs.scenes.oscillator(damping=c)) for c in (0.0, 0.1)]
+        [4, 1]
+        """
+        return self.order_damped if scene.cloth.damped else self.order
 
     def evaluations_per_step(self, damped: bool) -> int:
         """Force evaluations per step of a scene with or without damping."""
@@ -105,10 +123,11 @@ def _record(
     explicit: bool = True,
     adaptive: bool = False,
     symplectic: bool = False,
-    damped: bool = True,
+    order_damped: int | None = None,
 ) -> Integrator:
+    damped = order_damped is None
     return Integrator(
-        name, order, stages, stages_damped or stages, explicit, adaptive, symplectic, damped,
+        name, order, order_damped or order, stages, stages_damped or stages, explicit, adaptive, symplectic, damped,
         imaginary_limit, real_limit, description, source,
     )  # fmt: skip
 
@@ -134,9 +153,9 @@ _TABLE = (
     ),
     _record(
         "pefrl", 4, 4, 2.9894, 2.3414,
-        "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes",
+        "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes; of order 1 with damping",
         "Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20",
-        symplectic=True, damped=False,
+        symplectic=True, order_damped=1,
     ),
     _record(
         "dopri5", 5, 6, 0.9971, 3.3065,
@@ -268,6 +287,20 @@ def integrators() -> Mapping[str, Integrator]:
     return _INTEGRATORS
 
 
+def warn_of_order(integrator: str, scene: Scene) -> bool:
+    """Give an `OrderWarning` where damping lowers the order of this integrator; whether it did."""
+    method = _INTEGRATORS[integrator]
+    lower = method.order_of(scene) < method.order
+    if lower:
+        warn_caller(
+            f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "
+            f"{method.order}: its errors are those of a method of order {method.order_damped}; take "
+            "'rk4' or 'velocity_verlet', which keep their orders, or a cloth with damping=0",
+            OrderWarning,
+        )
+    return lower
+
+
 # Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
 # further ones: b A^(k-1) 1 with their tableau (A, b).
 _FURTHER_TERMS = {
@@ -283,6 +316,10 @@ _FURTHER_TERMS = {
 _XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 _PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
 _PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
+_SPLITTINGS = {
+    "semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)),
+    "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS),
+}
 
 
 @suggests
@@ -319,12 +356,12 @@ def amplification_matrix(
         _rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt)
     )
     square = omega * omega
-    if integrator == "semi_implicit_euler":
-        return _splitting((0.0, 1.0), (1.0, 0.0), square, delta)
-    if integrator == "pefrl":
-        return _splitting(_PEFRL_DRIFTS, _PEFRL_KICKS, square, delta)
-    if integrator == "velocity_verlet":
-        return _velocity_verlet(square, delta)
+    if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
+        one, zero = np.ones_like(square), np.zeros_like(square)
+        x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
+        k, c = square[..., None], delta[..., None]
+        x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
+        return np.stack([x, w], -2)
     slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
     identity = np.broadcast_to(np.eye(2), slope.shape)
     if integrator == "implicit_midpoint":
@@ -376,24 +413,35 @@ def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
 
 
-def _splitting(
-    drifts: tuple[float, ...], kicks: tuple[float, ...], square: Floats, delta: Floats
-) -> Floats:
-    one, zero = np.ones_like(square), np.zeros_like(square)
-    result = _matrix(one, zero, zero, one)
-    for drift, kick in zip(drifts, kicks):
-        result = _matrix(one, drift * one, zero, one) @ result
-        result = _matrix(one, zero, -kick * square, 1 - kick * delta) @ result
-    return result
+def splitting_step(
+    integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any
+) -> tuple[Any, Any, list[Any]]:
+    """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
 
+    Parameters
+    ----------
+    integrator : {"semi_implicit_euler", "velocity_verlet", "pefrl"}
+    acceleration : callable
+        dt^2 times the acceleration, of (x, w).
+    x, w : numpy.ndarray
+        Positions, and dt times the velocities.
 
-def _velocity_verlet(square: Floats, delta: Floats) -> Floats:
-    # Rows of (x, dt v): a = dt^2 acceleration, x' = x + w + a / 2, w' = w + (a + a') / 2 with
-    # a' at x' and the predicted w + a.
-    zero, one = np.zeros_like(square), np.ones_like(square)
-    x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
-    square, delta = square[..., None], delta[..., None]
-    a = -square * x - delta * w
-    x_new = x + w + a / 2
-    a_new = -square * x_new - delta * (w + a)
-    return np.stack([x_new, w + (a + a_new) / 2], -2)
+    Returns
+    -------
+    x, w : numpy.ndarray
+        At the end of the step.
+    stages : list of numpy.ndarray
+        The accelerations evaluated, in order.
+    """
+    if integrator == "velocity_verlet":
+        first = acceleration(x, w)
+        x = x + w + first / 2
+        second = acceleration(x, w + first)
+        return x, w + (first + second) / 2, [first, second]
+    stages = []
+    for drift, kick in zip(*_SPLITTINGS[integrator]):
+        x = x + drift * w if drift else x
+        if kick:
+            stages.append(acceleration(x, w))
+            w = w + kick * stages[-1]
+    return x, w, stages

@@ -24,6 +24,26 @@ def _one_scene(scene: Scene) -> Scene:
     return scene
 
 
+def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
+    """Raise a ValueError that names the point whose size makes a measure overflow.
+
+    `values`: the measure, the first axis the members'. `states`: positions or velocities by name,
+    of shape (B, rows, columns, 3).
+    """
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    if not len(bad):
+        return
+    member = int(bad[0])
+    name = max(states, key=lambda one: np.abs(states[one][member]).max())
+    one = np.abs(states[name][member])
+    row, column, k = (int(n) for n in np.unravel_index(one.argmax(), one.shape))
+    which = "" if len(values) == 1 else f" of batch member {member}"
+    raise ValueError(
+        f"{name} must be small enough for {what} to be a finite number, got "
+        f"{float(states[name][member, row, column, k])!r} at mass point {(row, column)}{which}"
+    )
+
+
 @suggests
 def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
     """Kinetic, elastic and gravity energy, and their total.
@@ -48,7 +68,8 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above.
+        If an argument is not as above, or so large that the energy is no finite number; the
+        message names the mass point.
 
     Examples
     --------
@@ -62,8 +83,11 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     cloth = core_cloth(scene)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
     parts = np.array([_core.energy(cloth, scene.gravity, *one) for one in zip(*batch)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = parts.sum(axis=1)
+    _told("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
     values = dict(zip(("kinetic", "elastic", "gravity"), parts.T))
-    values["total"] = parts.sum(axis=1)
+    values["total"] = total
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
@@ -112,12 +136,13 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
         raise ValueError(f"x must be {accepted}, got shape {x.shape}")
     x = np.ascontiguousarray(x, dtype=np.float64)
-    check.check_all("x", x, np.isfinite(x), accepted)
+    check.check_all("x", x, np.isfinite(x), accepted, points=True)
     rows, columns = x.shape[-3:-1]
     center = sphere.center_at(check.number("t", t))
     depths = np.array(
         [_core.penetration(rows, columns, one, center, sphere.radius) for one in x.reshape(-1, rows, columns, 3)]
     )
+    _told("the depth", depths, x=x.reshape(-1, rows, columns, 3))
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
@@ -159,6 +184,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
     batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
     values = np.array([_core.largest_stretch(cloth, one) for one in batch])
+    _told("the largest stretch", values, x=batch)
     return values if x.ndim == 4 else float(values[0])
 
 
@@ -189,10 +215,12 @@ def max_stable_dt(
     step may be unstable. Nor does it keep compressed springs from buckling, whose growth is that
     of the equation, not of the method.
 
-    With a state, the modes that limit the step are those of the forces linearised there, found by
-    projection on a space that grows until the limit stays (numpy only; 0.35 s for 32 x 32). The
-    value is 3 % below that limit; a cloth that moves on has other modes, in the paper's swing
-    limits 11 % lower than at rest.
+    With a state, the step is that of the forces linearised there. For Runge-Kutta methods the
+    modes decide. Of "semi_implicit_euler", "velocity_verlet" and "pefrl" the eigenvalues of the
+    step matrix decide, for the step mixes modes where stiffness and damping do not commute. Both
+    are found by projection on a space that grows until the limit stays (numpy only). The value is
+    3 % below that limit. A cloth that moves on has other modes, in the paper's swing limits 11 %
+    lower than at rest.
 
     Parameters
     ----------
@@ -212,7 +240,8 @@ def max_stable_dt(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above.
+        If an argument is not as above, or a spring of the state is shorter than 1e-12 of its rest
+        length without being of length 0; the message names its ends.
 
     Examples
     --------

@@ -203,6 +203,9 @@ def run_fixed(
     state = options.state(scene)
     state.warned = state.warned_of_growth = own_step
     state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
+    if not own_step:
+        state.announce(duration / dt, dt)
+    state.announced = True
     frames = _Frames(state)
     steps, wall_time = 0, 0.0
     here = frames.first
@@ -293,7 +296,7 @@ def _advance_told(
         t = begin + done * dt
     if rest > NEGLIGIBLE * dt:
         state.advance(1, rest)
-        order = integrators()[state.integrator].order
+        order = integrators()[state.integrator].order_of(state.scenes[0])
         here = _tell(state, here, t, rest, 1, error, (rest / dt) ** (order + 1))
         done += 1
     return done, here

@@ -11,7 +11,7 @@ from ._extras import needed
 from ._keywords import suggests
 from .account import Account, of_companion, of_nothing, of_tolerance, report
 from .adaptive import automatic, solve
-from .integration import integrator_name, integrators
+from .integration import integrator_name, integrators, warn_of_order
 from .measures import max_stable_dt
 from .plan import check_backend, check_options
 from .run import Run
@@ -180,6 +180,7 @@ def simulate(
     sampling = check.integer("sampling", sampling, minimum=1)
     options = Options(named, precision, threads, kernel, strict, backend, sampling)
     shown = _progress(progress)
+    warn_of_order(named, scene)
 
     if dt is not None:
         if integrator == "auto":
@@ -245,7 +246,7 @@ def _safe_step(
 ) -> tuple[Solution, Account]:
     """A run at a stable step whose error, estimated by step doubling, meets the default rtol."""
     dt = min(_SAFETY * max_stable_dt(scene, options.integrator), duration / 4)
-    goal, order = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order
+    goal, order = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order_of(scene)
     spent, wall_time = 0, 0.0
     for _ in range(_ATTEMPTS):
         solution = run_fixed(scene, duration, dt, options, _times(duration, dt, every), shown)
@@ -266,7 +267,7 @@ def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution)
     coarse = run_fixed(
         scene, duration, 2 * dt, solution.options, [0.0, duration], own_step=True
     )
-    order = integrators()[solution.options.integrator].order
+    order = integrators()[solution.options.integrator].order_of(scene)
     difference = (coarse.x[-1] - solution.x[-1]) / (2**order - 1)
     return of_companion(scene, solution, coarse, difference)
 

@@ -114,6 +114,7 @@ def step(
     )
     like = np.empty(state.shape, state.dtype)
     results = out_arrays(out, like)
+    state.warn_of_order()
     state.advance(steps, dt)
     state.store(*results)
     return results
@@ -221,6 +222,8 @@ class Stepper:
     (32, 32, 3)
     """
 
+    _announces = True  # gives warnings of the order and of long runs
+
     def __init__(
         self,
         scene: Scene | Sequence[Scene],
@@ -243,6 +246,10 @@ class Stepper:
         self._scene = scene
         self._track = check.boolean("track_contact_energy", track_contact_energy)
         self._state = State(scene, x, v, t=t, **self._options)
+        if self._announces:
+            self._state.warn_of_order()
+        else:
+            self._state.announced = True
         self._state.core.set_track_contact_energy(self._track)
 
     def advance(self, steps: int, dt: float) -> None:
@@ -436,6 +443,12 @@ class Stepper:
         for member in snapshot.arguments["frozen"]:
             stepper.freeze(member)
         return stepper
+
+
+class SilentStepper(Stepper):
+    """A stepper of the package's own, whose caller announces long runs and lower orders itself."""
+
+    _announces = False
 
 
 @suggests

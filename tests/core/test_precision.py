@@ -83,3 +83,15 @@ def test_what_float32_cannot_hold_is_no_finite_state(crumpled, value):
             cs.step(scene, x, v, dt, steps, precision="single")
         if isinstance(raised.value, cs.UnstableError):
             assert np.isfinite(raised.value.x).all()
+
+
+@pytest.mark.parametrize("shape, strict, moves", [((33, 33), True, False), ((33, 33), False, True),
+                                                  ((32, 32), True, True)])  # fmt: skip
+def test_a_sheet_at_rest_in_single_moves_by_rounding_of_its_positions(shape, strict, moves):
+    """A spacing of 1/32 m is exact in float32, one of 1/31 m is not; see docs/stability.md."""
+    scene = cs.Scene(cs.Cloth(shape), gravity=(0, 0, 0))
+    stepper = cs.Stepper(scene, precision="single", strict=strict, threads=1)
+    stepper.advance(2000, 5e-5)
+    moved = np.abs(stepper.positions - scene.initial_position).max()
+    assert (moved > 0) == moves and moved <= 2.0**-24
+    assert np.abs(stepper.velocities).max() <= 1e-5

@@ -207,6 +207,24 @@ def test_the_references_error_is_within_its_bound(solution):
     assert 0.3 / reference_steps(0.3, limit) <= limit / 32
 
 
+@pytest.mark.parametrize("response", ["ray", "continuous"])
+def test_after_a_contact_there_is_no_error_but_a_reason(response):
+    """At 0.2 s the cloth is still above the sphere, at 0.6 s it lies on it."""
+    scene = BALL.replace(spheres=BALL.spheres[0].replace(response=response))
+    result = sweep(scene, {"duration": [0.1, 0.6]}, duration=0.1, dt=1e-3, metrics=["error", "stable"])
+    before, after = (result.isel(duration=k) for k in (0, 1))
+    assert 0 < float(before.error) < 1e-6 and str(before.message.item()) == ""
+    assert int(after.status) == 1 and bool(after.stable)
+    for name in ("error", "error_rms", "reference_error"):
+        assert np.isnan(after[name])
+    assert "contact" in after.message.item() and "chaotic" in after.message.item()
+
+
+def test_with_tolerances_too():
+    result = sweep(BALL, {"rtol": [1e-4]}, duration=0.6, metrics="error")
+    assert np.isnan(result.error).all() and "chaotic" in result.message.values.ravel()[0]
+
+
 def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
     from clothsim.sweep import reference
 

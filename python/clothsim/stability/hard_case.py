@@ -17,7 +17,7 @@ from ..errors import StabilityWarning, UnstableError
 from ..measures import energy
 from ..plan import PRECISIONS
 from ..scene import Scene
-from ..stepping import Stepper, reference_step
+from ..stepping import SilentStepper, Stepper, reference_step
 
 Floats = npt.NDArray[np.float64]
 
@@ -138,7 +138,7 @@ class HardCase:
         """
         check.choice("precision", precision, self.precisions)
         begin = time.perf_counter()
-        stepper = Stepper(self.scene, precision=precision, **{"threads": 1, **options})
+        stepper = SilentStepper(self.scene, precision=precision, **{"threads": 1, **options})
         error = None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StabilityWarning)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..errors import UnstableError
 from ..measures import energy
 from ..scene import Scene
-from ..stepping import Stepper
+from ..stepping import SilentStepper
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def is_stable(
     noise = speed * np.random.default_rng(0).normal(size=x.shape) * ~cloth.pinned[..., None]
     size = (cloth.mass_per_point[..., None] * noise**2).sum() / 2
     start = energy(scene, x, v + noise)
-    stepper = Stepper(scene, x, v + noise, **{"threads": 1, **options})
+    stepper = SilentStepper(scene, x, v + noise, **{"threads": 1, **options})
     stepper._state.warned = True
     for done in range(0, steps, _CHECKED):
         try:

@@ -38,11 +38,16 @@ def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) ->
 def _exits(integrator: str) -> tuple[Floats, Floats]:
     """Angles from the omega axis to the delta axis, and the radius where each ray leaves."""
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
+    return angle, _exit_radii(integrator, angle)
+
+
+def _exit_radii(integrator: str, angle: Floats) -> Floats:
+    """The radius where the ray of each angle (from the omega axis) leaves the stable region."""
     method = integrators()[integrator]
     if not method.explicit:
-        return angle, np.full(_ANGLES, np.inf)
+        return np.full(len(angle), np.inf)
     omega, delta = np.cos(angle), np.sin(angle)
-    omega[-1] = 0.0
+    omega[angle >= np.pi / 2] = 0.0
     # Nowhere between the axes does a region reach twice as far as on them.
     farthest = 2 * max(method.imaginary_limit, method.real_limit)
     radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
@@ -53,7 +58,17 @@ def _exits(integrator: str) -> tuple[Floats, Floats]:
         middle = (low + high) / 2
         good = stable(integrator, middle * omega, middle * delta)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
-    return angle, np.where(bad.any(axis=1), low, farthest)
+    return np.where(bad.any(axis=1), low, farthest)
+
+
+@cache
+def notched(integrator: str) -> bool:
+    """Whether slow modes with little damping can limit the step more than fast ones do.
+
+    So it is with dopri5, whose region ends at 1 on the omega axis and at 3 right beside it.
+    """
+    _, radius = _exits(integrator)
+    return bool(np.isfinite(radius[0]) and radius[0] < 0.5 * radius.max())
 
 
 def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
@@ -67,14 +82,19 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
     """
     angle, radius = _exits(integrator)
     omega, delta = np.asarray(omega, float), np.asarray(delta, float)
-    ray, size = np.arctan2(delta, omega), np.hypot(omega, delta)
+    ray, size = np.atleast_1d(np.arctan2(delta, omega)), np.hypot(omega, delta)
     if not np.isfinite(radius).all():  # implicit
         return np.full(size.shape, np.inf)
     after = np.searchsorted(angle, ray).clip(1, len(angle) - 1)
     pair = radius[after - 1], radius[after]
     steady = np.abs(pair[0] - pair[1]) < 0.02 * pair[1]  # else the border jumps between the rays
+    exits = np.interp(ray, angle, radius)
+    if not steady.all():
+        # Each ray once: of an undamped cloth all modes are on one.
+        rays, place = np.unique(ray[~steady], return_inverse=True)
+        exits[~steady] = _exit_radii(integrator, rays)[place.ravel()]
     with np.errstate(divide="ignore"):
-        return np.where(steady, np.interp(ray, angle, radius), np.minimum(*pair)) / size
+        return exits.reshape(size.shape) / size
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:

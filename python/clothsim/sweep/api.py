@@ -101,7 +101,8 @@ def sweep(
         Dimensions are what is swept, with coordinates that carry their units. Beside the metrics:
         "status" (0 pending, 1 done, 2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step",
         "unstable_time" [s] and "message". Of a member that diverged or failed, metrics are NaN
-        ("stable" False). ``ds.clothsim.provenance`` tells where the results come from. Frames
+        ("stable" False). After a contact "error" is NaN too, and the message says why.
+        ``ds.clothsim.provenance`` tells where the results come from. Frames
         in a `store` are read from it as they are used.
 
     Raises

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from ..errors import ContactError, UnstableError
 from ..runs import sample_every
-from ..stepping import Stepper
+from ..stepping import SilentStepper
 from .member import Member, Outcome
 from .timing import frame_times, pieces
 
@@ -74,7 +74,7 @@ class _Batch:
         self.dt = first.dt
         self.times = frame_times(first.duration, first.dt, every)
         self.keep_frames = "frames" in needs
-        self.stepper = Stepper([m.scene for m in members], threads=threads, **first.numerics)
+        self.stepper = SilentStepper([m.scene for m in members], threads=threads, **first.numerics)
         # A sweep tells of each member's limit in its results.
         self.stepper._state.warned = self.stepper._state.warned_of_growth = True
         self.core = self.stepper._state.core
@@ -132,7 +132,7 @@ class _Batch:
         self.stepper.freeze(error.member)
         outcome = self.live.pop(error.member)
         # As the member alone would have raised it: of a run, not of a call or a batch.
-        names = _OF_ERRORS + (("dt", "max_stable_dt") if isinstance(error, UnstableError) else ())
+        names = _OF_ERRORS + (("dt", "max_stable_dt", "term") if isinstance(error, UnstableError) else ())
         values = {name: getattr(error, name) for name in names}
         outcome.error = type(error)(step=self.total + 1, **values)
 

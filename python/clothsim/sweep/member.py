@@ -202,6 +202,11 @@ class Outcome:
     def scene(self) -> Scene:
         return self.member.scene
 
+    @property
+    def contact(self) -> bool:
+        """Whether a sphere has responded to a mass point."""
+        return not math.isnan(self.watched.get("first_contact", math.nan))
+
     def run(self) -> Run:
         """As `simulate` returns it, for metrics that are functions of a run."""
         if self.itself is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from .. import _validate as check
 from ..measures import energy
 from .member import Outcome
+from .reference import incomparable
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Metric:
 
 def _error(outcome: Outcome) -> dict[str, float]:
     reference = outcome.reference
+    if incomparable(outcome):
+        return dict.fromkeys(("error", "error_rms", "reference_error"), np.nan)
     distance = np.linalg.norm(outcome.x[-1] - reference.x, axis=-1)
     return {
         "error": float(distance.max()),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..measures import max_stable_dt
-from ..stepping import Stepper
+from ..stepping import SilentStepper
 from .grid import Grid
 from .member import Members
 from .reference import reference_steps
@@ -96,7 +96,7 @@ class Planner:
             return 2e-8
         if member.controlled:
             member = replace(member, dt=member.duration, integrator="rk4")
-        stepper = Stepper(member.scene, threads=1, **member.numerics)
+        stepper = SilentStepper(member.scene, threads=1, **member.numerics)
         dt = min(member.dt, member.max_stable_dt / 4)
         best = math.inf
         for _ in range(3):

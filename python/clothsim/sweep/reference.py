@@ -4,8 +4,8 @@
 guaranteed stable time step, and again with twice the step; the two are extrapolated as befits order
 4, x = fine + (fine - coarse) / 15. The bound of its error is the distance of the two. While
 truncation rules, that is 15 times the error of the finer alone; where rounding rules, it is the
-difference of two independent roundings; and where a contact has made the motion chaotic, it is as
-large as the spread of the trajectories.
+difference of two independent roundings. After a contact the motion is chaotic: trajectories of nearby
+states part, and there is no solution to compare with (`incomparable`).
 
 It depends on the cloth alone, never on which other members a sweep has; members that differ in
 numerics share it, and each process keeps the last ones.
@@ -24,9 +24,9 @@ import numpy as np
 from ..errors import UnstableError
 from ..measures import max_stable_dt
 from ..scene import Scene
-from ..stepping import Stepper
+from ..stepping import SilentStepper
 from .batch import Stopped
-from .member import Floats, Member
+from .member import Floats, Member, Outcome
 from .plain import digest
 
 _PARTS_OF_LIMIT = 32
@@ -37,10 +37,26 @@ _STEPS_BETWEEN_LOOKS = 512  # at whether the sweep is to stop
 
 @dataclass(frozen=True)
 class Reference:
-    """Positions at the end [m] and a bound of their error [m]; NaN where there is none."""
+    """Positions at the end [m] and a bound of their error [m]; NaN where there is none.
+
+    `contact`: whether a sphere has responded on the way.
+    """
 
     x: Floats
     error: float
+    contact: bool = False
+
+
+def incomparable(outcome: Outcome) -> str:
+    """Why the member's trajectory cannot be compared with the reference's, or ""."""
+    if not (outcome.contact or outcome.reference.contact):
+        return ""
+    whose = "the member" if outcome.contact else "the reference"
+    return (
+        f"metric 'error': a sphere has responded to a mass point of {whose}; after contact trajectories "
+        "are chaotic and there is no reference; compare outcomes (penetration, first_contact, "
+        "energy_drift) or take a shorter duration"
+    )
 
 
 def reference_steps(duration: float, limit: float) -> int:
@@ -59,11 +75,14 @@ def solve(
     """The reference of one scene at `duration`."""
     steps = reference_steps(duration, max_stable_dt(scene))
     try:
-        fine, coarse = (_end(scene, duration, n, threads, stopped) for n in (steps, steps // 2))
+        (fine, contact), (coarse, _) = (
+            _end(scene, duration, n, threads, stopped) for n in (steps, steps // 2)
+        )
     except UnstableError:
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
     difference = fine - coarse
-    return Reference(fine + difference / 15, float(np.linalg.norm(difference, axis=-1).max()))
+    error = float(np.linalg.norm(difference, axis=-1).max())
+    return Reference(fine + difference / 15, error, contact)
 
 
 def _end(
@@ -72,13 +91,14 @@ def _end(
     steps: int,
     threads: int | None,
     stopped: Callable[[], bool],
-) -> Floats:
-    stepper = Stepper(scene, threads=threads)
+) -> tuple[Floats, bool]:
+    stepper = SilentStepper(scene, threads=threads)
     for done in range(0, steps, _STEPS_BETWEEN_LOOKS):
         if stopped():
             raise Stopped
         stepper.advance(min(_STEPS_BETWEEN_LOOKS, steps - done), duration / steps)
-    return stepper.positions
+    first_contact = stepper._state.core.watched[0]["first_contact"]
+    return stepper.positions, not math.isnan(first_contact)
 
 
 class _Kept:

@@ -61,7 +61,7 @@ class Results:
             "unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1")
         )
         self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
-        self._add("message", object, "", {"long_name": "why a member did not come to its end"})
+        self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
         for metric in self.settings.metrics:
             for name, attrs in metric.variables.items():
                 dtype, fill = (np.bool_, False) if name == "stable" else (float, np.nan)

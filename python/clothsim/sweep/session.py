@@ -11,7 +11,7 @@ from typing import Any
 from .. import _validate as check
 from .._extras import check_installed, needed
 from ..build import build_config
-from ..integration import integrator_name
+from ..integration import integrator_name, warn_of_order
 from ..provenance import provenance
 from ..scene import Scene
 from .dataset import open_sweep, to_dataset
@@ -173,9 +173,12 @@ def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
         for k in reversed(range(len(grid.axes) - 1)):
             strides[k] = strides[k + 1] * grid.shape[k + 1]
         indices = [sum(p * strides[k] for k, p in place.items()) for place in places[:_CHECKED]]
+    told = False
     for index in indices:
         try:
-            members.make(index)
+            member = members.make(index)
+            if not told and member.integrator != "auto":
+                told = warn_of_order(member.integrator, member.scene)
         except (ValueError, TypeError) as error:
             values = grid.member(index)
             if not values:

@@ -16,7 +16,7 @@ from ..scene import Scene
 from .batch import Stopped, run_batch
 from .controlled import run_controlled
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Record, Settings
-from .reference import references
+from .reference import incomparable, references
 
 # Members of a call; more save nothing, and all of their states are held at once.
 _LARGEST_BATCH = 64
@@ -125,6 +125,8 @@ def _record(outcome: Outcome, settings: Settings) -> Record:
             record.message = f"metric {metric.name!r}: {type(failure).__name__}: {failure}"
             record.values.clear()
             return record
+    if outcome.reference is not None:
+        record.message = incomparable(outcome)
     if settings.frames:
         record.frames = np.array(outcome.x), np.array(outcome.v)
     return record

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..benchmark import works
 from ..benchmark.settings import PAPER_DT
-from ..stepping import Stepper, step
+from ..stepping import SilentStepper, step
 from .api import sweep
 
 
@@ -48,9 +48,9 @@ class Pair:
     def prepare(self) -> None:
         scenes = [self.scene.replace(cloth=s.cloth) for s in self.start.scene]
         options = {"precision": self.precision, "threads": self.threads}
-        self.stepper = Stepper(scenes, **options)  # type: ignore[arg-type]
+        self.stepper = SilentStepper(scenes, **options)  # type: ignore[arg-type]
         self.stepper.advance(20, PAPER_DT)  # wakes threads and fills caches
-        self.stepper = Stepper(scenes, **options)  # type: ignore[arg-type]
+        self.stepper = SilentStepper(scenes, **options)  # type: ignore[arg-type]
 
     def sweep(self, **options: Any) -> Any:
         return sweep(
