@@ -13,7 +13,7 @@ from .account import Account, of_companion, of_nothing, of_tolerance, report
 from .adaptive import automatic, solve
 from .integration import integrator_name, integrators, warn_of_order
 from .measures import max_stable_dt
-from .plan import check_backend, check_options
+from .plan import BACKENDS, check_backend, check_options
 from .run import Run
 from .runs import Options, Progress, Solution, frame_times, run_fixed, size_of
 from .scene import Scene
@@ -171,6 +171,7 @@ def simulate(
     integrator = integrator_name(integrator, "auto")
     named = "rk4" if integrator == "auto" else integrator
     check_options(precision, kernel, strict, named)
+    check.choice("backend", backend, BACKENDS)
     if backend == "gpu" and asked is not None:
         raise ValueError(
             "rtol and atol must be None with backend 'gpu', which takes fixed steps: give dt, or "

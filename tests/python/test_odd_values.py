@@ -109,6 +109,7 @@ CALLS = {
                "every": None, "frames": False, "store": None, "resume": True, "executor": None,
                "threads": 1, "progress": False, "kernel": "auto", "strict": False, "sampling": 1,
                "task_seconds": None},
+    partial(cs.simulate, SCENE, 0.02, 0.01): {"backend": "cpu"},
     cs.open_sweep: {"path": "/no/such/folder"},
     SCENE.explain: {"precision": "double", "kernel": "auto", "threads": 1, "strict": False},
     cs.Linear((0, 0, 1)).center_at: {"t": 0.0, "center0": (0, 0, 0)},
