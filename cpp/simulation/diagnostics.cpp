@@ -67,8 +67,9 @@ Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& 
     double nearest = std::min(nearest_point, radius);  // what is farther than the radius is no depth
     const auto consider = [&](std::int64_t a, std::int64_t b, std::int64_t c) {
         const Vec3 at_a = corner(a), at_b = corner(b), at_c = corner(c);
-        const double longest = std::sqrt(std::max((at_b - at_a).squaredNorm(), (at_c - at_a).squaredNorm()));
-        if (distances[std::size_t(a)] > (nearest + longest) * (1 + rounding)) return;
+        const double longest2 = std::max((at_b - at_a).squaredNorm(), (at_c - at_a).squaredNorm());
+        const double further = distances[std::size_t(a)] * (1 - rounding) - nearest;
+        if (further > 0 && further * further > longest2 * (1 + rounding)) return;
         nearest = std::min(nearest, (closest_point_on_triangle(center, at_a, at_b, at_c) - center).norm());
     };
     for (std::int64_t r = 0; r + 1 < rows; ++r)

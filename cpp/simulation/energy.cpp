@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <memory>
 #include <numeric>
-#include <vector>
 
 #include "simulation/diagnostics.hpp"
 #include "simulation/versions.hpp"
@@ -13,62 +13,73 @@ namespace clothsim {
 namespace {
 
 // x, y and z of `count` points, a plane after the other.
-void take_apart(const double* points, std::size_t count, double* planes) {
-    for (std::size_t i = 0; i < count; ++i)
-        for (std::size_t k = 0; k < 3; ++k) planes[k * count + i] = points[3 * i + k];
-}
-
-// sum[c] += (|b[c] - a[c]| - rest)^2 for the `count` springs from points a to b of a row.
 CLOTHSIM_VERSIONS
-void add_stretches(const double* ax, const double* ay, const double* az, const double* bx, const double* by, const double* bz,
-                   int count, double rest, double* __restrict sum) {
-    for (int c = 0; c < count; ++c) {
-        const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
-        const double stretch = std::sqrt(dx * dx + dy * dy + dz * dz) - rest;
-        sum[c] += stretch * stretch;
+void take_apart(const double* __restrict points, std::ptrdiff_t count, double* __restrict x, double* __restrict y, double* __restrict z) {
+    for (std::ptrdiff_t i = 0; i < count; ++i) {
+        x[i] = points[3 * i];
+        y[i] = points[3 * i + 1];
+        z[i] = points[3 * i + 2];
     }
 }
 
-// Of a row: kinetic[c] += m v^2 / 2, height[c] += m g.x.
+// Of the coordinates of a row: squares[j] += m v^2, heights[j] += m x.
 CLOTHSIM_VERSIONS
-void add_points(const double* x, const double* v, std::size_t plane, const double* mass, const double* gravity, int count,
-                double* __restrict kinetic, double* __restrict height) {
-    for (int c = 0; c < count; ++c) {
-        const double vx = v[c], vy = v[plane + std::size_t(c)], vz = v[2 * plane + std::size_t(c)];
-        kinetic[c] += mass[c] * (vx * vx + vy * vy + vz * vz) / 2;
-        height[c] += mass[c] * (gravity[0] * x[c] + gravity[1] * x[plane + std::size_t(c)] + gravity[2] * x[2 * plane + std::size_t(c)]);
+void add_points(const double* x, const double* v, const double* mass, int count, double* __restrict squares, double* __restrict heights) {
+    for (int j = 0; j < count; ++j) {
+        squares[j] += mass[j] * (v[j] * v[j]);
+        heights[j] += mass[j] * x[j];
+    }
+}
+
+// Springs of one kind: `count` in each of `rows` rows, from points of a row to those `offset` further on.
+struct Springs {
+    std::ptrdiff_t plane, row, offset;
+    int rows, count;
+    double rest_length;
+};
+
+// sum[c] += (length - rest length)^2 of each spring, column by column.
+CLOTHSIM_VERSIONS
+void add_stretches(const double* first, const Springs& s, double* __restrict sum) {
+    for (int r = 0; r < s.rows; ++r) {
+        const double* const ax = first + r * s.row;
+        const double *const ay = ax + s.plane, *const az = ay + s.plane;
+        const double *const bx = ax + s.offset, *const by = ay + s.offset, *const bz = az + s.offset;
+        for (int c = 0; c < s.count; ++c) {
+            const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
+            const double stretch = std::sqrt(dx * dx + dy * dy + dz * dz) - s.rest_length;
+            sum[c] += stretch * stretch;
+        }
     }
 }
 
 }  // namespace
 
 Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v) {
-    const std::size_t points = std::size_t(cloth.points()), columns = std::size_t(cloth.columns);
-    std::vector<double> buffer(6 * points + 2 * columns);
-    double* const xs = buffer.data();
-    double* const vs = xs + 3 * points;
-    double* const first = vs + 3 * points;
-    double* const second = first + columns;
-    take_apart(x.data(), points, xs);
-    take_apart(v.data(), points, vs);
-    const auto sum = [&](const double* values) { return std::accumulate(values, values + columns, 0.0); };
+    const std::ptrdiff_t points = cloth.points(), row = 3 * std::ptrdiff_t(cloth.columns);
+    const auto buffer = std::make_unique_for_overwrite<double[]>(std::size_t(3 * points + 3 * row));
+    double* const planes = buffer.get();
+    double* const mass = planes + 3 * points;
+    double* const squares = mass + row;
+    double* const heights = squares + row;
 
-    Energy e{0, 0, 0};
-    for (std::size_t r = 0; r < std::size_t(cloth.rows); ++r)
-        add_points(xs + r * columns, vs + r * columns, points, &cloth.mass[r * columns], gravity.data(), cloth.columns, first, second);
-    e.kinetic = sum(first);
-    e.gravity = -sum(second);
+    std::fill_n(squares, 2 * row, 0.0);
+    for (std::ptrdiff_t r = 0; r < cloth.rows; ++r) {
+        for (std::ptrdiff_t j = 0; j < row && (r == 0 || !cloth.uniform_mass); ++j) mass[j] = cloth.mass[std::size_t(r * cloth.columns + j / 3)];
+        add_points(x.data() + r * row, v.data() + r * row, mass, int(row), squares, heights);
+    }
+    Energy e{std::accumulate(squares, squares + row, 0.0) / 2, 0, 0};
+    for (std::ptrdiff_t j = 0; j < row; ++j) e.gravity -= gravity[j % 3] * heights[j];
+
+    take_apart(x.data(), points, planes, planes + points, planes + 2 * points);
     for (const Neighbour& n : neighbours) {
         const bool counted_once = n.row > 0 || (n.row == 0 && n.column > 0);
-        const int start = std::max(0, -n.column), count = cloth.columns - std::abs(n.column);
-        if (!cloth.present[n.family] || !counted_once || count <= 0) continue;
-        std::fill_n(first, columns, 0.0);
-        for (int r = 0; r + n.row < cloth.rows; ++r) {
-            const double* const a = xs + r * cloth.columns + start;
-            const double* const b = a + n.row * cloth.columns + n.column;
-            add_stretches(a, a + points, a + 2 * points, b, b + points, b + 2 * points, count, cloth.rest_length(n), first);
-        }
-        e.elastic += cloth.stiffness[n.family] / 2 * sum(first);
+        const Springs springs{points, cloth.columns, std::ptrdiff_t(n.row) * cloth.columns + n.column, cloth.rows - n.row,
+                              cloth.columns - std::abs(n.column), cloth.rest_length(n)};
+        if (!cloth.present[n.family] || !counted_once || springs.count <= 0) continue;
+        std::fill_n(squares, springs.count, 0.0);
+        add_stretches(planes + std::max(0, -n.column), springs, squares);
+        e.elastic += cloth.stiffness[n.family] / 2 * std::accumulate(squares, squares + springs.count, 0.0);
     }
     return e;
 }

@@ -86,7 +86,7 @@ class Options:
 
 # Between two states at which triangles and stretches are sampled. An adaptive method's steps are
 # several times as long.
-_MOST_STEPS_BETWEEN_SAMPLES = 64
+_MOST_STEPS_BETWEEN_SAMPLES = 128
 _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
 
 

@@ -71,7 +71,7 @@ def simulate(
         cost again. Default: no. Without `dt` the error is always estimated.
     sampling : int, default 32
         Depths of triangles and stretches are sampled at so many states of the run at least, evenly
-        in time, if it has as many steps: after every n-th step, n = min(64, steps // sampling). A
+        in time, if it has as many steps: after every n-th step, n = min(128, steps // sampling). A
         method with error control samples after every 16th step, and where duration / sampling has
         passed since the last sample. Stored frames are sampled too.
 
@@ -98,8 +98,8 @@ def simulate(
             "time" [s]: end of the first step in which a response changed the cloth.
         "energy"
             Beside "start" and "end", "gained" [J]: the most by which the total energy was above
-            that of the start, 0 where it never was, over one state in 64 and the stored frames
-            (one in 16 where the step is above `max_stable_dt`). Nothing but the method's error
+            that of the start, 0 where it never was, over one state in 128 and the stored frames
+            (one in 16 with error control, or above `max_stable_dt`). Nothing but the method's error
             can add energy until a sphere responds. After a response it is NaN.
 
         About the error:

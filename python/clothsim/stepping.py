@@ -269,7 +269,7 @@ class Stepper:
         UnstableError
             If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
             and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if
-            a point crosses the whole sheet within a step. It is found within 64 steps, and the
+            a point crosses the whole sheet within a step. It is found within 128 steps, and the
             stepper then stands right before the step that went wrong: every member of a batch at
             that same step, with the bits it has when it runs alone. `freeze` lets the others go on.
         KeyboardInterrupt

@@ -46,7 +46,7 @@ SYMPLECTIC = ("velocity_verlet", "semi_implicit_euler", "pefrl")
 @pytest.mark.parametrize("seed", range(3))
 def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed):
     """The error comes at the first step by which nine tenths are made; a growth that took more than
-    64 steps was warned of before, with a step at which the state is stable."""
+    128 steps was warned of before, with a step at which the state is stable."""
     for scene in (crumpled(seed), crumpled(seed, 0.3), thrown(seed, 100.0)):
         error, given = run(scene, integrator)
         assert isinstance(error, cs.UnstableError) and error.dt <= error.max_stable_dt
@@ -58,11 +58,11 @@ def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed)
         assert total - start > 0.9 * moving
         for warning in given:
             assert warning.category is cs.StabilityWarning and "out of nothing" in str(warning.message)
-        assert len(given) == 1 or error.step <= 128
+        assert len(given) == 1 or error.step <= 256
 
 
 def test_the_warning_comes_with_the_state_where_energy_has_grown():
-    """One of the 64th steps: half is made there, and less at all before."""
+    """One of the 128th steps: half is made there, and less at all before."""
     scene, dt = crumpled(1), cs.max_stable_dt(crumpled(1), "pefrl")
     stepper = cs.Stepper(scene, integrator="pefrl", threads=1)
     start, _ = energy_of(scene, stepper.positions, stepper.velocities)
@@ -71,18 +71,18 @@ def test_the_warning_comes_with_the_state_where_energy_has_grown():
         warnings.simplefilter("error")
         stepper.advance(2000, dt)
     steps = round(stepper.time / dt)
-    assert steps % 64 == 0 and f"t = {stepper.time:g} s" in str(raised.value)
+    assert steps % 128 == 0 and f"t = {stepper.time:g} s" in str(raised.value)
     limit = cs.max_stable_dt(scene, "pefrl", stepper.positions, stepper.velocities)
     assert f"up to {limit:.3g} s" in str(raised.value)
     assert ("take a dt below it" in str(raised.value)) == (limit < dt)
     other = cs.Stepper(scene, integrator="pefrl", threads=1)
     other._state.warned_of_growth = True
-    for _ in range(steps // 64):
-        other.advance(64, dt)
+    for _ in range(steps // 128):
+        other.advance(128, dt)
         total, moving = energy_of(scene, other.positions, other.velocities)
         grown.append((total - start) / moving)
     assert (other.positions == stepper.positions).all()
-    assert grown[-1] > 0.5 >= max(grown[:-1])
+    assert grown[-1] > 0.5 >= max(grown[:-1], default=0.0)
 
 
 @pytest.mark.parametrize("integrator", [*SYMPLECTIC, "rk4", "dopri5"])
@@ -104,11 +104,14 @@ def test_what_is_gained_is_the_most_at_the_watched_states():
     stepper = cs.Stepper(scene, integrator="velocity_verlet", threads=1)
     start, _ = energy_of(scene, stepper.positions, stepper.velocities)
     for _ in range(10):
-        stepper.advance(64, dt)
+        stepper.advance(128, dt)
         made.append(energy_of(scene, stepper.positions, stepper.velocities)[0] - start)
     for threads in (1, 2):
-        run = cs.simulate(scene, 640 * dt, dt, "velocity_verlet", threads=threads)
+        run = cs.simulate(scene, 1280 * dt, dt, "velocity_verlet", threads=threads)
         assert run.report["energy"]["gained"] == pytest.approx(max(made), rel=1e-12) and max(made) > 1
+    swept = cs.sweep(scene, duration=1280 * dt, dt=dt, integrator="velocity_verlet",
+                     metrics="energy_gained", progress=False)  # fmt: skip
+    assert float(swept.energy_gained) == run.report["energy"]["gained"]
     damped = cs.simulate(cs.scenes.paper_swing(), 0.2, 1e-3).report["energy"]
     assert damped["gained"] == 0.0 and damped["reason"] == ""
     adaptive = cs.simulate(thrown(0, 1.0), 0.3, rtol=1e-9, integrator="dop853").report["energy"]

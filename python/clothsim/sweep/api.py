@@ -60,8 +60,8 @@ def sweep(
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
         Names: "error" (gives error, error_rms and reference_error [m], see docs/sweeps.md),
-        "energy_drift" [J], "largest_stretch", "penetration" (and penetration_points) [m],
-        "stable", "steps_per_second" [1/s], "first_contact" [s]. A function is given a `Run` (with
+        "energy_drift" and "energy_gained" [J], "largest_stretch", "penetration" (and
+        penetration_points) [m], "stable", "steps_per_second" [1/s], "first_contact" [s]. A function is given a `Run` (with
         the frames of `every`) and returns a number, an array, or a mapping of them; to leave this
         process it has to pickle. Default: "stable", "energy_drift" and "largest_stretch".
     dt : float, optional
@@ -89,8 +89,7 @@ def sweep(
     progress : bool, default True
         Show a bar with members done, their rate and the time left.
     sampling : int, default 32
-        "largest_stretch" and "penetration" are taken over at least so many states, evenly spaced
-        over the steps, the first and the last among them.
+        Stretches and depths of triangles are sampled at so many states at least, as in `simulate`.
     task_seconds : float, optional
         Length of a task [s], >= 0.3, where there is work enough. Default: 1.0. Longer ones spare
         the scheduler of a large cluster; what a task has done is lost if its worker dies.

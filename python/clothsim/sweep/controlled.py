@@ -48,6 +48,7 @@ def run_controlled(
         "point_depth": report["penetration"]["points"],
         "triangle_depth": report["penetration"]["triangles"],
         "stretch": report["stretch"]["largest"],
+        "energy_gained": report["energy"]["gained"],
     }
     outcome.steps, outcome.seconds = report["steps"], report["wall_time"]
     kept = range(len(run.t)) if "frames" in needs else (0, -1)

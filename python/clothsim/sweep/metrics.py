@@ -72,6 +72,11 @@ _ALL = (
         {"energy_drift": _attrs("total energy at the end minus that at the start", "J")},
     ),
     Metric(
+        "energy_gained",
+        lambda outcome: {"energy_gained": outcome.watched["energy_gained"]},
+        {"energy_gained": _attrs("most energy made of nothing, before any response", "J")},
+    ),
+    Metric(
         "largest_stretch",
         lambda outcome: {"largest_stretch": outcome.watched["stretch"]},
         {"largest_stretch": _attrs("stretch l/L - 1 of the most stretched spring at any time")},
