@@ -10,12 +10,17 @@ SCENES = [
     name for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)
     if name[0] != "_" and function.__module__ == cs.scenes.__name__
 ]  # fmt: skip
-# Errors and warnings are made by the package; the others come from files, runs or other objects.
-MADE_BY_OTHERS = {
-    "ContactError", "ContactWarning", "Convergence", "Reference", "Run", "Snapshot",
-    "StabilityWarning", "UnstableError", "convergence",
-}  # fmt: skip
-PUBLIC = [name for name in cs.__all__ if name not in MADE_BY_OTHERS and callable(getattr(cs, name))]
+# The package makes these itself; `convergence` passes what it does not know to `simulate`.
+MADE_BY_OTHERS = {"Convergence", "Reference", "Run", "Snapshot", "convergence"}
+
+
+def is_asked(name):
+    value = getattr(cs, name)
+    error = inspect.isclass(value) and issubclass(value, BaseException)
+    return callable(value) and not error and name not in MADE_BY_OTHERS
+
+
+PUBLIC = [name for name in cs.__all__ if is_asked(name)]
 
 
 def message_of(function, *args, **keywords):
