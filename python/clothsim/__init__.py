@@ -36,17 +36,20 @@ if TYPE_CHECKING:
     from .stability.map import stability_map
     from .sweep import open_sweep
     from .sweep.fields import sweepable
+    from .view.camera import Camera
+    from .view.picture import Picture, picture
 
 __version__ = build_config()["version"]
 
 _accessor.register()
 
 __all__ = [
-    "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
-    "LongRunWarning", "OrderWarning", "Reciprocate", "Reference", "Run", "Scene", "Snapshot", "Sphere", "StabilityWarning",
+    "Camera", "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
+    "LongRunWarning", "OrderWarning", "Picture", "Reciprocate", "Reference", "Run", "Scene",
+    "Snapshot", "Sphere", "StabilityWarning",
     "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
-    "penetration", "reference", "reference_step", "save_scene", "scenes", "simulate",
+    "penetration", "picture", "reference", "reference_step", "save_scene", "scenes", "simulate",
     "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "work_precision",
 ]  # fmt: skip
 
@@ -54,4 +57,5 @@ __getattr__, __dir__ = on_demand(globals(), {
     "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
     "open_sweep": ".sweep.dataset", "sweepable": ".sweep.fields",
+    "Camera": ".view.camera", "Picture": ".view.picture", "picture": ".view.picture",
 })  # fmt: skip

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ._displayed import DisplayedRun
 from ._extras import needed
 from ._keywords import suggests
 from .scene import Scene
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(DisplayedRun):
     """What `simulate` returns.
 
     Attributes

@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from clothsim.reproduce import FULL, QUICK, Settings, contact, findings, raster, reproduce, text
+from clothsim.reproduce import FULL, QUICK, Settings, contact, findings, reproduce, text
 from clothsim.reproduce.settings import reductions
 from matplotlib.image import imread
 
@@ -271,35 +271,6 @@ def test_pictures_decode_and_show_something(report, folder):
         assert 0.005 < np.mean((pixels < 0.95).any(axis=-1)) < 0.9
     shown = {p.relative_to(folder).as_posix() for p in pictures}
     assert {c["picture"] for n in "12" for c in report["experiments"][n]["cells"]} <= shown
-
-
-def red(picture):
-    """Pixels of which red covers at least half; neither the cloth nor the sphere has r > g."""
-    r, g, _ = np.moveaxis(picture.astype(int), -1, 0)
-    return r > g
-
-
-@pytest.mark.parametrize("depth", [0.002, 0.02])
-def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
-    cloth = cs.Cloth()
-    ball = raster.Ball((0.5, -0.25 + depth, 0.5), 0.25, raster.SPHERE)
-    camera = raster.Camera((0.0, 1.0, 1e-6), (0.5, 0.0, 0.5), 1.1, 1.1)
-    triangles = cs.triangles(cloth.shape)
-    picture = raster.render(cloth.rest_positions, triangles, [ball], camera, width=440)
-    area = red(picture).sum() * (1.1 / 440) ** 2
-    assert area == pytest.approx(np.pi * (2 * 0.25 * depth - depth**2), rel=0.03)
-    rows, columns = np.nonzero(red(picture))
-    assert (rows.mean(), columns.mean()) == pytest.approx((219.5, 219.5), abs=1)
-
-
-def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
-    cloth = cs.Cloth()
-    ball = raster.Ball((0.5, -0.2501, 0.5), 0.25, raster.SPHERE)
-    camera = raster.Camera((0.0, 1.0, 1e-6), (0.5, 0.0, 0.5), 1.1, 1.1)
-    triangles = cs.triangles(cloth.shape)
-    hidden = raster.render(cloth.rest_positions, triangles, [ball], camera, width=220)
-    bare = raster.render(cloth.rest_positions, triangles, [], camera, width=220)
-    assert np.array_equal(hidden, bare)
 
 
 def test_unstable_run_is_reported_not_hidden(tmp_path):

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import clothsim as cs
+from clothsim.view.picture import draw
 
-from . import contact, raster
+from . import contact
 from .contact import Case, Experiment
 from .settings import Settings
 from .tables import number
@@ -24,7 +25,6 @@ OVERVIEW = {
     "1": ((1, 2, "mended"), (2, 2, "mended")),
     "2": ((0, 1, "literal"), (0, 2, "mended")),
 }
-PIN_RADIUS = 0.013  # m
 
 
 def draw_cells(
@@ -52,9 +52,9 @@ def _direction(experiment, frame):
     return BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
 
 
-def _camera(experiment, cases, frame) -> raster.Camera:
+def _camera(experiment, cases, frame) -> cs.Camera:
     direction = _direction(experiment, frame)
-    axes = raster.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
+    axes = cs.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     points = []
     for case in cases:
         if frame in case.states:
@@ -63,18 +63,13 @@ def _camera(experiment, cases, frame) -> raster.Camera:
             center, outline = sphere.center_at(time), sphere.radius * axes[:2]
             points += [np.clip(positions.reshape(-1, 3), *STAGE)]
             points += [center + outline, center - outline]
-    return raster.Camera.around(direction, np.concatenate(points))
+    return cs.Camera.around(direction, np.concatenate(points))
 
 
 def _draw(experiment, case, frame, camera, width) -> np.ndarray:
     positions, time = case.states[frame]
     scene = contact.scene_of(experiment, case.method, case.variant)
-    balls = [raster.Ball(s.center_at(time), s.radius, raster.SPHERE) for s in scene.spheres]
-    balls += [
-        raster.Ball(positions[row, column], PIN_RADIUS, raster.PIN, solid=False)
-        for row, column in np.argwhere(scene.cloth.pinned)
-    ]
-    return raster.render(positions, cs.triangles(positions.shape[:2]), balls, camera, width)
+    return draw(scene, positions, time, camera, width).pixels
 
 
 def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:

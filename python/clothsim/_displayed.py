@@ -1,0 +1,125 @@
+"""What a run can show of itself; the room `view` draws it, and is imported when it is used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+class DisplayedRun:
+    """Methods of `Run` that draw it."""
+
+    def picture(
+        self,
+        frame: int | None = None,
+        t: float | None = None,
+        path: str | Path | None = None,
+        *,
+        camera: Any = None,
+        width: int = 640,
+    ) -> Any:
+        """Draw a stored frame; see `clothsim.picture`.
+
+        All frames of a run are drawn from one view, so that two pictures can be compared.
+
+        Parameters
+        ----------
+        frame : int, optional
+            Index of the stored frame, negative from the end. Default: the last.
+        t : float, optional
+            Instead of `frame`: time [s]. The stored frame that is nearest is drawn.
+        path : path-like, optional
+            File to write as well; see `Picture.save`.
+        camera, width
+            As for `clothsim.picture`.
+
+        Returns
+        -------
+        Picture
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.02, dt=1e-3, every=10)
+        >>> run.picture(t=0.01, width=200)
+        <Picture of 200 x 141 pixels>
+        """
+        from .view.picture import picture_of_run
+
+        return picture_of_run(self, frame, t, path, camera, width)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw energy, largest stretch, penetration and contacts over the stored frames.
+
+        Penetration and contacts are drawn where the scene has a sphere. A contact is a mass point
+        closer to a sphere than the contact radius and 1/32 of the spacing.
+
+        Parameters
+        ----------
+        path : path-like, optional
+            File to write as well, of a format that matplotlib knows.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it.
+
+        Raises
+        ------
+        ImportError
+            Without matplotlib (extra "plot").
+        ValueError
+            If the folder of `path` is missing.
+        """
+        from .view.chart import plot
+
+        return plot(self, path)
+
+    def animate(
+        self,
+        path: str | Path,
+        fps: float = 30.0,
+        *,
+        speed: float = 1.0,
+        camera: Any = None,
+        width: int = 640,
+    ) -> Path:
+        """Write a film of the run.
+
+        Each picture shows the stored frame that is nearest in time, so the film is as smooth as
+        the frames are close: `simulate` with ``every=speed / fps`` stores what it needs.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program
+            ffmpeg).
+        fps : float, default 30
+            Pictures a second, > 0, at most 240, of a GIF at most 50: browsers slow down more.
+        speed : float, default 1.0
+            Simulated seconds in a second of the film, > 0.
+        camera, width
+            As for `clothsim.picture`. The view is fixed and holds every frame.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above, or the run has fewer than 3 frames.
+        ImportError
+            Without Pillow.
+        RuntimeError
+            Without ffmpeg, or if ffmpeg fails.
+        """
+        from .view.animation import animate
+
+        return animate(self, path, fps, speed, camera, width)

@@ -1,0 +1,1 @@
+"""Looking at a cloth: pictures, plots, pages and the live viewer."""

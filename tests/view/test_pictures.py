@@ -1,0 +1,274 @@
+"""Pictures: depth, colours, cameras, files, and what a run draws of itself."""
+
+import subprocess
+import sys
+from io import BytesIO
+from shutil import which
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.view import camera, png, raster
+from clothsim.view.animation import shown_frames
+
+ABOVE = cs.Camera((0.0, 1.0, 0.0), (0.5, 0.0, 0.5), 1.1, 1.1)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return cs.simulate(cs.scenes.paper_static(), 0.3, dt=5e-4, every=0.02)
+
+
+def red(pixels):
+    """Pixels of which red covers at least half; neither the cloth's front nor the sphere has r > g."""
+    r, g, _ = np.moveaxis(np.asarray(pixels).astype(int), -1, 0)
+    return r > g
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.02])
+def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
+    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.5, -0.25 + depth, 0.5)))
+    pixels = cs.picture(scene, camera=ABOVE, width=440).pixels
+    area = red(pixels).sum() * (1.1 / 440) ** 2
+    assert area == pytest.approx(np.pi * (2 * 0.25 * depth - depth**2), rel=0.03)
+    rows, columns = np.nonzero(red(pixels))
+    assert (rows.mean(), columns.mean()) == pytest.approx((219.5, 219.5), abs=1)
+
+
+def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
+    cloth = cs.Cloth(pins=())
+    hidden = cs.picture(cs.Scene(cloth, cs.Sphere((0.5, -0.2501, 0.5))), camera=ABOVE, width=220)
+    bare = cs.picture(cs.Scene(cloth), camera=ABOVE, width=220)
+    assert np.array_equal(hidden, bare)
+
+
+def test_a_moving_sphere_is_drawn_where_it_is_at_that_time():
+    sphere = cs.Sphere((0.5, 0.5, 0.5), 0.1, cs.Linear((0.3, 0.0, 0.0)))
+    scene = cs.Scene(cs.Cloth(pins=()), sphere)
+    pixels = cs.picture(scene, t=1.0, camera=ABOVE, width=220).pixels.astype(int)
+    grey = np.abs(pixels[..., 0] - pixels[..., 2]) < 12
+    grey &= (pixels < 250).all(axis=-1)
+    rows, columns = np.nonzero(grey)
+    # 0.5 m along z is the middle row; x = 0.8 m is 0.3 m right of the middle.
+    assert (rows.mean(), columns.mean()) == pytest.approx((109.5, 109.5 + 0.3 * 200), abs=1)
+    assert grey.sum() == pytest.approx(np.pi * 20**2, rel=0.05)
+
+
+def test_faces_front_is_blue_from_above_and_sand_from_below():
+    scene = cs.Scene(cs.Cloth(pins=()))
+    above, below = (cs.picture(scene, camera=c, width=100).pixels for c in ("top", "below"))
+    assert above[50, 50, 2] > above[50, 50, 0]
+    assert below[50, 50, 0] > below[50, 50, 2]
+
+
+def test_nearest_triangle_agrees_with_a_ray_through_each_pixel():
+    """Rays against every triangle by Moeller and Trumbore, which shares nothing with the raster."""
+    rng = np.random.default_rng(3)
+    triangles = cs.triangles((6, 7))
+    screen = np.stack(
+        [rng.uniform(-10, 70, 42), rng.uniform(-10, 50, 42), rng.uniform(-5, 5, 42)], axis=-1
+    )
+    depth, nearest, _ = raster._nearest_triangles(screen, triangles, 60, 40)
+    a, b, c = np.moveaxis(screen[triangles], 1, 0)
+    towards = np.array([0.0, 0.0, -1.0])
+    for row, column in rng.integers(0, (40, 60), (200, 2)):
+        start = np.array([column + 0.5, row + 0.5, 100.0])
+        p = np.cross(towards, c - a)
+        determinant = ((b - a) * p).sum(-1)
+        s = start - a
+        u = (s * p).sum(-1) / determinant
+        q = np.cross(s, b - a)
+        v = (q * towards).sum(-1) / determinant
+        z = np.where((u >= 0) & (v >= 0) & (u + v <= 1), 100 - (q * (c - a)).sum(-1) / determinant, -np.inf)
+        assert depth[row, column] == pytest.approx(z.max(), abs=1e-9)
+        assert nearest[row, column] == (z.argmax() if np.isfinite(z.max()) else -1)
+
+
+def test_chunks_of_pixels_do_not_show(monkeypatch):
+    scene = cs.scenes.paper_static()
+    whole = cs.picture(scene, width=200)
+    monkeypatch.setattr(raster, "CHUNK", 1000)
+    assert np.array_equal(cs.picture(scene, width=200), whole)
+
+
+def seen_by(colors, deficiency):
+    """CIE L*a*b* of sRGB `colors` as dichromats see them (Machado et al. 2009, severity 1)."""
+    machado = {
+        "none": np.eye(3),
+        "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+        "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+        "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    }  # fmt: skip
+    linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+    linear = np.clip(linear @ np.transpose(machado[deficiency]), 0, 1)
+    xyz = linear @ np.transpose([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    f = np.cbrt(xyz / [0.9505, 1.0, 1.089])
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], -1)
+
+
+@pytest.mark.parametrize("deficiency", ["none", "protan", "deutan", "tritan"])
+def test_colours_are_told_apart_with_any_colour_vision(deficiency):
+    colors = np.array([raster.CLOTH_FRONT, raster.CLOTH_BACK, raster.SPHERE, raster.PENETRATION])
+    lab = seen_by(colors, deficiency)
+    distance = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(4, 1)]
+    assert distance.min() > 20  # 2.3 is a just noticeable difference
+
+
+@pytest.mark.parametrize("name", camera.DIRECTIONS)
+def test_a_direction_shows_cloth_and_spheres_whole(name):
+    scene = cs.Scene(cs.Cloth(), [cs.Sphere((2.0, 1.0, 0.0), 0.4), cs.Sphere((0, -2, 0), 0.1)])
+    pixels = cs.picture(scene, camera=name, width=150).pixels
+    frame = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+    assert (frame == 255).all()
+    assert (pixels < 250).any(axis=-1).mean() > 0.02
+    rows, columns = np.nonzero((pixels < 250).any(axis=-1))
+    assert np.ptp(columns) > 0.85 * 150 or np.ptp(rows) > 0.85 * pixels.shape[0]
+
+
+def test_png_is_read_back_bit_for_bit():
+    image = pytest.importorskip("PIL.Image")
+    pixels = np.random.default_rng(0).integers(0, 256, (37, 53, 3), np.uint8)
+    pixels[5:20] = pixels[5]  # rows that each filter suits
+    pixels[20:30, :, 0] = np.arange(53)
+    assert np.array_equal(np.array(image.open(BytesIO(png.encode(pixels)))), pixels)
+
+
+def test_picture_saves_shows_and_is_an_array(tmp_path):
+    picture = cs.picture(cs.scenes.paper_static(), width=120, path=tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == picture._repr_png_()
+    image = pytest.importorskip("PIL.Image")
+    assert np.array_equal(np.array(image.open(tmp_path / "a.png")), np.asarray(picture))
+    picture.save(tmp_path / "a.webp")
+    assert image.open(tmp_path / "a.webp").size == (120, picture.pixels.shape[0])
+    with pytest.raises(ValueError, match="read-only"):
+        picture.pixels[0] = 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"camera": "fornt"}, ValueError, "did you mean 'front'"),
+        ({"camera": (0, 0, 0)}, ValueError, "not all 0"),
+        ({"camera": 3}, ValueError, "camera must be"),
+        ({"x": np.zeros((3, 3, 3))}, ValueError, r"x must be an array of shape \(32, 32, 3\)"),
+        ({"x": np.full((32, 32, 3), np.nan)}, ValueError, "nan at index"),
+        ({"width": 0}, ValueError, "width must be an integer >= 16"),
+        ({"t": np.inf}, ValueError, "t must be a finite number"),
+        ({"path": "/no/such/folder/a.png"}, ValueError, "existing folder"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, error, words):
+    with pytest.raises(error, match=words):
+        cs.picture(cs.scenes.paper_static(), **arguments)
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        cs.picture("paper_static")
+
+
+def test_run_draws_the_frame_asked_for(run, tmp_path):
+    last = run.picture(width=150)
+    assert np.array_equal(last, run.picture(frame=-1, width=150))
+    assert np.array_equal(run.picture(t=0.101, width=150), run.picture(frame=5, width=150))
+    assert not np.array_equal(last, run.picture(frame=0, width=150))
+    assert last.pixels.shape == run.picture(frame=0, width=150).pixels.shape
+    run.picture(path=tmp_path / "frame.png", width=150)
+    assert (tmp_path / "frame.png").stat().st_size > 1000
+    with pytest.raises(ValueError, match="frame must be an integer >= -16 and <= 15"):
+        run.picture(frame=16)
+    with pytest.raises(ValueError, match="frame must be None with t"):
+        run.picture(frame=1, t=0.1)
+    with pytest.raises(ValueError, match="t must be a finite number >= 0 and <= 0.3"):
+        run.picture(t=1.0)
+
+
+def test_plot_has_the_run_s_figures(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = run.plot(tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 20_000
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    lines = {line.get_label(): line for axis in figure.axes for line in axis.get_lines()}
+    assert len(figure.axes) == 4
+    energy = cs.energy(run.scene, run.x[7], run.v[7])
+    for name in ("kinetic", "elastic", "gravity", "total"):
+        assert lines[name].get_ydata()[7] == pytest.approx(energy[name], rel=1e-12)
+    sphere = run.scene.spheres[0]
+    depth = [1e3 * cs.penetration(x, sphere)["triangles"] for x in run.x]
+    assert lines["deepest triangle"].get_ydata() == pytest.approx(depth)
+    assert max(depth) > 0
+    stretch = [100 * cs.largest_stretch(run.scene, x) for x in run.x]
+    assert lines["stretch"].get_ydata() == pytest.approx(stretch)
+    # At the start nothing touches; a flat sheet on the sphere touches where it is close enough.
+    assert lines["contacts"].get_ydata()[0] == 0 and lines["contacts"].get_ydata()[-1] > 10
+    assert len(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3).plot().axes) == 2
+
+
+def test_contacts_are_the_points_within_the_contact_radius():
+    from clothsim.view.curves import touching
+
+    cloth = cs.Cloth((11, 11), pins=())  # spacing 0.1 m: near is 3.125 mm
+    sphere = cs.Sphere((0.5, -0.25, 0.5), 0.25, offset="none")
+    assert touching(cs.Scene(cloth, sphere), cloth.rest_positions, 0.0) == 1
+    higher = cloth.rest_positions + (0, 0.0032, 0)
+    assert touching(cs.Scene(cloth, sphere), higher, 0.0) == 0
+    away = sphere.replace(motion=cs.Linear((0.0, 1.0, 0.0)))  # at 0.2 s it cuts a circle of 0.245 m
+    assert touching(cs.Scene(cloth, away), cloth.rest_positions, 0.2) == 21
+
+
+def test_films_follow_the_clock():
+    t = np.array([0.0, 0.1, 0.2, 0.3, 1.0])
+    assert shown_frames(t, 10, 1.0) == [0, 1, 2, 3, 3, 3, 3, 4, 4, 4, 4]
+    assert shown_frames(t, 10, 2.0) == [0, 2, 3, 3, 4, 4]
+    assert shown_frames(t + 5.0, 5, 1.0) == [0, 2, 3, 3, 4, 4]
+
+
+@pytest.mark.parametrize("suffix", ["gif", "webp"])
+def test_film_holds_the_pictures_for_their_time(run, tmp_path, suffix):
+    image = pytest.importorskip("PIL.Image")
+    film = image.open(run.animate(tmp_path / f"a.{suffix}", fps=30, width=100))
+    durations, pictures = [], []
+    for k in range(film.n_frames):
+        film.seek(k)
+        film.load()
+        durations.append(film.info["duration"])
+        pictures.append(np.array(film.convert("RGB")).astype(int))
+    assert film.n_frames == 10
+    assert sum(durations) == pytest.approx(1000 * 10 / 30, abs=6)
+    for k, frame in ((0, 0), (-1, -1)):
+        difference = np.abs(pictures[k] - run.picture(frame, width=100).pixels)
+        assert difference.mean() < 5
+    assert np.abs(pictures[0] - pictures[-1]).mean() > 10
+
+
+def test_mp4_film(run, tmp_path):
+    if which("ffmpeg") is None:
+        pytest.skip("ffmpeg is not installed")
+    path = run.animate(tmp_path / "a.mp4", fps=25, speed=0.5, width=161)
+    command = ["ffmpeg", "-loglevel", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    expected = run.picture(-1, width=160).pixels
+    height = expected.shape[0] + expected.shape[0] % 2
+    film = np.frombuffer(raw, np.uint8).reshape(-1, height, 160, 3)
+    assert len(film) == 16  # 0.3 s at half speed, 25 a second
+    assert np.abs(film[-1, : expected.shape[0]].astype(int) - expected).mean() < 6
+
+
+def test_films_that_cannot_be(run, tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"path must end in one of .gif, .webp, .mp4"):
+        run.animate(tmp_path / "a.avi")
+    with pytest.raises(ValueError, match="fps must be a finite number > 0 and <= 50"):
+        run.animate(tmp_path / "a.gif", fps=60)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(RuntimeError, match="needs the program ffmpeg.*apt-get install ffmpeg.*webp"):
+        run.animate(tmp_path / "a.mp4", width=64)
+    short = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
+    with pytest.raises(ValueError, match="at least 3 stored frames, this run has 2.*every="):
+        short.animate(tmp_path / "a.gif")
+    assert not list(tmp_path.iterdir())
+
+
+def test_importing_clothsim_imports_nothing_of_the_room():
+    code = (
+        "import sys, clothsim; names = ('clothsim.view', 'matplotlib', 'PIL', 'k3d', 'viser', 'IPython')\n"
+        "print([m for m in sys.modules if m.split('.')[0] in names or m.startswith(names[0])])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
