@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo test test-gpu bench clean
+.PHONY: demo test test-gpu test-view bench clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -20,6 +20,15 @@ test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu
 	  { [ "$$(id -u)" = 0 ] && apt-get install -y --no-install-recommends mesa-vulkan-drivers; } || { \
 	  echo "Please install it (Debian, Ubuntu: sudo apt-get install mesa-vulkan-drivers)"; exit 1; }; }
 	CLOTHSIM_TEST_GPU=1 $(BIN)/python -m pytest tests/gpu
+
+# Tests of pages need Chromium; playwright drives the one that is installed and brings none of its own.
+test-view: $(VENV)/.built-test $(VENV)/.built-view
+	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
+	  echo "No Chromium: installing it"; \
+	  { [ "$$(id -u)" = 0 ] && apt-get install -y --no-install-recommends chromium; } || { \
+	  echo "Please install it (Debian, Ubuntu: sudo apt-get install chromium)"; exit 1; }; }
+	$(BIN)/pip install --quiet --disable-pip-version-check 'playwright>=1.40'
+	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest tests/view
 
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench

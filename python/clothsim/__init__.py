@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .sweep import open_sweep
     from .sweep.fields import sweepable
     from .view.camera import Camera
+    from .view.page import compare
     from .view.picture import Picture, picture
 
 __version__ = build_config()["version"]
@@ -46,8 +47,8 @@ _accessor.register()
 __all__ = [
     "Camera", "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
     "LongRunWarning", "OrderWarning", "Picture", "Reciprocate", "Reference", "Run", "Scene",
-    "Snapshot", "Sphere", "StabilityWarning",
-    "Stepper", "UnstableError", "acceleration", "build_config", "convergence", "energy",
+    "Snapshot", "Sphere", "StabilityWarning", "Stepper", "UnstableError", "acceleration",
+    "build_config", "compare", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
     "penetration", "picture", "reference", "reference_step", "save_scene", "scenes", "simulate",
     "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "work_precision",
@@ -58,4 +59,5 @@ __getattr__, __dir__ = on_demand(globals(), {
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
     "open_sweep": ".sweep.dataset", "sweepable": ".sweep.fields",
     "Camera": ".view.camera", "Picture": ".view.picture", "picture": ".view.picture",
+    "compare": ".view.page",
 })  # fmt: skip

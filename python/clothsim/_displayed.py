@@ -123,3 +123,73 @@ class DisplayedRun:
         from .view.animation import animate
 
         return animate(self, path, fps, speed, camera, width)
+
+    def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
+        """Write one self-contained page that plays the run in a browser.
+
+        The page makes no request: turn the cloth by mouse, play, seek, colour by stretch, speed or
+        depth below a sphere, with curves of energy, stretch, penetration and contacts. Positions
+        are rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32 take 1.1 MB.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write.
+        title : str, optional
+            Heading of the page. Default: the shape of the cloth and the responses of its spheres.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the folder is missing, or `path` is no path.
+
+        See Also
+        --------
+        clothsim.compare : plays several runs side by side.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, every=5)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = run.to_html(folder + "/run.html")
+        ...     path.name, path.stat().st_size < 500_000
+        ('run.html', True)
+        """
+        from .view.page import run_to_html
+
+        return run_to_html(self, path, title)
+
+    def show(self, *, height: int = 760) -> Any:
+        """Play the run in a notebook: the page of `to_html` in a frame of the cell.
+
+        The notebook keeps the frames when it is saved, and plays them where it is trusted.
+
+        Parameters
+        ----------
+        height : int, default 760
+            Height of the frame [pixels], 300 to 4000.
+
+        Returns
+        -------
+        object
+            A notebook displays it.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If `height` is not as above.
+        """
+        from .view.page import run_to_frame
+
+        return run_to_frame(self, height)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        from .view.notebook import WIDTH, bundle
+
+        return bundle(str(self), self.picture(width=WIDTH))

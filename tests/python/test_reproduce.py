@@ -16,6 +16,7 @@ pytest.importorskip("matplotlib")
 
 from clothsim.reproduce import FULL, QUICK, Settings, contact, findings, reproduce, text
 from clothsim.reproduce.settings import reductions
+from clothsim.reproduce.tables import number
 from matplotlib.image import imread
 
 SMALL = Settings(
@@ -255,10 +256,40 @@ def test_page_is_whole_and_fetches_nothing(report, folder):
     page.feed(source)
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
-    assert len(page.references) == page.tags.count("img") == 24 + 4 + 1 + with_gpu(report)
-    assert all(r.startswith("data:image/png;base64,") for r in page.references)
+    links = [r for r in page.references if not r.startswith("data:image/png;base64,")]
+    assert links == ["table3.html", "table4.html"] and page.tags.count("a") == 2
+    assert page.tags.count("img") == len(page.references) - 2 == 24 + 4 + 1 + with_gpu(report)
     style = source[source.index("<style>") : source.index("</style>")]
     assert "url(" not in style and "@import" not in style
+
+
+def test_captions_say_which_method_and_which_frame(report, folder):
+    source = (folder / "index.html").read_text()
+    for c in [c for n in "12" for c in report["experiments"][n]["cells"]]:
+        depth = number(1e3 * c["penetration"]["triangles"])
+        caption = f"Method {c['method']}, {c['variant']}, frame {c['frame']}: {depth} mm deep"
+        assert f"<figcaption>{caption}</figcaption>" in source
+
+
+@pytest.mark.parametrize("key", ["1", "2"])
+def test_tables_can_be_played(report, folder, key):
+    """Four runs whose frames include those that the table shows; tests/view plays such pages."""
+    experiment = report["experiments"][key]
+    source = (folder / experiment["page"]).read_text()
+    meta = json.loads(re.search(r'<script type="application/json" id="meta">(.*?)</script>', source)[1])
+    assert [run["label"] for run in meta["runs"]] == [
+        f"method {m}, {variant}" for variant in ("literal", "mended") for m in (1, 2)
+    ]
+    for run in meta["runs"]:
+        times = np.array(run["t"])
+        for frame in experiment["frames"]:
+            assert np.abs(times - frame * experiment["frame_dt"]).min() < 1e-9
+        depth = run["curves"]["triangles"]
+        for c in experiment["cells"]:
+            if f"method {c['method']}, {c['variant']}" == run["label"]:
+                at = np.abs(times - c["time"]).argmin()
+                assert depth[at] == pytest.approx(c["penetration"]["triangles"], rel=1e-4, abs=1e-9)
+    assert len(source) < 8_000_000
 
 
 def test_pictures_decode_and_show_something(report, folder):

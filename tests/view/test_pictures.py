@@ -125,6 +125,14 @@ def test_a_direction_shows_cloth_and_spheres_whole(name):
     assert np.ptp(columns) > 0.85 * 150 or np.ptp(rows) > 0.85 * pixels.shape[0]
 
 
+def test_a_row_without_a_surface_shows_its_points():
+    cloth = cs.Cloth((1, 5), pins=((0, 0),))
+    pixels = cs.picture(cs.Scene(cloth), camera="top", width=300).pixels
+    blue = (pixels[..., 2] > pixels[..., 0].astype(int) + 30).any(axis=0)
+    assert (np.diff(blue.astype(int)) == 1).sum() == 4
+    assert (pixels < 60).all(axis=-1).any()
+
+
 def test_png_is_read_back_bit_for_bit():
     image = pytest.importorskip("PIL.Image")
     pixels = np.random.default_rng(0).integers(0, 256, (37, 53, 3), np.uint8)

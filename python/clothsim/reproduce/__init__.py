@@ -58,7 +58,7 @@ def reproduce(
     dict
         The contents of report.json: "schema", "settings", "reductions", "provenance" and
         "experiments", a mapping from "1" to "5"; and "folder", where report.txt, report.json,
-        index.html and the pictures are.
+        index.html, the pictures and the pages that play Tables 3 and 4 are.
 
     Raises
     ------
@@ -139,6 +139,7 @@ def _contact(number, settings, threads, progress, folder):
         ],
         "step_study": study,
         "sheet": pictures.draw_sheet(experiment, cases, folder),
+        "page": pictures.play(experiment, cases, folder),
         "plot": plots.history(experiment, cases, folder),
         "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
     }

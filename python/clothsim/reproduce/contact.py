@@ -29,6 +29,7 @@ MOTION = {"period": 4.2, "deceleration": 7.0, "phase": 0.05}
 NEAR = 1e-3  # m; a point this close to the contact radius counts as touching
 LOST = 1e3  # m; a cloth that reaches so far is given up
 HISTORY_POINTS = 200  # entries kept of the frame-by-frame record
+PLAYED = 200  # states kept to be played; a page of four such runs is some 3 MB
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Case:
     cells: list[dict] = field(default_factory=list)
     states: dict[int, tuple[np.ndarray, float]] = field(default_factory=dict)
     history: dict[str, list[float]] = field(default_factory=dict)
+    played: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     failure: str | None = None
 
 
@@ -125,6 +127,8 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance, stop: 
     stepper = cs.Stepper(scene, threads=1, track_contact_energy=True)
     deepest = {"points": 0.0, "triangles": 0.0}
     record = []
+    every = -(-max(experiment.frames) // PLAYED)
+    case.played.append((0.0, scene.initial_position, scene.initial_velocity))
     for frame in range(1, max(experiment.frames) + 1):
         if stop.is_set():
             return
@@ -137,6 +141,9 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance, stop: 
         deepest = {name: max(deepest[name], float(depth[name])) for name in deepest}
         record.append((frame, depth["points"], depth["triangles"], stepper.contact_energy))
         advance(1)
+        if frame % every == 0 or frame in experiment.frames:
+            velocities = stepper.velocities.copy()
+            case.played.append((float(stepper.time), positions.copy(), velocities))
         if frame in experiment.frames:
             case.states[frame] = positions.copy(), stepper.time
             energy = cs.energy(scene, positions, stepper.velocities)

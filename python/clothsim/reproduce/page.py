@@ -76,7 +76,8 @@ def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
         parts.append(
             "<p>Blue: the cloth's upper face as it starts; sand: its lower face. "
             '<span class="red">Red</span>: the sphere\'s surface where cloth lies under it, '
-            "stronger with depth.</p>"
+            "stronger with depth. "
+            f'<a href="{experiment["page"]}">Play this table</a>: all methods side by side, in step.</p>'
         )
         parts += _cells(experiment, folder)
     parts += [_table(table) for table in tables(key, experiment)]
@@ -100,7 +101,7 @@ def _cells(experiment: dict, folder: Path) -> list[str]:
         for cell in cells:
             depth = number(1e3 * cell["penetration"]["triangles"])
             name = f"Method {cell['method']}, {cell['variant']}"
-            caption = f"{name}: {depth} mm deep"
+            caption = f"{name}, frame {frame}: {depth} mm deep"
             parts.append(f"<figure>{_image(folder, cell['picture'], caption)}</figure>")
         parts.append("</div>")
     return parts

@@ -112,6 +112,19 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
     return name
 
 
+def play(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
+    """A page that plays all cases of a table in step; its path relative to `folder`."""
+    runs = {}
+    for case in cases:
+        t, x, v = map(np.array, zip(*case.played))
+        scene = contact.scene_of(experiment, case.method, case.variant)
+        runs[f"method {case.method}, {case.variant}"] = cs.Run(scene, t, x, v, {})
+    name = f"{experiment.table}.html"
+    title = f"Table {experiment.table.removeprefix('table')}: {experiment.title}"
+    cs.compare(runs).to_html(folder / name, title=title)
+    return name
+
+
 def draw_overview(drawn: Sequence[tuple[Experiment, Sequence[Case]]], folder: Path) -> str | None:
     """The `OVERVIEW` cells side by side, for the README; None where there are none."""
     from matplotlib.image import imsave

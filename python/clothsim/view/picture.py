@@ -14,7 +14,7 @@ from ..grid import triangles
 from ..scene import Scene
 from . import png
 from .camera import Camera, camera_for
-from .raster import PIN, SPHERE, Ball, render
+from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, render
 
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
 WIDEST = 8192  # pixels; a picture of this width takes some 4 GB while it is drawn
@@ -173,7 +173,10 @@ def draw(scene: Scene, x: npt.NDArray[np.float64], t: float, camera: Camera, wid
     size = PIN_SIZE * max(scene.cloth.size)
     balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in scene.spheres]
     balls += [Ball(point, size, PIN, solid=False) for point in x[scene.cloth.pinned]]
-    return Picture(render(x, triangles(scene.cloth.shape), balls, camera, width))
+    corners = triangles(scene.cloth.shape)
+    if not len(corners):  # a single row has no surface: its mass points are shown
+        balls += [Ball(point, size, CLOTH_FRONT, solid=False) for point in x[~scene.cloth.pinned]]
+    return Picture(render(x, corners, balls, camera, width))
 
 
 def frame_index(run: Any, frame: int | None, t: float | None) -> int:

@@ -73,7 +73,8 @@ def render(positions, triangles, balls, camera: Camera, width: int = 520, sample
     picture[:] = BACKGROUND
     hit = nearest >= 0
     corners, weights = triangles[nearest[hit]], weights[hit]
-    picture[hit] = _cloth_color(positions, corners, weights, axes[2])
+    if hit.any():
+        picture[hit] = _cloth_color(positions, corners, weights, axes[2])
     if balls:
         surface = np.full((height, width, 3), np.nan, np.float32)
         surface[hit] = _blend(weights, positions.reshape(-1, 3), corners)

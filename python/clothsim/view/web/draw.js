@@ -1,0 +1,271 @@
+// Drawing with WebGL 2: the cloth as triangles, balls intersected exactly in the fragment shader.
+// The view is orthographic, so a depth is a length: a first pass stores the cloth's depth, and a
+// sphere's surface turns red where cloth lies under it, as in the pictures of raster.py.
+"use strict";
+
+const SHADE = `
+vec3 shade(vec3 color, vec3 n, vec3 eye) {
+  float light = 0.46 + 0.10 * n.y + 0.32 * max(dot(n, normalize(vec3(0.3, 1.0, 0.25))), 0.0)
+    + 0.28 * max(dot(n, eye), 0.0);
+  return color * light;
+}`;
+
+const CLOTH_VERTEX = `#version 300 es
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec2 cell;
+layout(location = 3) in float value;
+uniform mat3 axes;
+uniform vec3 target, scale;
+out vec3 n, place;
+out vec2 at;
+out float amount;
+void main() {
+  n = normal; at = cell; amount = value; place = position;
+  gl_Position = vec4(axes * (position - target) * scale, 1.0);
+}`;
+
+const DEPTH_FRAGMENT = `#version 300 es
+void main() {}`;
+
+const clothFragment = (spheres) => `#version 300 es
+precision highp float;
+in vec3 n, place;
+in vec2 at;
+in float amount;
+uniform vec3 eye, stops[9];
+uniform int mode;                        // 0 faces, 1 values of the points, 2 depth below a sphere
+uniform float top;                       // depth that has the last colour [m]
+uniform vec4 spheres[${spheres || 1}];  // centre, radius
+out vec4 color;
+${SHADE}
+void main() {
+  vec3 normal = normalize(n);
+  bool front = dot(normal, eye) >= 0.0;
+  vec3 c = front ? vec3(0.27, 0.47, 0.72) : vec3(0.87, 0.73, 0.45);
+  if (mode > 0) {
+    float shown = amount;
+    if (mode == 2) {
+      shown = 0.0;
+      for (int s = 0; s < ${spheres}; s++) shown = max(shown, spheres[s].w - distance(place, spheres[s].xyz));
+      shown /= top;
+    }
+    float k = clamp(shown, 0.0, 1.0) * 8.0;
+    int low = min(int(k), 7);
+    c = mode == 2 && shown <= 0.0 ? vec3(0.72, 0.75, 0.80) : mix(stops[low], stops[low + 1], k - float(low));
+  }
+  vec2 width = fwidth(at);
+  vec2 line = 1.0 - smoothstep(vec2(0.05) - width, vec2(0.05) + width, abs(fract(at - 0.5) - 0.5));
+  float fade = clamp(1.6 - 5.0 * max(width.x, width.y), 0.0, 1.0);  // no lines closer than a few pixels
+  c *= 1.0 - 0.28 * fade * max(line.x, line.y);
+  color = vec4(shade(c, front ? normal : -normal, eye), 1.0);
+}`;
+
+const BALL_VERTEX = `#version 300 es
+layout(location = 0) in vec4 ball;   // centre, radius
+layout(location = 1) in vec4 look;   // colour, 1 if cloth in it is shown
+uniform mat3 axes;
+uniform vec3 target, scale;
+out vec2 at;
+flat out vec4 b, l;
+flat out vec3 middle;
+void main() {
+  at = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  b = ball; l = look;
+  middle = axes * (ball.xyz - target);
+  gl_Position = vec4((middle + vec3(at * ball.w, 0.0)) * scale, 1.0);
+}`;
+
+const BALL_FRAGMENT = `#version 300 es
+precision highp float;
+in vec2 at;
+flat in vec4 b, l;
+flat in vec3 middle;
+uniform mat3 axes;
+uniform vec3 scale, eye;
+uniform float alpha;
+uniform highp sampler2D cloth;
+out vec4 color;
+${SHADE}
+void main() {
+  float inside = 1.0 - dot(at, at);
+  if (inside <= 0.0) discard;
+  vec3 seen = vec3(at, sqrt(inside));
+  float ndc = (middle.z + b.w * seen.z) * scale.z;
+  gl_FragDepth = 0.5 + 0.5 * ndc;
+  vec3 c = shade(l.rgb, seen * axes, eye);
+  float behind = texelFetch(cloth, ivec2(gl_FragCoord.xy), 0).r;
+  if (l.a > 0.0 && behind < 1.0) {
+    float z = (2.0 * behind - 1.0) / scale.z - middle.z;  // the cloth, seen from the middle
+    float under = b.w - length(vec3(at * b.w, z));
+    // Cloth on the far half of the ball is not what the eye sees here.
+    float red = alpha == 1.0 && z >= 0.0 && under > 0.0 ? 0.35 + 0.65 * min(under / 0.010, 1.0) : 0.0;
+    c = mix(c, vec3(0.86, 0.08, 0.10), red);
+  }
+  color = vec4(c, l.a > 0.0 ? alpha : 1.0);
+}`;
+
+const VIRIDIS = ["440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725"];
+const HEAT = ["ffffcc", "ffeda0", "fed976", "feb24c", "fd8d3c", "fc4e2a", "e31a1c", "bd0026", "800026"];
+const rgb = (hex) => [0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+
+class Drawing {
+  constructor(canvas, run) {
+    const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer.");
+    Object.assign(this, { canvas, gl, run });
+    const [rows, columns] = run.shape, points = rows * columns;
+    this.normals = new Float32Array(3 * points);
+    this.values = new Float32Array(points);
+    this.cloth = this.program(CLOTH_VERTEX, clothFragment(run.compared));
+    this.clothDepth = this.program(CLOTH_VERTEX, DEPTH_FRAGMENT);
+    this.balls = this.program(BALL_VERTEX, BALL_FRAGMENT);
+    this.ballData = new Float32Array(8 * (run.spheres.length + run.pins.length + run.dots.length));
+
+    this.clothArray = gl.createVertexArray();
+    gl.bindVertexArray(this.clothArray);
+    this.buffers = [3, 3, 2, 1].map((size, k) => this.attribute(k, size, 0, 0));
+    const cells = new Float32Array(2 * points);
+    for (let p = 0; p < points; p++) { cells[2 * p] = p % columns; cells[2 * p + 1] = Math.floor(p / columns); }
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[2]);
+    gl.bufferData(gl.ARRAY_BUFFER, cells, gl.STATIC_DRAW);
+    const corners = [];
+    for (let r = 0; r + 1 < rows; r++) for (let c = 0; c + 1 < columns; c++) {
+      const p = r * columns + c;
+      corners.push(p, p + columns, p + 1, p + 1, p + columns, p + columns + 1);
+    }
+    this.count = corners.length;
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(corners), gl.STATIC_DRAW);
+
+    this.ballArray = gl.createVertexArray();
+    gl.bindVertexArray(this.ballArray);
+    this.ballBuffer = gl.createBuffer();
+    for (const k of [0, 1]) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.ballBuffer);
+      gl.enableVertexAttribArray(k);
+      gl.vertexAttribPointer(k, 4, gl.FLOAT, false, 32, 16 * k);
+      gl.vertexAttribDivisor(k, 1);
+    }
+    gl.bindVertexArray(null);
+    this.depths = gl.createTexture();
+    this.depthPass = gl.createFramebuffer();
+    gl.enable(gl.DEPTH_TEST);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  attribute(k, size) {
+    const { gl } = this, buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.enableVertexAttribArray(k);
+    gl.vertexAttribPointer(k, size, gl.FLOAT, false, 0, 0);
+    return buffer;
+  }
+
+  program(vertex, fragment) {
+    const { gl } = this, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    return (name) => name ? gl.getUniformLocation(program, name) : gl.useProgram(program);
+  }
+
+  // The canvas and the depth pass have two samples a pixel along each axis, which the browser averages.
+  // The multisampling of WebGL would not do: it tests depths of the cloth beside the pixel's middle
+  // against that of the ball in the middle, and shows the ball where it is a tenth of a millimetre below.
+  resize() {
+    const { gl, canvas } = this, ratio = Math.max(2, window.devicePixelRatio || 1);
+    const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (canvas.width === width && canvas.height === height && this.sized) return;
+    Object.assign(canvas, { width, height });
+    this.sized = true;
+    gl.bindTexture(gl.TEXTURE_2D, this.depths);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.DEPTH_COMPONENT24, width, height, 0, gl.DEPTH_COMPONENT, gl.UNSIGNED_INT, null);
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.depthPass);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, this.depths, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  upload(buffer, data) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
+  }
+
+  // A frame in a colour mode: {name, top}; both are kept until the next call.
+  load(frame, mode) {
+    const { run, values } = this, x = run.positions(frame), size = run.dotSize;
+    this.mode = mode;
+    pointNormals(x, run.shape, this.normals);
+    run.values(frame, mode, values);
+    [x, this.normals, null, values].forEach((data, k) => { if (data) this.upload(this.buffers[k], data); });
+    const balls = run.spheres.map((s, k) => [...run.center(k, frame), s.radius, 0.80, 0.81, 0.83, 1]);
+    for (const p of run.pins) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, 0.15, 0.15, 0.15, 0]);
+    for (const p of run.dots) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, 0.27, 0.47, 0.72, 0]);
+    this.sphereData = balls.slice(0, run.compared).flatMap((ball) => ball.slice(0, 4));
+    balls.forEach((ball, k) => this.ballData.set(ball, 8 * k));
+    this.upload(this.ballBuffer, this.ballData);
+  }
+
+  draw(camera) {
+    this.resize();
+    const { gl, canvas, mode } = this;
+    const scale = camera.scale(canvas.width / canvas.height), axes = camera.axes();
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    const set = (program) => {
+      program();
+      // Rows of `axes` are right, up and towards the eye; GLSL wants columns.
+      gl.uniformMatrix3fv(program("axes"), true, axes.flat());
+      gl.uniform3fv(program("target"), camera.target);
+      gl.uniform3fv(program("scale"), scale);
+      gl.uniform3fv(program("eye"), axes[2]);
+    };
+    gl.clearColor(1, 1, 1, 1);
+    gl.disable(gl.BLEND);
+    gl.bindVertexArray(this.clothArray);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.depthPass);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    set(this.clothDepth);
+    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    set(this.cloth);
+    gl.uniform1i(this.cloth("mode"), mode.name === "faces" ? 0 : mode.name === "depth" ? 2 : 1);
+    gl.uniform1f(this.cloth("top"), mode.top || 1);
+    gl.uniform3fv(this.cloth("stops"), (mode.name === "depth" ? HEAT : VIRIDIS).flatMap(rgb));
+    const spheres = this.run.compared;
+    if (spheres) gl.uniform4fv(this.cloth("spheres"), this.sphereData);
+    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
+    set(this.balls);
+    gl.bindTexture(gl.TEXTURE_2D, this.depths);
+    gl.uniform1i(this.balls("cloth"), 0);
+    gl.uniform1f(this.balls("alpha"), mode.name === "depth" ? 0.3 : 1);
+    gl.enable(gl.BLEND);
+    gl.bindVertexArray(this.ballArray);
+    if (mode.name === "depth") gl.disable(gl.DEPTH_TEST);  // glass: cloth in a sphere is what this mode shows
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.ballData.length / 8);
+    gl.enable(gl.DEPTH_TEST);
+  }
+}
+
+// Normals of the sheet by central differences along rows and columns; up (+y) for the flat sheet.
+function pointNormals(x, [rows, columns], out) {
+  for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
+    const p = 3 * (r * columns + c);
+    const u = r + 1 < rows ? p + 3 * columns : p, d = r > 0 ? p - 3 * columns : p;
+    const e = c + 1 < columns ? p + 3 : p, w = c > 0 ? p - 3 : p;
+    const ax = x[u] - x[d], ay = x[u + 1] - x[d + 1], az = x[u + 2] - x[d + 2];
+    const bx = x[e] - x[w], by = x[e + 1] - x[w + 1], bz = x[e + 2] - x[w + 2];
+    const nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
+    const length = Math.hypot(nx, ny, nz) || 1;
+    out[p] = nx / length; out[p + 1] = ny / length; out[p + 2] = nz / length;
+  }
+}

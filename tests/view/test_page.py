@@ -1,0 +1,320 @@
+"""Pages that play runs, in headless Chromium."""
+
+import os
+import zlib
+from base64 import b64decode
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.run import Run
+from clothsim.view.packing import pack, point_stretch
+
+FRAMES = 300
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Methods 1 and 2; the second with fewer frames, and shorter."""
+    first = cs.simulate(cs.scenes.paper_static("reflect"), 1.5, dt=5e-4, every=1.5 / (FRAMES - 1))
+    second = cs.simulate(cs.scenes.paper_static("ray"), 1.0, dt=5e-4, every=0.02)
+    return {"method 1": first, "method 2": second}
+
+
+@pytest.fixture(scope="module")
+def alone(runs, tmp_path_factory):
+    return runs["method 1"].to_html(tmp_path_factory.mktemp("page") / "one.html")
+
+
+@pytest.fixture(scope="module")
+def both(runs, tmp_path_factory):
+    return cs.compare(runs).to_html(tmp_path_factory.mktemp("page") / "two.html")
+
+
+def pixels(page, canvas=0):
+    """The RGB pixels of a run's canvas."""
+    script = """(name) => {
+      const from = document.getElementById(name), to = document.createElement("canvas");
+      to.width = from.width; to.height = from.height;
+      const c = to.getContext("2d");
+      c.drawImage(from, 0, 0);
+      const data = c.getImageData(0, 0, to.width, to.height).data;
+      let text = "";
+      for (let k = 0; k < data.length; k += 4096) text += String.fromCharCode(...data.subarray(k, k + 4096));
+      return [to.height, to.width, btoa(text)];
+    }"""
+    height, width, text = page.tab.evaluate(script, f"canvas-{canvas}")
+    return np.frombuffer(b64decode(text), np.uint8).reshape(height, width, 4)[..., :3]
+
+
+def seek(page, index):
+    page.tab.evaluate(
+        "(k) => { const s = document.getElementById('time'); s.value = k; s.dispatchEvent(new Event('input')); }",
+        index,
+    )
+
+
+def frames(page):
+    return [int(c.get_attribute("data-frame")) for c in page.tab.locator("#runs canvas").all()]
+
+
+def test_a_page_is_small_quick_silent_and_asks_for_nothing(alone, opened):
+    assert alone.stat().st_size < 3_000_000
+    first = []
+    for _ in range(3):
+        page = opened(alone)
+        first.append(page.ready())
+        page.tab.wait_for_timeout(100)
+        assert page.said == []
+        assert page.asked == [alone.as_uri()]
+    # Where other programs keep the processors busy, the page gets its share of them only.
+    assert min(first) < 1000 * max(1.0, os.getloadavg()[0] / os.cpu_count())
+
+
+def test_positions_on_the_page_are_those_of_the_run_to_the_stated_precision(alone, runs, opened):
+    page, run = opened(alone), runs["method 1"]
+    page.ready()
+    extent = np.ptp(run.x.reshape(-1, 3), axis=0)
+    for frame in (0, 1, 2, 137, FRAMES - 1):
+        shown = page.tab.evaluate("(k) => [...page.runs[0].positions(k)]", frame)
+        difference = np.abs(np.reshape(shown, run.x[0].shape) - run.x[frame]).reshape(-1, 3).max(axis=0)
+        assert (difference <= 0.5001 * extent / 65535 + 1e-7).all()  # float32 on the page
+    micron = 1e6 * extent.max() / 65535 / 2
+    assert f"stored to {micron:.2g} um" in page.tab.inner_text("body")
+
+
+def test_packed_values_are_right_where_differences_overflow():
+    """Noise is the worst case of second differences modulo 65536."""
+    rng = np.random.default_rng(2)
+    x = rng.uniform(-1, 3, (5, 2, 3, 3))
+    values = rng.uniform(0, 2, (5, 6))
+    packed = pack(x, [values], [1.0])
+    data = np.frombuffer(zlib.decompress(packed.data), np.uint8).astype(int)
+    count = x.size
+    z = data[:count] + 256 * data[count : 2 * count]
+    d = ((z >> 1) ^ -(z & 1)).reshape(5, -1)
+    q = d.copy()
+    q[1] += q[0]
+    for k in (2, 3, 4):
+        q[k] += 2 * q[k - 1] - q[k - 2]
+    q = (q % 65536).reshape(5, 3, 6).transpose(0, 2, 1).reshape(x.shape)
+    assert np.abs(packed.low + packed.step * q - x).max() <= packed.precision * 1.0001
+    levels = np.cumsum(data[2 * count :].reshape(5, 6), axis=0) % 256
+    assert np.abs(levels / 255 - values.clip(0, 1)).max() < 0.5001 / 255
+
+
+def test_stretch_of_a_point_is_that_of_its_most_stretched_spring():
+    cloth = cs.Cloth((3, 3), springs=("structural",), pins=())
+    x = cloth.rest_positions.copy()
+    x[0, 0] -= (0.25, 0, 0)  # its spring along the row has 0.75 m instead of 0.5
+    found = point_stretch(cs.Scene(cloth), x[None])[0].reshape(3, 3)
+    assert found[0, 0] == found[0, 1] == pytest.approx(0.5)
+    assert found[1, 0] == pytest.approx(np.hypot(0.25, 0.5) / 0.5 - 1)
+    assert found[2, 2] == pytest.approx(0, abs=1e-12)
+
+
+def test_the_slider_changes_the_frame_and_the_picture(alone, opened):
+    page = opened(alone)
+    page.ready()
+    seen = {}
+    for k in (0, 100, 299):
+        seek(page, k)
+        assert frames(page) == [k]
+        assert f"frame {k} of 299, t = {k * 1.5 / 299:.4f} s" in page.tab.inner_text("#runs")
+        seen[k] = pixels(page)
+        assert 0.03 < (seen[k] < 250).any(axis=-1).mean() < 0.9
+        assert len(np.unique(seen[k][::4, ::4].reshape(-1, 3), axis=0)) > 50
+    assert (seen[0] != seen[100]).mean() > 0.02 and (seen[100] != seen[299]).mean() > 0.02
+    assert page.said == []
+
+
+def test_colours_follow_the_mode(alone, runs, opened):
+    page = opened(alone)
+    page.ready()
+    seek(page, 90)
+    shown = {}
+    for mode in ("faces", "stretch", "speed", "depth"):
+        page.tab.select_option("#mode", mode)
+        shown[mode] = pixels(page)
+    modes = list(shown)
+    for k, one in enumerate(modes):
+        for other in modes[k + 1 :]:
+            assert (shown[one] != shown[other]).any(axis=-1).mean() > 0.02, (one, other)
+    assert page.tab.inner_text("#high").endswith("mm")
+    page.tab.select_option("#mode", "speed")
+    top = np.quantile(np.linalg.norm(runs["method 1"].v, axis=-1), 0.999)
+    assert float(page.tab.inner_text("#high").split()[0]) == pytest.approx(top, rel=0.06)
+    page.tab.select_option("#mode", "faces")
+    assert np.array_equal(pixels(page), shown["faces"])
+    assert page.said == []
+
+
+def test_runs_stay_in_step_and_each_shows_its_frame_of_the_time(both, runs, opened):
+    page = opened(both)
+    page.ready()
+    for k in (0, 57, 150, 250, 299):
+        seek(page, k)
+        t = runs["method 1"].t[k]
+        expected = [int(np.searchsorted(run.t, t + 1e-9, side="right")) - 1 for run in runs.values()]
+        assert frames(page) == expected
+    assert frames(page) == [299, 50]  # the shorter run keeps its last frame
+    page.tab.select_option("#speed", "0.5")
+    seek(page, 0)
+    page.tab.click("#play")
+    script = """() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() =>
+      done([page.state.t, ...[...document.querySelectorAll("#runs canvas")].map((c) => Number(c.dataset.frame))]))))"""
+    moved = set()
+    for _ in range(6):
+        t, *shown = page.tab.evaluate(script)
+        expected = [int(np.searchsorted(run.t, t + 1e-9, side="right")) - 1 for run in runs.values()]
+        assert shown == expected
+        moved.add(t)
+    assert len(moved) > 3
+    assert page.said == []
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.0])
+def test_playback_follows_the_clock(alone, opened, speed):
+    page = opened(alone)
+    page.ready()
+    page.tab.select_option("#speed", str(speed).rstrip("0").rstrip("."))
+    seek(page, 0)
+    page.tab.click("#play")
+    read = "() => new Promise((d) => requestAnimationFrame(() => d([page.state.before, page.state.t])))"
+    wall0, t0 = page.tab.evaluate(read)
+    page.tab.wait_for_timeout(700)
+    wall1, t1 = page.tab.evaluate(read)
+    assert wall1 - wall0 > 500
+    assert t1 - t0 == pytest.approx(speed * (wall1 - wall0) / 1000, abs=1e-3)
+    page.tab.click("#play")
+    paused = page.tab.evaluate("page.state.t")
+    page.tab.wait_for_timeout(150)
+    assert page.tab.evaluate("page.state.t") == paused
+
+
+def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path, opened):
+    """The page's own drawing against geometry: a sphere that rises through a level cloth."""
+    cloth = cs.Cloth(pins=())
+    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.25, 0.5), 0.25, cs.Linear((0.0, 1.0, 0.0))))
+    t = np.array([0.0, 0.002, 0.02])
+    x = np.broadcast_to(cloth.rest_positions, (3, 32, 32, 3)).copy()
+    page = opened(Run(scene, t, x, np.zeros_like(x), {}).to_html(tmp_path / "cut.html"))
+    page.ready()
+    page.tab.click("button:text-is('top')")
+    for k, depth in enumerate(t):
+        seek(page, k)
+        shown = pixels(page).astype(int)
+        red = (shown[..., 0] > shown[..., 1] + 30) & (shown[..., 0] > shown[..., 2] + 30)
+        extent = page.tab.evaluate("(a) => page.camera.extent(a)", shown.shape[1] / shown.shape[0])
+        size = 2 * extent[1] / shown.shape[0]
+        assert red.sum() * size**2 == pytest.approx(np.pi * (0.5 * depth - depth**2), rel=0.04, abs=1e-5)
+
+
+def test_the_view_turns_moves_grows_and_comes_back(alone, opened):
+    page = opened(alone)
+    page.ready()
+    before = pixels(page)
+    box = page.tab.locator("#canvas-0").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def drag(dx, dy):
+        page.tab.mouse.move(x, y)
+        page.tab.mouse.down()
+        page.tab.mouse.move(x + dx, y + dy, steps=3)
+        page.tab.mouse.up()
+
+    drag(80, 30)
+    turned = pixels(page)
+    assert (turned != before).mean() > 0.02
+    page.tab.keyboard.down("Shift")
+    drag(50, 0)
+    page.tab.keyboard.up("Shift")
+    moved = pixels(page)
+    scale = moved.shape[1] / box["width"]
+    columns = [np.nonzero((p < 250).any(axis=(0, 2)))[0].mean() for p in (turned, moved)]
+    assert columns[1] - columns[0] == pytest.approx(50 * scale, abs=3 * scale)
+    page.tab.mouse.wheel(0, -300)
+    page.tab.wait_for_timeout(100)
+    assert (pixels(page) < 250).any(axis=-1).sum() > 1.3 * (moved < 250).any(axis=-1).sum()
+    page.tab.mouse.dblclick(x, y)
+    assert np.array_equal(pixels(page), before)
+
+
+def test_a_click_on_a_curve_goes_to_that_time(both, opened):
+    page = opened(both)
+    page.ready()
+    box = page.tab.locator("#curves canvas").nth(1).bounding_box()
+    assert page.tab.locator("#curves canvas").count() == 4
+    page.tab.mouse.click(box["x"] + 58 + (box["width"] - 68) / 2, box["y"] + 40)
+    assert page.tab.evaluate("page.state.t") == pytest.approx(0.75, abs=0.01)
+    assert frames(page)[1] == pytest.approx(37, abs=1)
+
+
+def test_keys_and_buttons_step_frame_by_frame(alone, opened):
+    page = opened(alone)
+    page.ready()
+    seek(page, 10)
+    page.tab.click("#forth")
+    page.tab.click("#forth")
+    page.tab.click("#back")
+    assert frames(page) == [11]
+    page.tab.evaluate("document.activeElement.blur()")
+    page.tab.keyboard.press("ArrowRight")
+    assert frames(page) == [12]
+    page.tab.keyboard.press(" ")
+    assert page.tab.evaluate("page.state.playing") is True
+
+
+def test_without_scripts_or_webgl_the_picture_stays(alone, opened, tmp_path):
+    still = opened(alone, java_script_enabled=False)
+    image = still.tab.locator(".stage img")
+    assert image.is_visible() and image.bounding_box()["height"] > 200
+    text = alone.read_text().replace('"webgl2"', '"no-such-context"')
+    (tmp_path / "no.html").write_text(text)
+    page = opened(tmp_path / "no.html")
+    page.tab.wait_for_selector("#problem:not([hidden])")
+    assert "needs WebGL 2" in page.tab.inner_text("#problem")
+    assert page.tab.locator(".stage img").is_visible()
+
+
+def test_labels_are_text_whatever_they_hold(tmp_path, opened):
+    run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, every=10)
+    label = "</script><script>alert(1)</script> & \"<b>"
+    page = opened(cs.compare({label: run, "ü": run}).to_html(tmp_path / "page.html", title="<i>&"))
+    page.ready()
+    assert label in page.tab.inner_text("#runs")
+    assert page.tab.title() == page.tab.inner_text("h1") == "<i>&"
+    assert page.tab.locator("#curves canvas").count() == 2  # no sphere: energy and stretch
+    assert page.tab.locator("#mode option").all_inner_texts() == ["faces", "stretch", "speed"]
+    assert page.said == []
+
+
+def test_a_notebook_plays_the_run_in_a_frame(runs, tmp_path, opened):
+    shown = runs["method 2"].show()
+    (tmp_path / "cell.html").write_text(f"<!DOCTYPE html><meta charset=utf-8>{shown._repr_html_()}")
+    page = opened(tmp_path / "cell.html")
+    frame = page.tab.frame_locator("iframe")
+    frame.locator("body[data-ready]").wait_for(timeout=30_000)
+    assert frame.locator("#runs canvas").get_attribute("data-frame") == "0"
+    frame.locator("#forth").click()
+    assert frame.locator("#runs canvas").get_attribute("data-frame") == "1"
+    assert page.said == []
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        ({}, ValueError, "1 to 8 labels to runs, got 0"),
+        ([1], TypeError, "runs must be a mapping"),
+        ({"a": 3}, TypeError, "got 'a': int"),
+        ({3: None}, TypeError, "got 3: NoneType"),
+    ],
+)
+def test_what_cannot_be_compared_is_named(given, error, words):
+    with pytest.raises(error, match=words):
+        cs.compare(given)
+
+
+def test_a_page_goes_where_there_is_a_folder(runs):
+    with pytest.raises(ValueError, match="existing folder"):
+        runs["method 2"].to_html("/no/such/folder/page.html")
