@@ -350,6 +350,6 @@ def test_wrong_arguments_are_named(tmp_path, arguments, named):
 
 def test_missing_matplotlib_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(ImportError, match=r"pip install clothsim\[plot\]"):
+    with pytest.raises(ImportError, match=r"pip install '\.\[plot\]' in a clone"):
         reproduce(tmp_path / "new")
     assert not (tmp_path / "new").exists()
