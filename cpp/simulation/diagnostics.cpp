@@ -14,8 +14,8 @@ Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int ro
     for (std::int64_t r = 0; r + 1 < rows; ++r)
         for (std::int64_t c = 0; c + 1 < columns; ++c) {
             const std::int64_t i = r * columns + c;
-            result.row(next++) << i, i + 1, i + columns;
-            result.row(next++) << i + 1, i + columns + 1, i + columns;
+            result.row(next++) << i, i + columns, i + 1;
+            result.row(next++) << i + 1, i + columns, i + columns + 1;
         }
     return result;
 }

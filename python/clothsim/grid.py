@@ -67,7 +67,8 @@ def thread_grid(
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """The triangles of the sheet, two a cell, split from (row, column + 1) to (row + 1, column).
 
-    It is the surface that `penetration` measures and the pictures show.
+    It is the surface that `penetration` measures, that pictures show and that `Run.export` writes.
+    Corners run counterclockwise seen from above, so that normals of the flat sheet point up (+y).
 
     Parameters
     ----------
@@ -88,6 +89,6 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     --------
     >>> import clothsim as cs
     >>> cs.triangles((2, 2)).tolist()
-    [[0, 1, 2], [1, 3, 2]]
+    [[0, 2, 1], [1, 2, 3]]
     """
     return _core.triangles(*check.shape(shape))
