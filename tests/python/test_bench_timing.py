@@ -1,6 +1,7 @@
 """What the bench times: windows, works, and peers that compute the same cloth.
 No test depends on how fast anything is."""
 
+import io
 import itertools
 import sys
 from dataclasses import replace
@@ -252,9 +253,12 @@ def test_a_peer_that_fails_is_left_out_and_said_and_the_others_are_timed():
         candidates.run(run, [replace(peer, peer=False), core])
 
 
-def test_the_bar_says_which_of_how_many_sections_it_is_in(capsys):
+def test_the_bar_says_which_of_how_many_sections_it_is_in(monkeypatch):
     pytest.importorskip("tqdm")
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", terminal)
     bench(None, settings=replace(QUICK, windows=1, seconds=1e-5, reference_dt=1e-4),
           sections=["accuracy", "calls"], progress=True)  # fmt: skip
-    shown = capsys.readouterr().err
+    shown = terminal.getvalue()
     assert "calls (1 of 2)" in shown and "accuracy (2 of 2)" in shown

@@ -1,6 +1,8 @@
 """`clothsim sweep` and `clothsim plot`, and the pictures they draw."""
 
+import io
 import json
+import sys
 
 import clothsim as cs
 import numpy as np
@@ -145,9 +147,12 @@ def test_run_takes_a_scene_file_too(capsys, scene):
     assert (code, err) == (0, "") and json.loads(out)["steps"] == 10
 
 
-def test_the_bar_tells_members_rate_and_time_left(capfd):
+def test_the_bar_tells_members_rate_and_time_left(monkeypatch):
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", terminal)
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
-    last = capfd.readouterr().err.split("\r")[-1]
+    last = terminal.getvalue().split("\r")[-1]
     assert (
         "100%" in last
         and "2/2 members, 1 unstable, " in last

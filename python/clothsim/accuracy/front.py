@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import _validate as check
+from .._progress import ProgressBar
 from ..scene import Scene
 from .methods import OWN, Method, own_methods
 from .order import solution_for
 from .solution import Reference
 from .bench import Bench, Measured
 from .dataset import label
-from .work import progress_bar
 
 ERRORS = tuple(10.0**-k for k in range(4, 13))
 """Errors [m] that are asked for by default."""
@@ -196,16 +196,18 @@ def front(
         else:
             more, missing = installed_peers(scene, threads)
             chosen += more
-    bench = Bench(scene, solution_for(scene, duration, reference))
     rows: list[Row] = []
     best: dict[float, float] = {}
-    with progress_bar(len(chosen), progress) as advance:
+    with ProgressBar(progress, total=len(chosen), unit="method") as bar:
+        bar.say("reference")
+        bench = Bench(scene, solution_for(scene, duration, reference))
+        bar.say("search")
         for method in chosen:
             rows += _search(bench, method, wanted, longest, best)
-            advance(1)
-    with progress_bar(len(rows) * windows, progress) as advance:
+            bar.advance(1)
+    with ProgressBar(progress, total=len(rows) * windows, unit="run", desc="timing") as bar:
         for _ in bench.time([row.result for row in rows], windows):
-            advance(1)
+            bar.advance(1)
     rows.sort(key=lambda row: (-row.error, row.result.fastest))
     return Front(scene, duration, tuple(wanted), tuple(rows), tuple(missing))
 

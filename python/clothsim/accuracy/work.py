@@ -8,6 +8,7 @@ from typing import Any
 from .. import _validate as check
 from .._extras import check_progress, needed
 from .._keywords import suggests
+from .._progress import ProgressBar
 from ..plan import PRECISIONS
 from ..scene import Scene
 from .bench import Bench, Measured
@@ -69,7 +70,7 @@ def work_precision(
     reference : Reference, optional
         Default: `reference(scene, duration)`.
     progress : bool, default False
-        True shows a progress bar (tqdm, in the extra "demo").
+        True shows a progress bar in a terminal or notebook (tqdm, in the extra "demo").
 
     Returns
     -------
@@ -105,18 +106,20 @@ def work_precision(
     windows = check.integer("windows", windows, minimum=1)
     chosen = _methods(scene, methods, precisions, check.boolean("peers", peers), threads)
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
-    bench = Bench(scene, solution_for(scene, duration, reference))
     jobs = [(m, n) for m, settings in enumerate(levels) for n in range(len(settings))]
     results: dict[tuple[int, int], Measured] = {}
-    with progress_bar(len(jobs) * (1 + windows), progress) as advance:
+    with ProgressBar(progress, total=len(jobs) * (1 + windows), unit="run") as bar:
+        bar.say("reference")
+        bench = Bench(scene, solution_for(scene, duration, reference))
+        bar.say("methods")
         for m, n in jobs:
             if n and ((m, n - 1) not in results or results[m, n - 1].once > longest):
-                advance(1 + windows)
+                bar.advance(1 + windows)
                 continue
             results[m, n] = bench.first(chosen[m], levels[m][n])
-            advance(1 if results[m, n].stable else 1 + windows)
+            bar.advance(1 if results[m, n].stable else 1 + windows)
         for _ in bench.time(list(results.values()), windows):
-            advance(1)
+            bar.advance(1)
     return dataset(xarray, bench, chosen, results)
 
 
@@ -159,21 +162,3 @@ def _settings(
         for k, value in enumerate(given)
     }
     return sorted(values, reverse=True)
-
-
-class progress_bar:
-    """A tqdm bar as a context that gives the function to advance it; nothing if not shown."""
-
-    def __init__(self, total: int, shown: bool) -> None:
-        self.total, self.shown = total, check.boolean("progress", shown)
-
-    def __enter__(self) -> Any:
-        if not self.shown:
-            return lambda count: None
-        tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
-        self.bar = tqdm(total=self.total, unit="run")
-        return self.bar.update
-
-    def __exit__(self, *error: object) -> None:
-        if self.shown:
-            self.bar.close()

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from .. import _validate as check
+from .._progress import ProgressBar
 from .settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 
 __all__ = ["FULL", "NORMAL", "QUICK", "SECTIONS", "Settings", "bench"]
@@ -82,19 +83,23 @@ def bench(
 
     limits: dict[str, Any] = {}
     accuracy = None
-    with _bar(progress, chosen) as bar:
+    with ProgressBar(progress, unit=" windows") as bar:
+
+        def begin(section: str) -> None:
+            bar.say(f"{section} ({chosen.index(section) + 1} of {len(chosen)})")
+
         if "limits" in chosen:
-            bar.say("limits")
+            begin("limits")
             limits = machine.limits(instruction_sets, counts)
         plan = candidates.Bench(
             settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance
         )
         for name, measure in parts.ALL.items():
             if name in chosen:
-                bar.say(name)
+                begin(name)
                 measure(plan)
         if "accuracy" in chosen:
-            bar.say("accuracy")
+            begin("accuracy")
             accuracy = parts.accuracy(plan)
 
     measured = targets.Measured(
@@ -125,33 +130,3 @@ def bench(
     if folder is not None:
         files.write(result, folder)
     return result
-
-
-class _bar:
-    """A tqdm bar of windows in each of the sections; silent without tqdm or `progress`."""
-
-    def __init__(self, progress: bool, sections: Sequence[str]) -> None:
-        self.bar = None
-        self.sections = list(sections)
-        if progress:
-            try:
-                from tqdm import tqdm
-            except ImportError:
-                return
-            self.bar = tqdm(unit=" windows")
-
-    def say(self, what: str) -> None:
-        if self.bar is not None:
-            place = self.sections.index(what) + 1
-            self.bar.set_description(f"{what} ({place} of {len(self.sections)})")
-
-    def advance(self, windows: int) -> None:
-        if self.bar is not None:
-            self.bar.update(windows)
-
-    def __enter__(self) -> _bar:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self.bar is not None:
-            self.bar.close()

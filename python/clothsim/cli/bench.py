@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from .._json import as_json
+from .._progress import wanted_by_command
 from ._common import add_command
 
 
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         args.out,
         settings=QUICK if args.quick else FULL if args.full else NORMAL,
         sections=args.section or SECTIONS,
-        progress=sys.stderr.isatty(),
+        progress=wanted_by_command(),
     )
     print(as_json(report) if args.json else text(report))
     if not args.json:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .._json import as_json
+from .._progress import ProgressBar, wanted_by_command
 from ._common import add_command, as_table, short
 
 SLOPE = math.tan(0.35)
@@ -66,28 +67,31 @@ def run(args: argparse.Namespace) -> None:
     if unknown:
         raise ValueError(f"FIGURE must be some of {', '.join(FIGURES)}, got {unknown[0]!r}")
     functions, results = _functions(), {}
-    for name in args.figures or FIGURES:
-        title, short, full = FIGURES[name]
-        if not args.json:
-            print(f"{name}: {title}", flush=True)
-        results[name] = functions[name](**(full if args.full else short))
-        if not args.json:
-            _print(results[name])
+    names = args.figures or list(FIGURES)
+    with ProgressBar(wanted_by_command(), total=len(names), unit="figure") as bar:
+        for name in names:
+            title, short, full = FIGURES[name]
+            bar.say(name)
+            results[name] = functions[name](**(full if args.full else short))
+            if not args.json:
+                bar.print(f"{name}: {title}\n{_text(results[name])}")
+            bar.advance()
     if args.json:
         print(as_json(results))
     sys.stdout.flush()
 
 
-def _print(result: Any) -> None:
+def _text(result: Any) -> str:
     if isinstance(result, dict):
-        print(as_table(result, UNITS, "  "))
-        return
+        return as_table(result, UNITS, "  ")
     headings = list(result[0])
     cells = [[_cell(row.get(heading)) for heading in headings] for row in result]
     titles = [_title(heading) for heading in headings]
     widths = [max(map(len, column)) for column in zip(titles, *cells)]
-    for line in (titles, *cells):
-        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip())
+    return "\n".join(
+        "  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip()
+        for line in (titles, *cells)
+    )
 
 
 def _title(name: str) -> str:

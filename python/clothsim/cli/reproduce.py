@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from .._json import as_json
+from .._progress import wanted_by_command
 from ._common import add_command, count
 
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         quick=args.quick,
         experiments=args.experiment or (1, 2, 3, 4, 5),
         threads=args.threads,
-        progress=sys.stderr.isatty(),
+        progress=wanted_by_command(),
     )
     print(as_json(report) if args.json else text(report))
     if not args.json:

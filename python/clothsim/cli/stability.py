@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -14,6 +12,7 @@ from clothsim import _validate as check
 from clothsim.plan import INTEGRATORS, PRECISIONS
 
 from .._json import as_json
+from .._progress import wanted_by_command
 from ._common import add_command, count, integrator, refuse_ignored
 from .run import ready_scenes
 
@@ -85,7 +84,7 @@ def _hard_cases(args: argparse.Namespace) -> None:
     from clothsim.stability.report import hard_case_table, run_hard_cases
 
     refuse_ignored(args, "--hard-cases", _OF_THE_MAP)
-    results = run_hard_cases(cs.scenes.hard_cases())
+    results = run_hard_cases(cs.scenes.hard_cases(), progress=wanted_by_command())
     print(as_json(results) if args.json else hard_case_table(results))
     failed = [r["case"] for r in results if not r["passed"]]
     if failed:
@@ -104,7 +103,7 @@ def _map(args: argparse.Namespace) -> None:
     found = measure_map(
         scene, stiffness, np.geomspace(*(args.dt or _range(args, scene)), args.cells[1]),
         args.integrator, args.precision, args.steps, args.threads,
-        progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
+        progress=wanted_by_command(),
     )  # fmt: skip
     if folder:
         folder.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from clothsim.sweep import METRICS, fields
 
 from .._extras import check_installed, needed
 from .._json import as_json
+from .._progress import wanted_by_command
 from ._common import add_command, count
 from ._sweep_summary import as_data, summary
 from .run import ready_scenes, scene_of
@@ -128,7 +129,7 @@ def run(args: argparse.Namespace) -> None:
             resume=args.resume,
             executor=_client(args.scheduler),
             threads=args.threads,
-            progress=sys.stderr.isatty(),
+            progress=wanted_by_command(),
             **settings,
         )
     except KeyboardInterrupt:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import sys
 from importlib.util import find_spec
 from typing import Any
 
@@ -12,6 +11,7 @@ import clothsim as cs
 from clothsim import _validate as check
 
 from .._json import as_json
+from .._progress import wanted_by_command
 from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 
@@ -78,7 +78,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     precisions = args.precision or ("double", "single")
-    progress = sys.stderr.isatty() and find_spec("tqdm") is not None
+    progress = wanted_by_command()
     if args.targets or args.fastest:
         _fastest(args, precisions, progress)
         return

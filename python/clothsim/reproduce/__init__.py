@@ -12,6 +12,7 @@ from dataclasses import asdict
 import clothsim as cs
 from clothsim import _validate as check
 from clothsim._extras import needed
+from clothsim._progress import ProgressBar
 from clothsim.gpu import experiment
 from clothsim.provenance import provenance
 
@@ -113,8 +114,8 @@ def reproduce(
 def _contact(number, settings, threads, progress, folder):
     experiment = contact.experiment(number, settings)
     total = len(paper.METHODS) * len(paper.VARIANTS) * max(experiment.frames)
-    with _bar(progress, number, total, "frame") as advance:
-        cases = contact.run(experiment, settings, threads=threads, advance=advance)
+    with _bar(progress, number, total, "frame") as bar:
+        cases = contact.run(experiment, settings, threads=threads, advance=bar.advance)
     pictures.draw_cells(experiment, cases, settings, folder)
     study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
@@ -151,8 +152,8 @@ def _comparison(settings, progress):
     from clothsim.contact.table import RESPONSES, SCENES
 
     part = settings.comparison_part
-    with _bar(progress, "5", len(SCENES) * len(RESPONSES), "row") as advance:
-        rows = comparison(part=part, advance=advance)
+    with _bar(progress, "5", len(SCENES) * len(RESPONSES), "row") as bar:
+        rows = comparison(part=part, advance=bar.advance)
     scenes = "; ".join(
         f"{name}: dt = {dt:g} s, {part * duration:g} s" for name, (_, dt, duration) in SCENES.items()
     )
@@ -171,8 +172,8 @@ def _performance(number, settings, threads, progress, folder):
     frame = settings.steps_per_frame(PAPER_DT)
     dt = settings.timing_dt
     if number == "3":
-        with _bar(progress, number, 2 * settings.runs, "run") as advance:
-            result = performance.methods(settings, advance=advance)
+        with _bar(progress, number, 2 * settings.runs, "run") as bar:
+            result = performance.methods(settings, advance=bar.advance)
         entry = {
             "title": "Frame rate, method 1 against method 2",
             "setting": f"The falling cloth of experiment 1, dt = {dt:g} s, double precision, "
@@ -189,15 +190,15 @@ def _performance(number, settings, threads, progress, folder):
     else:
         adapters, missing = gpu.available()
         variants = 1 + 2 * len({1, threads}) + sum(1 + a.float64 for a in adapters)
-        with _bar(progress, number, variants * settings.runs, "run") as advance:
+        with _bar(progress, number, variants * settings.runs, "run") as bar:
             entry = performance.speedup(
-                settings, threads=threads, adapters=adapters, advance=advance
+                settings, threads=threads, adapters=adapters, advance=bar.advance
             )
         entry["gpu_missing"] = missing
         if adapters:
             total = experiment.count(gpu.settings_of(settings), adapters)
-            with _bar(progress, number, total, "run") as advance:
-                entry["gpu"] = gpu.over_sizes(settings, adapters, folder, advance=advance)
+            with _bar(progress, number, total, "run") as bar:
+                entry["gpu"] = gpu.over_sizes(settings, adapters, folder, advance=bar.advance)
         entry["title"] = "Method 2: SIMD core and compute shader against one scalar thread"
         entry["setting"] = (
             f"{settings.speedup_steps} steps of {dt:g} s a run, fewer where they take more than "
@@ -221,21 +222,5 @@ def _need_matplotlib() -> None:
     needed("matplotlib", "the reproduction", "plot")
 
 
-class _bar:
-    """A tqdm bar whose ``update`` is what ``with`` gives; nothing without tqdm or `progress`."""
-
-    def __init__(self, progress: bool, number: str, total: int, unit: str) -> None:
-        self.bar = None
-        if progress:
-            try:
-                from tqdm import tqdm
-            except ImportError:
-                return
-            self.bar = tqdm(total=total, unit=unit, desc=f"experiment {number}")
-
-    def __enter__(self):
-        return self.bar.update if self.bar else lambda done: None
-
-    def __exit__(self, *error) -> None:
-        if self.bar:
-            self.bar.close()
+def _bar(progress: bool, number: str, total: int, unit: str) -> ProgressBar:
+    return ProgressBar(progress, total=total, unit=unit, desc=f"experiment {number}")

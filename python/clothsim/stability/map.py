@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from .. import _core
 from .. import _validate as check
 from .._extras import check_installed, check_progress, needed
 from .._keywords import suggests
+from .._progress import ProgressBar
 from ..measures import max_stable_dt
 from ..plan import check_options
 from ..scene import Scene
@@ -112,8 +112,14 @@ def measure_map(
         )
 
     places = [(i, j) for i in range(len(stiffness)) for j in range(len(dt))]
-    with ThreadPoolExecutor(threads) as pool:
-        stable = list(_shown(pool.map(cell, places), len(places), progress))
+    stable = []
+    with (
+        ProgressBar(progress, total=len(places), unit="run") as bar,
+        ThreadPoolExecutor(threads) as pool,
+    ):
+        for one in pool.map(cell, places):
+            stable.append(one)
+            bar.advance()
     return StabilityMap(
         stiffness,
         dt,
@@ -159,7 +165,7 @@ def stability_map(
     threads : int, optional
         Runs side by side. Default: one per processor.
     progress : bool, default False
-        True shows a progress bar (tqdm, in the extra "demo").
+        True shows a progress bar in a terminal or notebook (tqdm, in the extra "demo").
 
     Returns
     -------
@@ -202,10 +208,3 @@ def _positive(name: str, value: npt.ArrayLike) -> Floats:
     result = given.astype(np.float64)
     check.check_all(name, result, np.isfinite(result) & (result > 0), accepted)
     return result
-
-
-def _shown(results: Iterator[bool], count: int, progress: bool) -> Iterator[bool]:
-    if not progress:
-        return results
-    tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
-    return iter(tqdm(results, total=count, unit="run"))

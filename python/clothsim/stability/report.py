@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._extras import needed
+from .._progress import ProgressBar
 from .hard_case import HardCase, HardCaseResult
 from .map import StabilityMap
 
@@ -82,13 +83,19 @@ def draw_map(found: StabilityMap, path: Path) -> None:
     figure.savefig(path)
 
 
-def run_hard_cases(cases: dict[str, HardCase], **options: Any) -> list[dict[str, Any]]:
+def run_hard_cases(
+    cases: dict[str, HardCase], progress: bool = False, **options: Any
+) -> list[dict[str, Any]]:
     """Every case in each of its precisions, as plain data."""
-    return [
-        _as_data(name, case, precision, case.run(precision, **options))
-        for name, case in cases.items()
-        for precision in case.precisions
-    ]
+    runs = [(name, precision) for name, case in cases.items() for precision in case.precisions]
+    results = []
+    with ProgressBar(progress, total=len(runs), unit="run") as bar:
+        for name, precision in runs:
+            bar.say(name)
+            result = cases[name].run(precision, **options)
+            results.append(_as_data(name, cases[name], precision, result))
+            bar.advance()
+    return results
 
 
 def _as_data(

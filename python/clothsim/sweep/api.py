@@ -87,7 +87,7 @@ def sweep(
     threads : int, optional
         Of this process. Default: one per processor. With an executor: of each task; default 1.
     progress : bool, default True
-        Show a bar with members done, their rate and the time left.
+        Show a bar with members done, their rate and the time left, in a terminal or notebook.
     sampling : int, default 32
         Stretches and depths of triangles are sampled at so many states at least, as in `simulate`.
     task_seconds : float, optional

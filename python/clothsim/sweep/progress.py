@@ -5,24 +5,22 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from .._extras import needed
-
+from .._progress import ProgressBar
 
 
 class Bar:
     """A tqdm bar over the cost of the members, as a member may cost a thousand times another's."""
 
     def __init__(self, shown: bool, members: int, done: int, total: float) -> None:
-        self._bar: Any = None
         self._members, self._done, self._unstable = members, done, 0
         self._start, self._before = time.monotonic(), done
-        if shown:
-            self._bar = needed("tqdm", "progress=True").tqdm(
-                total=total,
-                bar_format="{desc}{percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]",
-                desc="sweep: ",
-                postfix=[self._text()],
-            )
+        self._bar = ProgressBar(
+            shown,
+            total=total,
+            bar_format="{desc}{percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]",
+            desc="sweep: ",
+            postfix=[self._text()],
+        )
 
     def _text(self) -> str:
         seconds = time.monotonic() - self._start
@@ -33,10 +31,9 @@ class Bar:
     def advance(self, members: int, unstable: int, cost: float) -> None:
         self._done += members
         self._unstable += unstable
-        if self._bar is not None:
-            self._bar.postfix[0] = self._text()
-            self._bar.update(min(cost, self._bar.total - self._bar.n))
+        if (bar := self._bar.bar) is not None:
+            bar.postfix[0] = self._text()
+            bar.update(min(cost, bar.total - bar.n))
 
     def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        self._bar.close()
