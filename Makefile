@@ -5,13 +5,18 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo test test-gpu test-view bench clean
+.PHONY: demo test test-export test-gpu test-view bench clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
 
 test: $(VENV)/.built-test
 	$(BIN)/python -m pytest
+
+# VTK reads the exports for ParaView; at 140 MB it is no part of the extra "test".
+test-export: $(VENV)/.built-test
+	$(BIN)/pip install --quiet --disable-pip-version-check vtk
+	$(BIN)/python -m pytest tests/view/test_export.py tests/view/test_export_formats.py tests/view/test_export_blender.py
 
 # Tests of backend "gpu" need an adapter; Mesa's lavapipe, which is a CPU, will do.
 test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu

@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ._displayed import DisplayedRun
+from ._exported import ExportedRun
 from ._extras import needed
 from ._keywords import suggests
 from .scene import Scene
 
 
 @dataclass(frozen=True)
-class Run(DisplayedRun):
+class Run(DisplayedRun, ExportedRun):
     """What `simulate` returns.
 
     Attributes

@@ -194,3 +194,75 @@ def test_reader_that_leaves_early_is_no_error():
     assert process.stderr.read() == b""
     process.stderr.close()
     assert process.wait() == 0
+
+
+def test_export_writes_the_files_and_names_them(capsys, tmp_path):
+    saved = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, every=0.02).save(tmp_path / "swing")
+    code, out, err = run(capsys, "export", saved, tmp_path / "a.ply", "--fps", "50", "--z-up")
+    assert (code, err) == (0, "")
+    assert out == f"Written: {tmp_path / 'a_0001.ply'} and 5 more beside it\n"
+    code, out, err = run(capsys, "export", saved, tmp_path / "b.mdd", "--fps", "stored", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["files"] == [str(tmp_path / "b.mdd"), str(tmp_path / "b.obj")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("a.fbx",), "path must end in one of .usd, .usda"),
+        (("missing/a.obj",), "path must be in an existing folder"),
+        (("a.obj", "--fps", "fast"), 'argument --fps: must be a number or "stored", got \'fast\''),
+        (("a.obj", "--fps", "-1"), "fps must be a finite number > 0"),
+    ],
+)
+def test_export_refuses_wrong_input_in_one_line(capsys, tmp_path, arguments, message):
+    saved = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, every=0.02).save(tmp_path / "swing")
+    name, *others = arguments
+    code, out, err = run(capsys, "export", saved, tmp_path / name, *others)
+    assert (code, out) == (2, "") and message in err and err.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["swing.npz"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--dt", "5e-4", "--integrator", "velocity_verlet", "--kernel", "gather", "--strict"),
+         {"integrator": "velocity_verlet", "kernel": "gather", "strict": True}),
+        (("--rtol", "1e-4", "--integrator", "dop853"),
+         {"integrator": "dop853", "tolerance": {"asked": 1e-4}}),
+        (("--rtol", "1e-4", "--atol", "1e-5"), {"tolerance": {"asked": 1.1e-4}}),
+    ],
+)  # fmt: skip
+def test_run_hands_on_how_to_integrate(capsys, arguments, expected):
+    code, out, err = run(
+        capsys, "run", "paper_swing", "--duration", "0.01", *arguments, "--json"
+    )
+    assert (code, err) == (0, "")
+    report = json.loads(out)
+    if "tolerance" in expected:
+        asked = expected.pop("tolerance")["asked"]
+        assert report["tolerance"]["asked"] == pytest.approx(asked, rel=1e-12)
+    assert {name: report[name] for name in expected} == expected
+
+
+def test_run_exports_a_film_without_a_choice_of_frames(capsys, tmp_path):
+    arguments = ("run", "paper_static", "--duration", "0.1", "--dt", "1e-3", "--z-up")
+    code, out, err = run(capsys, *arguments, "--export", tmp_path / "a.pc2")
+    assert (code, err) == (0, "")
+    assert out.endswith(f"Written: {tmp_path / 'a.pc2'} and 1 more beside it\n")
+    times = [k / 60 for k in range(6)] + [0.1]
+    expected = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, every=1 / 60)
+    assert expected.t.tolist() == pytest.approx(times)
+    x = np.frombuffer((tmp_path / "a.pc2").read_bytes(), "<f4", offset=32).reshape(-1, 1024, 3)
+    assert len(x) == 7  # 0.1 s is a whole number of frames
+    np.testing.assert_allclose(x[:, :, 2], expected.x.reshape(7, 1024, 3)[:, :, 1], atol=1e-6)
+
+
+def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(cs, "simulate", lambda *_, **__: pytest.fail("simulated"))
+    code, _, err = run(capsys, "run", "paper_swing", "--export", tmp_path / "a.fbx")
+    assert code == 2 and "--export must end in one of .usd" in err and err.count("\n") == 1
+    code, _, err = run(capsys, "run", "oscillator", "--export", tmp_path / "a.obj")
+    assert code == 2 and "needs a surface" in err
+    code, _, err = run(capsys, "run", "paper_swing", "--z-up")
+    assert code == 2 and "--z-up needs --export" in err

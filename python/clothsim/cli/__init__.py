@@ -16,10 +16,12 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, contact, info, plot, reproduce, run, stability, sweep, work_precision
+from . import (
+    bench, contact, export, info, plot, reproduce, run, stability, sweep, work_precision,
+)  # fmt: skip
 
 SUBCOMMANDS = (
-    info, run, sweep, plot, stability, work_precision, contact, reproduce, bench,
+    info, run, export, sweep, plot, stability, work_precision, contact, reproduce, bench,
 )  # fmt: skip
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..integration import integrator_name
@@ -34,6 +35,12 @@ def integrator(text: str) -> str:
         return integrator_name(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error).partition(" ")[2]) from None
+
+
+def written(files: Sequence[Path]) -> str:
+    """Which files there are, in a line."""
+    more = f" and {len(files) - 1} more beside it" if len(files) > 1 else ""
+    return f"Written: {files[0]}{more}"
 
 
 def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import difflib
 import inspect
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import clothsim as cs
 
 from .._json import as_json
-from ._common import add_command, as_table, count
+from .._progress import wanted_by_command
+from ..plan import KERNELS
+from ..view.export import Target, export
+from ._common import add_command, as_table, count, integrator, written
 
+FPS = 60  # frames a second of an export
 
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
@@ -71,7 +73,36 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument(
         "--backend", choices=("cpu", "gpu"), default="cpu", help="default: cpu (gpu: docs/gpu.md)"
     )
+    _add_method(command)
     command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
+    command.add_argument(
+        "--export", metavar="FILE",
+        help="write files for other programs, as `clothsim export` does; without --every the run "
+        f"stores {FPS} frames a second",
+    )  # fmt: skip
+    command.add_argument("--z-up", action="store_true", help="--export: turn the y axis to z")
+
+
+def _add_method(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--integrator", type=_integrator, metavar="NAME",
+        help=f"auto or one of {', '.join(cs.integrators())} (default: auto with --rtol or --atol, "
+        "else rk4)",
+    )  # fmt: skip
+    command.add_argument(
+        "--rtol", type=float, metavar="E", help="error asked for, relative to the cloth's longer side"
+    )
+    command.add_argument("--atol", type=float, metavar="E", help="error asked for in metres")
+    command.add_argument(
+        "--kernel", choices=KERNELS, default="auto", help="default: auto (gather: the shader's)"
+    )
+    command.add_argument(
+        "--strict", action="store_true", help="same bits on every instruction set and the shader"
+    )
+
+
+def _integrator(text: str) -> str:
+    return text if text == "auto" else integrator(text)
 
 
 def _scene_help() -> str:
@@ -93,17 +124,32 @@ def run(args: argparse.Namespace) -> None:
     if args.out and not Path(args.out).parent.is_dir():
         raise ValueError(f"--out must be in an existing folder, got {args.out!r}")
     scene = scene_of(args.scene)
+    if args.export:
+        Target.of(scene, args.export, FPS, args.z_up, "--export")
+        args.every = args.every or 1 / FPS
+    elif args.z_up:
+        raise ValueError("--z-up needs --export, whose files it turns")
     result = cs.simulate(
         scene,
         args.duration,
         dt=args.dt,
         every=args.every,
+        integrator=args.integrator,
+        rtol=args.rtol,
+        atol=args.atol,
+        kernel=args.kernel,
+        strict=args.strict,
         precision=args.precision,
         threads=args.threads,
         backend=args.backend,
-        progress=sys.stderr.isatty() and find_spec("tqdm") is not None,
+        progress=wanted_by_command(),
     )
     if args.out:
         result.save(args.out)
     report = dict(result.report)
+    if args.export:
+        files = export(result, args.export, FPS, args.z_up, progress=wanted_by_command())
+        report |= {"files": files} if args.json else {}
     print(as_json(report) if args.json else as_table(report, UNITS))
+    if args.export and not args.json:
+        print(written(files))

@@ -1,0 +1,28 @@
+"""A unit sphere as a mesh, for formats without a sphere of their own."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+_AROUND, _FROM_POLE_TO_POLE = 48, 24  # cells; off the true sphere by at most 0.5 % of the radius
+
+
+@cache
+def unit_ball() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Vertices, which are the normals as well, and triangles with normals that point outwards."""
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, _FROM_POLE_TO_POLE + 1), np.linspace(0, 2 * np.pi, _AROUND + 1),
+        indexing="ij",
+    )  # fmt: skip
+    vertices = np.stack(
+        [np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1
+    )
+    r, c = np.meshgrid(np.arange(_FROM_POLE_TO_POLE), np.arange(_AROUND), indexing="ij")
+    corner = (r * (_AROUND + 1) + c).ravel()
+    below, right = corner + _AROUND + 1, corner + 1
+    upper = np.stack([corner, below, right], -1)[r.ravel() > 0]  # at a pole a cell is one triangle
+    lower = np.stack([right, below, below + 1], -1)[r.ravel() < _FROM_POLE_TO_POLE - 1]
+    return vertices.reshape(-1, 3), np.concatenate([upper, lower])

@@ -1,0 +1,102 @@
+"""Progress bars: in a terminal or a notebook, never in a pipe, and every command has the same."""
+
+import io
+import sys
+from types import SimpleNamespace
+
+import pytest
+from clothsim._progress import ProgressBar, wanted_by_command
+from clothsim.cli import main
+
+pytest.importorskip("tqdm")
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def stderr(monkeypatch, kind):
+    """A new stderr; not in a fixture, as pytest sets its own when the test itself begins."""
+    file = kind()
+    monkeypatch.setattr(sys, "stderr", file)
+    return file
+
+
+def test_a_bar_counts_in_a_terminal(monkeypatch):
+    terminal = stderr(monkeypatch, Terminal)
+    with ProgressBar(True, total=4, unit="frame", mininterval=0) as bar:
+        bar.say("export")
+        bar.advance()
+        bar.advance(2)
+    assert "export:  75%" in terminal.getvalue() and "3/4" in terminal.getvalue()
+
+
+def test_nothing_is_shown_in_a_pipe_or_unasked(monkeypatch):
+    terminal = stderr(monkeypatch, Terminal)
+    with ProgressBar(False, total=4) as bar:
+        bar.advance()
+    assert terminal.getvalue() == "" and wanted_by_command()
+    pipe = stderr(monkeypatch, io.StringIO)
+    with ProgressBar(True, total=4, mininterval=0) as bar:
+        bar.advance()
+        bar.say("more")
+    assert pipe.getvalue() == "" and not wanted_by_command()
+
+
+def test_a_notebook_shows_it_although_its_stderr_is_no_terminal(monkeypatch):
+    pipe = stderr(monkeypatch, io.StringIO)
+    shell = SimpleNamespace(config={"IPKernelApp": {}})
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    with ProgressBar(True, total=4, mininterval=0) as bar:
+        bar.advance()
+    assert "25%" in pipe.getvalue()
+
+
+def test_text_is_printed_above_the_bar(monkeypatch, capsys):
+    terminal = stderr(monkeypatch, Terminal)
+    with ProgressBar(True, total=2, mininterval=0) as bar:
+        bar.print("result")
+    with ProgressBar(False) as bar:
+        bar.print("another")
+    assert capsys.readouterr().out == "result\nanother\n"
+    assert "0/2" in terminal.getvalue()
+
+
+def test_what_is_not_there_is_named(monkeypatch):
+    stderr(monkeypatch, Terminal)
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(ImportError, match=r"progress=True needs tqdm.*\[demo\]"):
+        ProgressBar(True)
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    assert not wanted_by_command()
+    with pytest.raises(TypeError, match="progress must be True or False, got 1"):
+        ProgressBar(1)
+
+
+SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shown"),
+    [
+        (("run", *SWING, "--every", "0.02", "--out", "{}/r.npz"), "100%"),
+        (("export", "{}/r.npz", "{}/a.obj", "--fps", "stored"), "6/6"),
+        (("sweep", "paper_swing", "--dt", "1e-3,2e-3", "--duration", "0.01"), "2/2 members"),
+        (("stability", "--scene", "oscillator", "--cells", "2", "2", "--steps", "10"), "4/4"),
+        (("work-precision", "oscillator", "--duration", "0.1", "--method", "rk4", "--windows", "1",
+          "--out", "{}/wp"), "methods"),
+        (("contact", "cone"), "1/1"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else None,
+)
+def test_commands_show_a_bar_in_a_terminal_alone(
+    tmp_path_factory, monkeypatch, arguments, shown
+):
+    terminal = stderr(monkeypatch, Terminal)
+    folder = tmp_path_factory.getbasetemp()
+    arguments = [text.format(folder) for text in arguments]
+    assert main(arguments) == 0, terminal.getvalue()
+    assert shown in terminal.getvalue()
+    pipe = stderr(monkeypatch, io.StringIO)
+    assert main(arguments) == 0 and pipe.getvalue() == ""
