@@ -12,7 +12,7 @@ from types import ModuleType
 
 def register() -> None:
     """Register the accessor: now if xarray is imported, else as soon as it is."""
-    if "xarray" in sys.modules:
+    if sys.modules.get("xarray") is not None:
         _register()
     else:
         sys.meta_path.insert(0, _AfterXarray())

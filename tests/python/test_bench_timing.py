@@ -86,7 +86,7 @@ def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch
     from clothsim.benchmark import numba_peer
 
     monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(ImportError, match=r"not installed: pip install 'clothsim\[bench\]'"):
+    with pytest.raises(ImportError, match=r"not installed: run pip install '\.\[bench\]'"):
         numba_peer.import_kernels()
 
     class Broken:
