@@ -35,6 +35,20 @@ def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
     assert (rows.mean(), columns.mean()) == pytest.approx((219.5, 219.5), abs=1)
 
 
+def test_red_is_on_the_side_where_the_cloth_is_inside():
+    """An upright sheet, 10 mm inside the back of a sphere."""
+    rest = cs.Cloth(pins=()).rest_positions - 0.5
+    x = np.stack([rest[..., 0], -rest[..., 2], np.full(rest.shape[:2], -0.24)], axis=-1)
+    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.0, 0.0, 0.0), 0.25))
+    sides = {
+        name: cs.picture(scene, x, camera=cs.Camera((0, 0, k), (0, 0, 0), 1.0, 1.0), width=200).pixels
+        for name, k in (("front", 1), ("back", -1))
+    }
+    strong = {name: (p[..., 0] > p[..., 1].astype(int) + 45).mean() for name, p in sides.items()}
+    assert strong["front"] == 0
+    assert strong["back"] == pytest.approx(np.pi * (0.25**2 - 0.24**2), rel=0.06)
+
+
 def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
     cloth = cs.Cloth(pins=())
     hidden = cs.picture(cs.Scene(cloth, cs.Sphere((0.5, -0.2501, 0.5))), camera=ABOVE, width=220)
@@ -215,6 +229,7 @@ def test_contacts_are_the_points_within_the_contact_radius():
     cloth = cs.Cloth((11, 11), pins=())  # spacing 0.1 m: near is 3.125 mm
     sphere = cs.Sphere((0.5, -0.25, 0.5), 0.25, offset="none")
     assert touching(cs.Scene(cloth, sphere), cloth.rest_positions, 0.0) == 1
+    assert touching(cs.Scene(cloth, sphere), cloth.rest_positions + (0, 0.003, 0), 0.0) == 1
     higher = cloth.rest_positions + (0, 0.0032, 0)
     assert touching(cs.Scene(cloth, sphere), higher, 0.0) == 0
     away = sphere.replace(motion=cs.Linear((0.0, 1.0, 0.0)))  # at 0.2 s it cuts a circle of 0.245 m

@@ -1,4 +1,4 @@
-"""`clothsim plot`: draw a stored sweep."""
+"""`clothsim plot`: draw a stored sweep or a saved run."""
 
 from __future__ import annotations
 
@@ -11,23 +11,66 @@ import clothsim as cs
 from clothsim.sweep.plots import KINDS
 
 from .._json import as_json
+from ..view.animation import FORMATS
 from ._common import add_command
 from .sweep import save_plot
 
+KINDS_OF_RUN = ("curves", "picture")
+
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "plot", run, "Draw a stored sweep.")
-    command.add_argument("store", metavar="STORE", help="what `clothsim sweep --store` has written")
-    command.add_argument("--kind", choices=KINDS, help="default: what fits the sweep best")
+    command = add_command(subparsers, "plot", run, "Draw a stored sweep or a saved run.")
+    command.add_argument(
+        "store", metavar="STORE|RUN.npz",
+        help="what `clothsim sweep --store` or `clothsim run --out` has written",
+    )  # fmt: skip
+    command.add_argument(
+        "--kind", choices=(*KINDS, *KINDS_OF_RUN),
+        help="of a run: curves (default) or picture, its last frame; default of a sweep: what fits best",
+    )  # fmt: skip
     command.add_argument("--metric", metavar="NAME", help="of a heat map (default: the first)")
     command.add_argument(
         "--select", action="append", default=[], metavar="NAME=VALUE",
         help="of a dimension that the picture has no room for, the value nearest to this one",
     )  # fmt: skip
-    command.add_argument("--out", metavar="FILE", help="default: beside the store, .png")
+    command.add_argument(
+        "--out", metavar="FILE",
+        help="default: beside the store, .png; of a run also .html (a page that plays it), .gif, .webp, .mp4",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.store.endswith(".npz"):
+        _plot_run(args)
+    else:
+        _plot_sweep(args)
+
+
+def _plot_run(args: argparse.Namespace) -> None:
+    for option, given in (("--metric", args.metric), ("--select", args.select)):
+        if given:
+            raise ValueError(f"{option} is for a sweep, got the run {args.store!r}")
+    if args.kind in KINDS:
+        kinds = " or ".join(KINDS_OF_RUN)
+        raise ValueError(f"--kind must be {kinds} for a run, got {args.kind!r}")
+    path = Path(args.out or Path(args.store).with_suffix(".png"))
+    if not path.parent.is_dir():
+        raise ValueError(f"--out must be in an existing folder, got {str(path)!r}")
+    result = cs.load_run(args.store)
+    if path.suffix.lower() in (".html", *FORMATS):
+        if args.kind:
+            raise ValueError(f"--kind does not go with {path.suffix}, which plays the run")
+        result.to_html(path) if path.suffix.lower() == ".html" else result.animate(path)
+    elif args.kind == "picture":
+        result.picture(path=path)
+    else:
+        result.plot(path)
+    print(as_json({"picture": str(path)}) if args.json else f"Picture: {path}")
+
+
+def _plot_sweep(args: argparse.Namespace) -> None:
+    if args.kind in KINDS_OF_RUN:
+        raise ValueError(f"--kind {args.kind} is for a run (.npz), got the sweep {args.store!r}")
     dataset = cs.open_sweep(args.store)
     for entry in args.select:
         dataset = _select(dataset, entry)
