@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeVar
 
 from . import _validate as check
 from ._extras import needed
+
+
+Item = TypeVar("Item")
 
 
 def wanted_by_command() -> bool:
@@ -64,6 +68,12 @@ class ProgressBar:
         """Move on by so many units."""
         if self.bar is not None:
             self.bar.update(count)
+
+    def count(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items, each counted once it has been used."""
+        for item in items:
+            yield item
+            self.advance()
 
     def say(self, text: str) -> None:
         """Show what is being done in front of the bar."""

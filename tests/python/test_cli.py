@@ -266,3 +266,21 @@ def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path
     assert code == 2 and "needs a surface" in err
     code, _, err = run(capsys, "run", "paper_swing", "--z-up")
     assert code == 2 and "--z-up needs --export" in err
+    code, _, err = run(capsys, "run", "paper_swing", "--gif", tmp_path / "a.avi")
+    assert code == 2 and "--gif must end in one of .gif, .webp, .mp4" in err
+    code, _, err = run(capsys, "run", "paper_swing", "--html", tmp_path / "missing" / "a.html")
+    assert code == 2 and "--html must be in an existing folder" in err
+    monkeypatch.setattr("clothsim.view.animation.which", lambda name: None)
+    code, _, err = run(capsys, "run", "paper_swing", "--gif", tmp_path / "a.mp4")
+    assert code == 1 and "needs the program ffmpeg" in err
+
+
+def test_run_writes_a_page_and_a_film(capsys, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    page, film = tmp_path / "a.html", tmp_path / "a.webp"
+    arguments = ("run", "paper_static", "--duration", "0.1", "--dt", "1e-3", "--json")
+    code, out, err = run(capsys, *arguments, "--html", page, "--gif", film)
+    assert (code, err) == (0, "")
+    assert json.loads(out)["files"] == [str(page), str(film)]
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert image.open(film).n_frames == 4  # 0.1 s at 30 frames a second, both ends

@@ -11,7 +11,8 @@ import clothsim as cs
 from clothsim.sweep.plots import KINDS
 
 from .._json import as_json
-from ..view.animation import FORMATS
+from .._progress import wanted_by_command
+from ..view.animation import FORMATS, animate
 from ._common import add_command
 from .sweep import save_plot
 
@@ -60,7 +61,10 @@ def _plot_run(args: argparse.Namespace) -> None:
     if path.suffix.lower() in (".html", *FORMATS):
         if args.kind:
             raise ValueError(f"--kind does not go with {path.suffix}, which plays the run")
-        result.to_html(path) if path.suffix.lower() == ".html" else result.animate(path)
+        if path.suffix.lower() == ".html":
+            result.to_html(path)
+        else:
+            animate(result, path, progress=wanted_by_command())
     elif args.kind == "picture":
         result.picture(path=path)
     else:

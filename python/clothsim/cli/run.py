@@ -13,10 +13,13 @@ import clothsim as cs
 from .._json import as_json
 from .._progress import wanted_by_command
 from ..plan import KERNELS
+from ..view.animation import FORMATS as FILMS
+from ..view.animation import animate, film_path
 from ..view.export import Target, export
+from ..view.picture import file_path
 from ._common import add_command, as_table, count, integrator, written
 
-FPS = 60  # frames a second of an export
+FPS = 60  # frames a second that a run stores for pages, films and exports without --every
 
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
@@ -74,12 +77,18 @@ def add_parser(subparsers: Any) -> None:
         "--backend", choices=("cpu", "gpu"), default="cpu", help="default: cpu (gpu: docs/gpu.md)"
     )
     _add_method(command)
+    _add_files(command)
+
+
+def _add_files(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
+    command.add_argument("--html", metavar="FILE", help="write a page that plays the run")
     command.add_argument(
-        "--export", metavar="FILE",
-        help="write files for other programs, as `clothsim export` does; without --every the run "
-        f"stores {FPS} frames a second",
-    )  # fmt: skip
+        "--gif", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}"
+    )
+    command.add_argument(
+        "--export", metavar="FILE", help="write files for other programs, as `clothsim export` does"
+    )
     command.add_argument("--z-up", action="store_true", help="--export: turn the y axis to z")
 
 
@@ -121,14 +130,8 @@ def _every(text: str) -> int | float:
 
 
 def run(args: argparse.Namespace) -> None:
-    if args.out and not Path(args.out).parent.is_dir():
-        raise ValueError(f"--out must be in an existing folder, got {args.out!r}")
     scene = scene_of(args.scene)
-    if args.export:
-        Target.of(scene, args.export, FPS, args.z_up, "--export")
-        args.every = args.every or 1 / FPS
-    elif args.z_up:
-        raise ValueError("--z-up needs --export, whose files it turns")
+    _check_files(args, scene)
     result = cs.simulate(
         scene,
         args.duration,
@@ -146,10 +149,39 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.out:
         result.save(args.out)
+    groups = _write_films(args, result)
     report = dict(result.report)
+    if args.json:
+        files = [file for group in groups for file in group]
+        print(as_json(report | ({"files": files} if files else {})))
+        return
+    print(as_table(report, UNITS))
+    for group in groups:
+        print(written(group))
+
+
+def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
+    """Refuse files that cannot be written before the scene is simulated."""
+    for name in ("out", "html"):
+        if getattr(args, name):
+            file_path(f"--{name}", getattr(args, name))
+    if args.gif:
+        film_path("--gif", args.gif)
     if args.export:
-        files = export(result, args.export, FPS, args.z_up, progress=wanted_by_command())
-        report |= {"files": files} if args.json else {}
-    print(as_json(report) if args.json else as_table(report, UNITS))
-    if args.export and not args.json:
-        print(written(files))
+        Target.of(scene, args.export, FPS, args.z_up, "--export")
+    elif args.z_up:
+        raise ValueError("--z-up needs --export, whose files it turns")
+    if args.html or args.gif or args.export:
+        args.every = args.every or 1 / FPS
+
+
+def _write_films(args: argparse.Namespace, result: cs.Run) -> list[list[Path]]:
+    """Files of --html, --gif and --export."""
+    shown, groups = wanted_by_command(), []
+    if args.html:
+        groups.append([result.to_html(args.html)])
+    if args.gif:
+        groups.append([animate(result, args.gif, progress=shown)])
+    if args.export:
+        groups.append(export(result, args.export, FPS, args.z_up, progress=shown))
+    return groups

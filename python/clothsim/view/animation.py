@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .. import _validate as check
 from .._extras import needed
+from .._progress import ProgressBar
 from .camera import camera_for
 from .picture import WIDEST, Picture, draw, file_path
 
@@ -25,16 +26,15 @@ FORMATS = (".gif", ".webp", ".mp4")
 def animate(
     run: Any,
     path: str | Path,
-    fps: float,
-    speed: float,
-    camera: Any,
-    width: int,
+    fps: float = 30.0,
+    speed: float = 1.0,
+    camera: Any = None,
+    width: int = 640,
+    progress: bool = False,
 ) -> Path:
-    """`Run.animate`."""
-    path = file_path("path", path)
+    """`Run.animate`; with `progress`, a bar counts pictures."""
+    path = film_path("path", path)
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise ValueError(f"path must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
     fps = check.number("fps", fps, minimum=0, exclusive=True, maximum=GIF_FPS if suffix == ".gif" else 240)
     speed = check.number("speed", speed, minimum=0, exclusive=True)
     width = check.integer("width", width, minimum=16, maximum=WIDEST)
@@ -49,7 +49,21 @@ def animate(
     # H.264 halves the resolution of colour, so it wants even sides; a black row would be an edge.
     even = suffix == ".mp4"
     pictures = _drawn(run, shown, camera, width - width % 2 if even else width, even)
-    write(path, pictures, len(shown), fps)
+    with ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar:
+        write(path, bar.count(pictures), len(shown), fps)
+    return path
+
+
+def film_path(name: str, value: Any) -> Path:
+    """`value` as the path of a film that can be written here: its format, folder and program."""
+    path = file_path(name, value)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
+    if suffix == ".mp4":
+        _ffmpeg()
+    else:
+        needed("PIL.Image", f"a film as {suffix!r}", "plot")
     return path
 
 
@@ -100,13 +114,18 @@ def _common_palette(image: Any, frames: Sequence[Any]) -> Any:
     return sheet.quantize(255, method=image.Quantize.MEDIANCUT)
 
 
-def _write_mp4(path: Path, pictures: Iterator[Picture], count: int, fps: float) -> None:
+def _ffmpeg() -> str:
     program = which("ffmpeg")
     if program is None:
         raise RuntimeError(
             "an MP4 film needs the program ffmpeg, which is not on the PATH: install it "
             "(Debian, Ubuntu: apt-get install ffmpeg), or write .webp or .gif instead"
         )
+    return program
+
+
+def _write_mp4(path: Path, pictures: Iterator[Picture], count: int, fps: float) -> None:
+    program = _ffmpeg()
     first = next(pictures)
     height, width, _ = first.pixels.shape
     command = [
