@@ -33,7 +33,7 @@ test-view: $(VENV)/.built-test $(VENV)/.built-view
 	  { [ "$$(id -u)" = 0 ] && apt-get install -y --no-install-recommends chromium; } || { \
 	  echo "Please install it (Debian, Ubuntu: sudo apt-get install chromium)"; exit 1; }; }
 	$(BIN)/pip install --quiet --disable-pip-version-check 'playwright>=1.40'
-	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest tests/view
+	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest -m "slow or not slow" tests/view
 
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench

@@ -64,3 +64,21 @@ def test_kinds_of_a_run_are_refused_for_a_sweep(tmp_path, capsys):
 def test_a_run_that_is_none_is_named(tmp_path, capsys):
     assert main(["plot", str(tmp_path / "none.npz")]) == 1
     assert "none.npz" in capsys.readouterr().err
+
+
+def test_run_opens_the_page_that_it_writes(tmp_path, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    page = tmp_path / "run.html"
+    options = ["--duration", "0.1", "--dt", "1e-3", "--view"]
+    assert main(["run", "paper_static", *options, "--html", str(page), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"] == [str(page)]
+    assert '"t":[0.0,0.0166666667,' in page.read_text()  # 60 frames a second
+    assert opened == [page.as_uri()]
+    assert main(["run", "oscillator", *options]) == 0 and len(opened) == 2
+
+
+def test_no_browser_is_said_with_the_page(capsys, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    assert main(["run", "oscillator", "--duration", "0.1", "--dt", "1e-3", "--view"]) == 1
+    assert "no web browser was found: open /" in capsys.readouterr().err

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import difflib
 import inspect
+import tempfile
+import webbrowser
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +85,9 @@ def add_parser(subparsers: Any) -> None:
 def _add_files(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
     command.add_argument("--html", metavar="FILE", help="write a page that plays the run")
+    command.add_argument(
+        "--view", action="store_true", help="play the run in the web browser: --html, opened"
+    )
     command.add_argument(
         "--gif", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}"
     )
@@ -171,6 +176,8 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
         Target.of(scene, args.export, FPS, args.z_up, "--export")
     elif args.z_up:
         raise ValueError("--z-up needs --export, whose files it turns")
+    if args.view and not args.html:
+        args.html = str(Path(tempfile.mkdtemp(prefix="clothsim-")) / "run.html")
     if args.html or args.gif or args.export:
         args.every = args.every or 1 / FPS
 
@@ -180,6 +187,8 @@ def _write_films(args: argparse.Namespace, result: cs.Run) -> list[list[Path]]:
     shown, groups = wanted_by_command(), []
     if args.html:
         groups.append([result.to_html(args.html)])
+        if args.view and not webbrowser.open(groups[-1][0].resolve().as_uri()):
+            raise RuntimeError(f"no web browser was found: open {args.html} in one")
     if args.gif:
         groups.append([animate(result, args.gif, progress=shown)])
     if args.export:
