@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from clothsim import _core
 
-EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "viser", "PIL", "pandas")
+EXTRAS = (
+    "matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "viser", "PIL", "pandas", "pxr", "h5py",
+)  # fmt: skip
 
 
 def python(code, **environment):
