@@ -15,10 +15,12 @@ import reprlib
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+Name = TypeVar("Name", bound=str)
 
 INT64_MAX = 2**63 - 1
 """The largest count that the core can hold."""
@@ -196,17 +198,19 @@ def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
     return tuple(number(f"{name}[{k}]", entry) for k, entry in enumerate(entries))
 
 
-def choice(name: str, value: Any, options: Collection[str]) -> str:
+def choice(name: str, value: Any, options: Collection[Name]) -> Name:
     """`value` if it is one of the names in `options`."""
-    if isinstance(value, str) and value in options:
-        return str(value)
+    if isinstance(value, str):
+        for option in options:
+            if option == value:
+                return option
     accepted = f"one of {_listed(options)}"
     if not isinstance(value, str):
         raise TypeError(_wrong(name, accepted, value))
     raise ValueError(f"{name} must be {accepted}, got {value!r}{_nearest(value, options)}")
 
 
-def choices(name: str, value: Any, options: Collection[str]) -> list[str]:
+def choices(name: str, value: Any, options: Collection[Name]) -> list[Name]:
     """The names in the collection `value`, at least one, in the order that `options` have."""
     accepted = f"a collection of some of {_listed(options)}"
     if isinstance(value, (str, bytes)) or not isinstance(value, Collection):

@@ -7,11 +7,11 @@ A mass point is named by (row, column); its index in arrays and in the spring ta
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +19,12 @@ import numpy.typing as npt
 from . import _validate as check
 from ._keywords import suggesting
 from ._record import Record, frozen
+from .typing import DampingModel, Family, Numbers, Pins, Shape
 
-FAMILIES = ("structural", "shear", "bend")
+FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
 
-DAMPING_MODELS = ("spring", "point")
+DAMPING_MODELS: tuple[DampingModel, ...] = get_args(DampingModel)
 
 SPRING_DTYPE = np.dtype(
     [
@@ -38,7 +39,7 @@ SPRING_DTYPE = np.dtype(
 
 # Per family and direction, the (row, column) offsets of the spring's two ends from a cell's
 # corner: the order of the spring table.
-_ENDS = (
+_ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
     ("structural", (0, 0), (0, 1)),
     ("structural", (0, 0), (1, 0)),
     ("shear", (0, 0), (1, 1)),
@@ -135,9 +136,23 @@ class Cloth(Record):
     mass: float | npt.NDArray[np.float64] = 512.0
     stiffness: float | Mapping[str, float] = 35_000.0
     damping: float | Mapping[str, float] = 100.0
-    damping_model: str = "spring"
-    springs: tuple[str, ...] = FAMILIES
+    damping_model: DampingModel = "spring"
+    springs: tuple[Family, ...] = FAMILIES
     pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            shape: Shape = (32, 32),
+            size: Numbers = (1.0, 1.0),
+            mass: npt.ArrayLike = 512.0,
+            stiffness: float | Mapping[str, float] = 35_000.0,
+            damping: float | Mapping[str, float] = 100.0,
+            damping_model: DampingModel = "spring",
+            springs: Iterable[Family] = FAMILIES,
+            pins: Pins = ((0, 0), (-1, 0)),
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         shape = check.shape(self.shape, least=2)
@@ -171,7 +186,7 @@ class Cloth(Record):
         return self.shape[1]
 
     @property
-    def families(self) -> tuple[str, ...]:
+    def families(self) -> tuple[Family, ...]:
         return self.springs
 
     @property
@@ -224,7 +239,7 @@ class Cloth(Record):
         positions[..., 2] = (np.arange(self.rows) * self.size[0] / max(self.rows - 1, 1))[:, None]
         return frozen(positions)
 
-    def spring_count(self, family: str | None = None) -> int:
+    def spring_count(self, family: Family | None = None) -> int:
         """Number of springs, of one family or in all.
 
         Parameters
@@ -314,7 +329,7 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
     return frozen(masses)
 
 
-def _springs(value: Any) -> tuple[str, ...]:
+def _springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes)) or not check.is_iterable(value):
         raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]

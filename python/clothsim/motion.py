@@ -8,9 +8,9 @@ the centre's path has a kink it is the one just after it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from . import _validate as check
 from ._keywords import suggesting
 from ._record import Record, frozen
+from .typing import Numbers
 
 Vectors = npt.NDArray[np.float64]
 Self = TypeVar("Self", bound="_Motion")
@@ -36,7 +37,7 @@ def _times(t: npt.ArrayLike) -> Vectors:
 class _Motion(Record):
     kind: ClassVar[str]
 
-    def center_at(self, t: npt.ArrayLike, center0: Sequence[float]) -> Vectors:
+    def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
         """Centre of the sphere at the time `t`.
 
         Parameters
@@ -137,11 +138,16 @@ class Linear(_Motion):
 
     kind: ClassVar[str] = "linear"
 
+    if TYPE_CHECKING:  # the constructors take more than the fields hold
+
+        def __init__(self, velocity: Numbers) -> None: ...
+
     def __post_init__(self) -> None:
         self._set(velocity=check.vector("velocity", self.velocity))
 
     def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        return center0 + t[..., None] * np.array(self.velocity)
+        way: Vectors = t[..., None] * np.array(self.velocity)
+        return center0 + way
 
     def _velocity(self, t: Vectors) -> Vectors:
         return np.broadcast_to(self.velocity, (*t.shape, 3)).copy()
@@ -205,6 +211,17 @@ class Reciprocate(_Motion):
 
     kind: ClassVar[str] = "reciprocate"
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            direction: Numbers,
+            distance: float = 1.0,
+            period: float = 3.6,
+            deceleration: float = 5.0,
+            phase: float = 0.0,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         direction = check.vector("direction", self.direction)
         if math.hypot(*direction) == 0.0:
@@ -238,15 +255,17 @@ class Reciprocate(_Motion):
         sign, q = self._way(t)
         k = self.deceleration
         done = np.expm1(-k * q) / math.expm1(-k) if k else q
-        along = sign * (done - 0.5) * self.distance
-        return center0 + along[..., None] * np.array(self.unit_direction)
+        along: Vectors = sign * (done - 0.5) * self.distance
+        way: Vectors = along[..., None] * np.array(self.unit_direction)
+        return center0 + way
 
     def _velocity(self, t: Vectors) -> Vectors:
         sign, q = self._way(t)
         k = self.deceleration
         slope = k * np.exp(-k * q) / -math.expm1(-k) if k else np.ones_like(q)
-        along = sign * slope * (2.0 / self.period) * self.distance
-        return along[..., None] * np.array(self.unit_direction)
+        along: Vectors = sign * slope * (2.0 / self.period) * self.distance
+        velocity: Vectors = along[..., None] * np.array(self.unit_direction)
+        return velocity
 
 
 @suggesting
@@ -287,6 +306,10 @@ class Keyframes(_Motion):
     centers: Vectors
 
     kind: ClassVar[str] = "keyframes"
+
+    if TYPE_CHECKING:
+
+        def __init__(self, times: Numbers, centers: npt.ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         count = check.size("times", self.times)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from ._keywords import suggesting
 from ._record import Record, frozen
 from .cloth import Cloth
 from .sphere import Sphere
+from .typing import Numbers
 
 SCHEMA = 1
 """Version of the layout of ``Scene.to_dict``."""
@@ -69,6 +70,17 @@ class Scene(Record):
     gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
     position: npt.NDArray[np.float64] | None = None
     velocity: npt.NDArray[np.float64] | None = None
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            cloth: Cloth,
+            spheres: Sphere | Iterable[Sphere] = (),
+            gravity: Numbers = (0.0, -9.80665, 0.0),
+            position: npt.ArrayLike | None = None,
+            velocity: npt.ArrayLike | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         cloth = self.cloth

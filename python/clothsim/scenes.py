@@ -8,6 +8,7 @@ pinned at the two ends of the side x = 0, and swings down about z (section 6).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from .cloth import FAMILIES, Cloth
 from .motion import Reciprocate
 from .scene import Scene
 from .sphere import Sphere
+from .typing import Family, Numbers, Offset, Response, Shape
 
 if TYPE_CHECKING:
     from .stability import HardCase
@@ -29,7 +31,7 @@ def _paper_cloth(bend: bool) -> Cloth:
 
 @suggests
 def paper_static(
-    response: str = "ray", bend: bool = False, offset: str | float = "edge", literal: bool = False
+    response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", literal: bool = False
 ) -> Scene:
     """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
 
@@ -65,9 +67,9 @@ def paper_static(
 
 @suggests
 def paper_moving(
-    response: str = "ray",
+    response: Response = "ray",
     bend: bool = False,
-    offset: str | float = "edge",
+    offset: Offset | float = "edge",
     literal: bool = False,
     *,
     period: float = 4.2,
@@ -139,12 +141,12 @@ def paper_swing(bend: bool = False) -> Scene:
 
 @suggests
 def hanging(
-    shape: tuple[int, int] = (16, 16),
-    size: tuple[float, float] = (1.0, 1.0),
+    shape: Shape = (16, 16),
+    size: Numbers = (1.0, 1.0),
     mass: float = 2.56,
     stiffness: float = 1_000.0,
     damping: float = 0.6,
-    springs: tuple[str, ...] = ("structural",),
+    springs: Iterable[Family] = ("structural",),
 ) -> Scene:
     """A cloth that hangs from its top row and settles under its own weight.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from ._keywords import suggesting
 from ._record import Record
 from .cloth import Cloth
 from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
+from .typing import Numbers, Offset, Response
 
-RESPONSES = ("reflect", "ray", "continuous")
-OFFSETS = ("none", "edge", "face")
+RESPONSES: tuple[Response, ...] = get_args(Response)
+OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
 @suggesting
@@ -95,12 +96,27 @@ class Sphere(Record):
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.25
     motion: Motion | None = None
-    response: str = "ray"
-    offset: str | float = "edge"
+    response: Response = "ray"
+    offset: Offset | float = "edge"
     restitution: float = 1.0
     friction: float = 0.0
     literal: bool = False
     push_out_speed: float = 1.0
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            center: Numbers = (0.0, 0.0, 0.0),
+            radius: float = 0.25,
+            motion: Motion | None = None,
+            response: Response = "ray",
+            offset: Offset | float = "edge",
+            restitution: float = 1.0,
+            friction: float = 0.0,
+            literal: bool = False,
+            push_out_speed: float = 1.0,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
@@ -253,7 +269,7 @@ class Sphere(Record):
 _STILL = Linear((0.0, 0.0, 0.0))
 
 
-def _offset(value: Any) -> str | float:
+def _offset(value: Any) -> Offset | float:
     if check.is_number(value):
         return check.number("offset", value, minimum=0)
     if not isinstance(value, str):
@@ -263,4 +279,4 @@ def _offset(value: Any) -> str | float:
         )
     if value not in OFFSETS:
         raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
-    return str(value)
+    return OFFSETS[OFFSETS.index(value)]

@@ -1,0 +1,49 @@
+"""Types of arguments and results, for annotations in code that calls clothsim.
+
+>>> from clothsim.typing import Response
+>>> def methods() -> list[Response]:
+...     return ["reflect", "ray"]
+>>> len(methods())
+2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal, TypeAlias, Union
+
+import numpy as np
+import numpy.typing as npt
+
+Response: TypeAlias = Literal["reflect", "ray", "continuous"]
+"""Contact responses of a `Sphere`."""
+
+Offset: TypeAlias = Literal["none", "edge", "face"]
+"""Offsets of a `Sphere` that have a name."""
+
+Family: TypeAlias = Literal["structural", "shear", "bend"]
+"""Spring families of a `Cloth`."""
+
+DampingModel: TypeAlias = Literal["spring", "point"]
+"""Damping models of a `Cloth`."""
+
+Precision: TypeAlias = Literal["double", "single"]
+"""Precisions of the arithmetic."""
+
+Kernel: TypeAlias = Literal["auto", "gather", "edge"]
+"""Kernels of the core."""
+
+Backend: TypeAlias = Literal["cpu", "gpu"]
+"""Processors that step a scene."""
+
+FloatArray: TypeAlias = Union[npt.NDArray[np.float32], npt.NDArray[np.float64]]
+"""Arrays of states."""
+
+Numbers: TypeAlias = Union[Sequence[float], npt.NDArray[Union[np.integer[Any], np.floating[Any]]]]
+"""Real numbers in order: a list, a tuple or an array of one dimension."""
+
+Shape: TypeAlias = Union[Sequence[int], npt.NDArray[np.integer[Any]]]
+"""Rows and columns of a grid."""
+
+Pins: TypeAlias = Union[Iterable[Sequence[int]], npt.NDArray[Union[np.bool_, np.integer[Any]]]]
+"""Pairs (row, column) of pinned points, or a boolean mask of the shape of the cloth."""

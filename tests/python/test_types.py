@@ -1,0 +1,63 @@
+"""Annotations say what the code does: stub and core, constructors as declared and as they are, names of choices."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim import _core
+
+PACKAGE = Path(cs.__file__).parent
+STUB = ast.parse((PACKAGE / "_core.pyi").read_text())
+
+
+def declared(body):
+    return {one.name for one in body if isinstance(one, (ast.ClassDef, ast.FunctionDef))} | {
+        one.target.id for one in body if isinstance(one, ast.AnnAssign)
+    }
+
+
+def public(names):
+    return {name for name in names if not name.startswith("_")}
+
+
+def test_the_stub_has_the_names_of_the_core():
+    assert public(declared(STUB.body)) == public(dir(_core))
+
+
+@pytest.mark.parametrize("stub", [one for one in STUB.body if isinstance(one, ast.ClassDef)], ids=lambda one: one.name)
+def test_the_stub_has_the_members_of_a_class_of_the_core(stub):
+    assert public(declared(stub.body)) == public(vars(getattr(_core, stub.name)))
+
+
+def declared_constructor(cls):
+    """The `__init__` of a class as it is written for type checkers."""
+    tree = ast.parse(Path(inspect.getsourcefile(cls)).read_text())
+    body = next(one.body for one in tree.body if isinstance(one, ast.ClassDef) and one.name == cls.__name__)
+    block = next(one for one in body if isinstance(one, ast.If))
+    return block.body[0].args
+
+
+@pytest.mark.parametrize("cls", [cs.Cloth, cs.Sphere, cs.Scene, cs.Linear, cs.Reciprocate, cs.Keyframes])
+def test_a_constructor_is_declared_as_it_is(cls):
+    arguments = declared_constructor(cls)
+    parameters = list(inspect.signature(cls).parameters.values())
+    assert [one.arg for one in arguments.args[1:]] == [one.name for one in parameters]
+    assert not arguments.kwonlyargs
+    defaults = [one.default for one in parameters if one.default is not one.empty]
+    names = {"FAMILIES": cs.cloth.FAMILIES}
+    written = [names[one.id] if isinstance(one, ast.Name) else ast.literal_eval(one) for one in arguments.defaults]
+    assert written == defaults
+
+
+def test_constructors_take_lists_and_arrays_alike():
+    mask = np.zeros((3, 4), bool)
+    mask[0, 0] = True
+    masses = np.full((3, 4), 2.0)
+    cloth = cs.Cloth([3, 4], [1, 2], masses.tolist(), pins=[[0, 0]], springs=["shear"])
+    assert cloth == cs.Cloth(np.array((3, 4)), np.array((1.0, 2.0)), masses, pins=mask, springs=("shear",))
+    ball = cs.Sphere(np.array((0, 1, 2)), motion=cs.Linear([1, 0, 0]))
+    assert ball == cs.Sphere([0, 1, 2], motion=cs.Linear(np.array((1.0, 0, 0))))
+    assert cs.Scene(cloth, ball, [0, -1, 0]) == cs.Scene(cloth, iter([ball]), np.array((0, -1, 0)))
