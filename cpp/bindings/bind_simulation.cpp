@@ -110,8 +110,9 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
         outcome = simulation->advance_adaptive(
             {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller, signal_pending);
     }
-    if (outcome.interrupted) throw py::error_already_set();
     py::dict result;
+    // Not thrown, so that the caller can count the steps that are done.
+    if (outcome.interrupted) result["interrupted"] = py::error_already_set().value();
     result["steps"] = outcome.steps;
     result["rejected"] = outcome.rejected;
     result["error"] = outcome.error;
@@ -202,6 +203,11 @@ void bind_simulation(py::module_& m) {
         .def("observe", &TeamChoice::observe, py::arg("steps"), py::arg("seconds"));
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
+        .def_property(
+            "state", [](const StepController& c) { return py::make_tuple(c.h, c.previous_error, c.rejected); },
+            [](StepController& c, const std::tuple<double, double, bool>& state) {
+                std::tie(c.h, c.previous_error, c.rejected) = state;
+            })
         .def_readwrite("h", &StepController::h);
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())
@@ -259,7 +265,8 @@ void bind_simulation(py::module_& m) {
             for (std::size_t i = 0; i < simulation->size(); ++i) energy.push_back(simulation->member(i).contact_energy);
             return energy;
         })
-        .def_property_readonly("time", [](S& s) { return s.use()->clock.now(); });
+        .def_property(
+            "time", [](S& s) { return s.use()->clock.now(); }, [](S& s, double time) { s.use()->clock = {time, 0, 0}; });
 }
 
 }  // namespace clothsim

@@ -15,7 +15,7 @@ constexpr double least_factor = 0.2, most_factor = 5;
 bool StepController::judge(double tried, double error, int order) {
     if (!std::isfinite(error)) {
         h = tried * least_factor;
-        rejected_ = true;
+        rejected = true;
         return false;
     }
     const double beta = integral_part / order;
@@ -23,14 +23,14 @@ bool StepController::judge(double tried, double error, int order) {
     const double e = std::max(error, 1e-10);
     if (error > 1) {
         h = tried * std::max(least_factor, safety * std::pow(e, -1.0 / order));
-        rejected_ = true;
+        rejected = true;
         return false;
     }
-    double factor = safety * std::pow(e, -alpha) * std::pow(previous_error_, beta);
-    factor = std::clamp(factor, least_factor, rejected_ ? 1.0 : most_factor);
+    double factor = safety * std::pow(e, -alpha) * std::pow(previous_error, beta);
+    factor = std::clamp(factor, least_factor, rejected ? 1.0 : most_factor);
     h = tried * factor;
-    previous_error_ = std::max(e, 1e-4);
-    rejected_ = false;
+    previous_error = std::max(e, 1e-4);
+    rejected = false;
     return true;
 }
 

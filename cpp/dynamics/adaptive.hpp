@@ -44,9 +44,8 @@ public:
     // Whether a step with this error is accepted; sets h.
     bool judge(double tried, double error, int order);
 
-private:
-    double previous_error_ = 1e-4;
-    bool rejected_ = false;
+    double previous_error = 1e-4;  // of the last accepted step
+    bool rejected = false;         // the last step that was tried
 };
 
 }  // namespace clothsim

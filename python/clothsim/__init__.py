@@ -17,7 +17,8 @@ from ._on_demand import on_demand
 from .build import build_config
 from .cloth import Cloth
 from .errors import (
-    ContactError, ContactWarning, LongRunWarning, OrderWarning, StabilityWarning, UnstableError,
+    ContactError, ContactWarning, LongRunWarning, OrderWarning, RunInterrupted, StabilityWarning,
+    UnstableError,
 )  # fmt: skip
 from .grid import thread_grid, triangles
 from .integration import integrators
@@ -28,7 +29,9 @@ from .scene_files import load_scene, save_scene
 from .run import Run, load_run
 from .simulation import simulate
 from .sphere import Sphere
-from .stepping import Snapshot, Stepper, acceleration, reference_step, step
+from .snapshot import Snapshot
+from .stepper import Stepper
+from .stepping import acceleration, reference_step, step
 from .sweep import sweep
 
 if TYPE_CHECKING:
@@ -46,9 +49,9 @@ _accessor.register()
 
 __all__ = [
     "Camera", "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
-    "LongRunWarning", "OrderWarning", "Picture", "Reciprocate", "Reference", "Run", "Scene",
-    "Snapshot", "Sphere", "StabilityWarning", "Stepper", "UnstableError", "acceleration",
-    "build_config", "compare", "convergence", "energy",
+    "LongRunWarning", "OrderWarning", "Picture", "Reciprocate", "Reference", "Run",
+    "RunInterrupted", "Scene", "Snapshot", "Sphere", "StabilityWarning", "Stepper",
+    "UnstableError", "acceleration", "build_config", "compare", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
     "penetration", "picture", "reference", "reference_step", "save_scene", "scenes", "simulate",
     "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "work_precision",

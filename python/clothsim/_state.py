@@ -92,6 +92,21 @@ def state_arrays(
     return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
 
 
+def checked_state(
+    x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str
+) -> tuple[FloatArray, FloatArray]:
+    """As `state_arrays`, and of numbers that the precision can hold."""
+    x, v = state_arrays(x, v, scenes, batched)
+    if precision == "single":
+        largest = float(np.finfo(np.float32).max)
+        for name, array in (("x", x), ("v", v)):
+            if max(array.max(), -array.min()) <= largest:
+                continue
+            accepted = f"at most {largest:.3g} in size with precision 'single'"
+            check.check_all(name, array, np.abs(array) <= largest, accepted)
+    return x, v
+
+
 def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """`out` checked to be two arrays that can hold results like `x`; new ones where it is None."""
     if out is None:
@@ -134,6 +149,20 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
+def start_time(t: Any, scenes: Sequence[Scene]) -> float:
+    """`t` checked; 0 where it is not given, which is refused where a sphere moves."""
+    if t is not None:
+        return check.number("t", t)
+    for scene in scenes:
+        for k, sphere in enumerate(scene.spheres):
+            if sphere.motion is not None:
+                raise ValueError(
+                    f"t must be given where a sphere moves, and spheres[{k}] has a motion: give "
+                    "the time of this state in seconds, t=0.0 if it is the start"
+                )
+    return 0.0
+
+
 class State:
     """A core simulation of checked arguments that turns its outcomes into results and errors."""
 
@@ -143,35 +172,31 @@ class State:
         x: Any,
         v: Any,
         *,
-        t: float,
+        t: float | None,
         integrator: str,
         precision: str,
         threads: int | None,
         kernel: str,
         strict: bool,
         backend: str = "cpu",
+        inspect: bool = True,
     ) -> None:
+        """`inspect`: warn of continuous spheres that are on the cloth."""
         scenes = scenes_of(scene)
         batched = not isinstance(scene, Scene)
         integrator = check_options(precision, kernel, strict, integrator)
+        check_backend(backend, kernel, threads, integrator)
+        t = 0.0 if t is None and x is None else start_time(t, scenes)
         self._options: dict[str, Any] = {
             "t": t, "integrator": integrator, "precision": precision, "threads": threads,
-            "kernel": kernel, "strict": strict, "backend": backend,
+            "kernel": kernel, "strict": strict, "backend": backend, "inspect": False,
         }  # fmt: skip
-        check_backend(backend, kernel, threads, integrator)
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
         if v is None:
             v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
             v = np.broadcast_to(v, np.shape(x))
-        x, v = state_arrays(x, v, scenes, batched)
-        if precision == "single":
-            largest = float(np.finfo(np.float32).max)
-            for name, array in (("x", x), ("v", v)):
-                if max(array.max(), -array.min()) <= largest:
-                    continue
-                accepted = f"at most {largest:.3g} in size with precision 'single'"
-                check.check_all(name, array, np.abs(array) <= largest, accepted)
+        x, v = checked_state(x, v, scenes, batched, precision)
         self.batched = x.ndim == 4
         members = len(x) if self.batched else 1
         self.scenes = scenes * members if not batched else scenes
@@ -180,7 +205,7 @@ class State:
         self.threads_optional = threads is None
         self.backend = backend
         if backend == "gpu":
-            self._use_gpu(check.number("t", t), precision, strict)
+            self._use_gpu(t, precision, strict)
             cloths = [core_cloth(s) for s in scenes]
         else:
             self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
@@ -188,7 +213,7 @@ class State:
             self.kernel = choose_kernel(kernel, strict)
             self.instruction_set = plans[0].instruction_set
             self.core = _core.Simulation(
-                plans * members if not batched else plans, check.number("t", t), self.threads
+                plans * members if not batched else plans, t, self.threads
             )
             cloths = [plan.cloth for plan in plans]
         limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
@@ -196,10 +221,12 @@ class State:
         self._least_stable_dt = min(*self.max_stable_dt, sys.float_info.max)  # inf without springs
         self.core.set_stable_dt(self.max_stable_dt)
         self.warned = self.warned_of_growth = self.announced = False
+        self.steps_before = 0  # earlier calls of the run; errors count steps from its start
         self.core.load(x, v)
         self._warned_of_pins = False
         for member, one in enumerate(x if self.batched else x[None]):
-            warn_of_start(self.scenes[member], one, float(t), member if self.batched else None)
+            if inspect:
+                warn_of_start(self.scenes[member], one, t, member if self.batched else None)
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         from .gpu.simulation import Simulation
@@ -213,6 +240,12 @@ class State:
         # What nearly every call is, told apart in a tenth of the time that the checks take.
         plain = type(steps) is int and type(dt) is float
         if not (plain and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt):
+            if isinstance(steps, float) and isinstance(dt, int):
+                raise TypeError(
+                    f"steps must be an integer, got steps={steps!r} and dt={dt!r}, which look "
+                    "swapped: the order is advance(steps, dt) and step(scene, x, v, dt, steps); "
+                    "both can be given by name"
+                )
             steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
             dt = check.number("dt", dt, minimum=0, exclusive=True)
             self._warn(dt)
@@ -317,7 +350,7 @@ class State:
         scene = self.scenes[member]
         if outcome["shut_in"]:
             raise ContactError(
-                step=outcome["step"],
+                step=self.steps_before + outcome["step"],
                 time=outcome["time"],
                 point=divmod(outcome["point"], scene.cloth.columns),
                 x=x[member] if self.batched else x,
@@ -325,7 +358,7 @@ class State:
                 member=member if self.batched else None,
             )
         raise UnstableError(
-            step=outcome["step"],
+            step=self.steps_before + outcome["step"],
             time=outcome["time"],
             point=divmod(outcome["point"], scene.cloth.columns),
             dt=dt,

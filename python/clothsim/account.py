@@ -90,8 +90,10 @@ def _difference(a: Any, b: Any) -> float | None:
     return float(np.linalg.norm(np.subtract(a, b)))
 
 
-def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]:
-    """`Run.report`."""
+def report(
+    scene: Scene, solution: Solution, account: Account, stopped: str = ""
+) -> dict[str, Any]:
+    """`Run.report`; `stopped`: why the run ended early."""
     x, v = solution.x, solution.v
     wall_time, options, state = solution.wall_time, solution.options, solution.state
     return {
@@ -102,6 +104,7 @@ def report(scene: Scene, solution: Solution, account: Account) -> dict[str, Any]
         "wall_time": wall_time,
         "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
         "dt": solution.step,
+        "stopped": stopped,
         **account,
         "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])}
         | _gained(solution.watched),

@@ -28,11 +28,13 @@ import numpy as np
 
 from .carried import DAMPING, CarriedError
 from .errors import UnstableError
+from .frames import Floats, Schedule
 from .growth import growth_of_perturbations
 from .integration import integrators
 from .plan import core_cloth
+from .recording import Watch
 from .refined import is_few, refine
-from .runs import Floats, Options, Progress, Solution, frame_times, integrate, rms, run_fixed, size_of
+from .runs import Options, Solution, integrate, rms, run_fixed, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 from .stiffest import Stiffest
@@ -93,8 +95,8 @@ def solve(
     duration: float,
     asked: float,
     choices: Sequence[Options],
-    every: int | float | None,
-    progress: Progress = iter,
+    frames: Schedule,
+    watch: Watch | None = None,
     named: bool = True,
 ) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or at the floor of rounding.
@@ -116,14 +118,13 @@ def solve(
     enough = 10 * floor if asked <= floor else goal
     equal_steps = not named and rest[0].integrator == "dop853" and not scene.spheres
     if equal_steps and is_few(scene, duration):
-        refined = refine(scene, duration, enough, rest[0], every, progress)
+        refined = refine(scene, duration, enough, rest[0], frames, watch)
         spent += refined.evaluations
         wall_time += refined.wall_time
         if refined.solution:
             return Controlled(
                 refined.solution, None, asked, floor, growth, refined.error, spent, wall_time
             )
-        progress = iter
     damping = DAMPING if growth is None else _DAMPING_OF_SMALL
     options = rest.pop(0)
     stiffest = None
@@ -132,20 +133,20 @@ def solve(
         stiffest = Stiffest(scene, options)
         spent += stiffest.evaluations
         wall_time += time.perf_counter() - begin
-    method = _method(scene, duration, every, goal, growth, options, stiffest)
+    method = _method(scene, duration, frames, goal, growth, options, stiffest)
     parameter = method.first
     for attempt in range(_ATTEMPTS):
         carried = CarriedError(scene, duration, options, stiffest, damping) if stiffest else None
         exact = options.replace(precision="double")
         companion, error = None, math.inf
         try:
-            solution = method.run(parameter, options, progress, carried)
+            solution = method.run(parameter, options, watch, carried)
         except UnstableError as unstable:
             # A step that is stable about the start need not be so later.
             if parameter <= method.safe:
                 raise
             spent += unstable.step * method.per_step + (carried.evaluations if carried else 0)
-            progress, parameter = iter, method.safe
+            parameter = method.safe
             continue
         if carried:
             spent += carried.evaluations
@@ -156,7 +157,7 @@ def solve(
         # there are few, each with an error of its own: a companion decides.
         few = solution.steps < _FEW_STEPS
         if solution.contacts or not carried or few or (error > enough and not rest):
-            companion = method.run(parameter * method.finer, exact, iter, None)
+            companion = method.run(parameter * method.finer, exact, None, None)
             spent += companion.evaluations
             wall_time += companion.wall_time
             if solution.contacts or companion.contacts:
@@ -176,10 +177,9 @@ def solve(
             break
         spent += solution.evaluations
         wall_time += solution.wall_time
-        progress = iter
         if rest:
             options = rest.pop(0)
-            method = _method(scene, duration, every, goal, growth, options, stiffest)
+            method = _method(scene, duration, frames, goal, growth, options, stiffest)
             parameter = method.first
         else:
             parameter = method.better(parameter, goal / error)
@@ -190,7 +190,7 @@ def solve(
 def _method(
     scene: Scene,
     duration: float,
-    every: int | float | None,
+    frames: Schedule,
     goal: float,
     growth: float | None,
     options: Options,
@@ -198,8 +198,8 @@ def _method(
 ) -> _Adaptive | _Fixed:
     if integrators()[options.integrator].adaptive:
         many = stiffest is not None
-        return _Adaptive(scene, duration, every, goal, growth, options.integrator, many)
-    return _Fixed(scene, duration, every, goal, options.integrator, stiffest)
+        return _Adaptive(scene, duration, frames, goal, growth, options.integrator, many)
+    return _Fixed(scene, duration, frames, goal, options.integrator, stiffest)
 
 
 def _many_modes(scene: Scene, duration: float) -> bool:
@@ -217,13 +217,13 @@ class _Adaptive:
         self,
         scene: Scene,
         duration: float,
-        every: int | float | None,
+        frames: Schedule,
         goal: float,
         growth: float | None,
         integrator: str,
         many_modes: bool,
     ) -> None:
-        self._scene, self._duration, self._every = scene, duration, every
+        self._scene, self._duration, self._frames = scene, duration, frames
         factor = _STEP_TOLERANCE[integrator]
         if growth is not None:
             factor /= math.sqrt(1.0 + growth / _HARMLESS_GROWTH)
@@ -233,10 +233,10 @@ class _Adaptive:
         self.first = min(goal * factor, largest)
 
     def run(
-        self, tolerance: float, options: Options, progress: Progress, error: CarriedError | None
+        self, tolerance: float, options: Options, watch: Watch | None, error: CarriedError | None
     ) -> Solution:
         return integrate(
-            self._scene, self._duration, tolerance, options, self._every, progress, error
+            self._scene, self._duration, tolerance, options, self._frames, watch, error
         )
 
     def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
@@ -256,7 +256,7 @@ class _Fixed:
         self,
         scene: Scene,
         duration: float,
-        every: int | float | None,
+        frames: Schedule,
         goal: float,
         integrator: str,
         stiffest: Stiffest | None,
@@ -272,19 +272,18 @@ class _Fixed:
             near, limit = _NEAR_OF_ORDER_1, guaranteed
         self.first, self.safe = (self._divided(duration, near * dt) for dt in (limit, guaranteed))
         self._scene, self._duration = scene, duration
-        # An int counts the steps of the first run, so that all runs have the same frames.
-        between = duration if every is None else every * self.first if isinstance(every, int) else every
-        self._times = frame_times(duration, between)
+        # Frames counted in steps are those of the first run, so that all runs have the same frames.
+        self._frames = frames.in_seconds(self.first)
 
     @staticmethod
     def _divided(duration: float, longest: float) -> float:
         return duration / max(4, math.ceil(duration / longest))
 
     def run(
-        self, dt: float, options: Options, progress: Progress, error: CarriedError | None
+        self, dt: float, options: Options, watch: Watch | None, error: CarriedError | None
     ) -> Solution:
         return run_fixed(
-            self._scene, self._duration, dt, options, self._times, progress, own_step=True, error=error
+            self._scene, self._duration, dt, options, self._frames, watch, own_step=True, error=error
         )
 
     def extrapolated(self, solution: Solution, companion: Solution) -> Floats:

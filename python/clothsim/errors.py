@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ._keywords import suggesting
+
 
 class StabilityWarning(UserWarning):
     """The time step is above the one that is guaranteed to be stable (`max_stable_dt`).
@@ -102,6 +104,34 @@ class ContactWarning(UserWarning):
     """A sphere with response "continuous" starts on the cloth, or has run into a pinned point."""
 
 
+@suggesting
+class RunInterrupted(KeyboardInterrupt):
+    """Ctrl-C has ended a call of `simulate`; what is done so far is in `run`.
+
+    Parameters
+    ----------
+    run : Run or None
+        The run up to the last whole step, or None where the first state was not stored yet. Its
+        last frame is that step.
+
+    Examples
+    --------
+    Keep what is done::
+
+        try:
+            run = cs.simulate(scene, 60.0)
+        except KeyboardInterrupt as interrupted:  # a RunInterrupted
+            run = interrupted.run
+    """
+
+    def __init__(self, run: Any = None) -> None:
+        self.run = run
+        super().__init__("" if run is None else f"simulate was interrupted at t = {run.t[-1]:g} s")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.run,)
+
+
 class ContactError(ArithmeticError):
     """Spheres with response "continuous" have closed on a mass point and left it no place.
 
@@ -120,6 +150,11 @@ class ContactError(ArithmeticError):
     member : int, optional
         Index into the batch, None for a single cloth.
 
+    Attributes
+    ----------
+    run : Run or None
+        From `simulate`: the run up to the state before that step.
+
     Examples
     --------
     >>> import clothsim as cs
@@ -127,6 +162,8 @@ class ContactError(ArithmeticError):
     no place left at step 3 (t = 0.5 s) for mass point (1, 2): the spheres have shut it in; keep \
 them further apart, or make them smaller
     """
+
+    run: Any = None
 
     def __init__(
         self,
@@ -181,6 +218,11 @@ class UnstableError(ArithmeticError):
     member : int, optional
         Index into the batch, None for a single cloth.
 
+    Attributes
+    ----------
+    run : Run or None
+        From `simulate`: the run up to the state before that step.
+
     Examples
     --------
     >>> import clothsim as cs
@@ -192,6 +234,8 @@ class UnstableError(ArithmeticError):
 above the stability limit, about 0.0016 s; take a dt below it, or less stiffness or damping, or \
 more mass
     """
+
+    run: Any = None
 
     def __init__(
         self,

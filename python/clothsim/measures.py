@@ -92,7 +92,9 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
 
 
 @suggests
-def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, Value]:
+def penetration(
+    x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
+) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
     The depth is that below the sphere's true radius, without the offset. A triangle's depth is
@@ -104,8 +106,9 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
         Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
     sphere : Sphere
         The sphere, at its place at time `t`.
-    t : float, default 0.0
-        Time [s].
+    t : float or array_like, optional
+        Time of `x` [s], or of each member of a batch, shape (B,): ``penetration(run.x, sphere,
+        run.t)``. Required where the sphere moves; else it has no effect.
 
     Returns
     -------
@@ -138,13 +141,37 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: float = 0.0) -> dict[str, V
     x = np.ascontiguousarray(x, dtype=np.float64)
     check.check_all("x", x, np.isfinite(x), accepted, points=True)
     rows, columns = x.shape[-3:-1]
-    center = sphere.center_at(check.number("t", t))
+    batch = x.reshape(-1, rows, columns, 3)
+    centers = sphere.center_at(_times(t, sphere, x.shape[:-3]))
     depths = np.array(
-        [_core.penetration(rows, columns, one, center, sphere.radius) for one in x.reshape(-1, rows, columns, 3)]
+        [
+            _core.penetration(rows, columns, one, center, sphere.radius)
+            for one, center in zip(batch, np.broadcast_to(centers, (len(batch), 3)))
+        ]
     )
     _told("the depth", depths, x=x.reshape(-1, rows, columns, 3))
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+
+
+def _times(t: npt.ArrayLike | None, sphere: Sphere, batch: tuple[int, ...]) -> npt.ArrayLike:
+    """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
+    if t is None:
+        if sphere.motion is not None:
+            raise ValueError(
+                "t must be given, as the sphere moves: give the time of x in seconds, or one time "
+                "per member of a batch, such as penetration(run.x, sphere, run.t)"
+            )
+        return 0.0
+    if check.is_number(t):
+        return check.number("t", t)
+    accepted = "finite times, one per member of x, or one for all"
+    given = check.as_array("t", t, f"a finite number or an array of {accepted}")
+    if given.ndim == 0:
+        return check.number("t", t)
+    if not batch:
+        raise ValueError(f"t must be one time for one state x, got shape {given.shape}")
+    return check.array("t", given, batch, accepted)
 
 
 @suggests

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .frames import Floats, Schedule
 from .plan import core_cloth
-from .runs import Floats, Frame, Options, Progress, Solution, integrate, rms, size_of
+from .recording import Frame, Watch
+from .runs import Options, Solution, integrate, rms, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 
@@ -63,8 +65,8 @@ def refine(
     duration: float,
     goal: float,
     options: Options,
-    every: int | float | None,
-    progress: Progress,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
 ) -> Refined:
     """The run of dop853 in equal steps whose error is at most `goal` [m], rms."""
     angle = max(_angle(scene, duration), 1.0)
@@ -75,7 +77,7 @@ def refine(
     runs: list[Solution] = []
     chosen, error, steps = None, np.zeros_like(scene.initial_position), coarse
     for _ in range(_ATTEMPTS):
-        run, equally_hard = _run(scene, duration, steps, options, every, iter if runs else progress)
+        run, equally_hard = _run(scene, duration, steps, options, frames, watch)
         runs.append(run)
         if not equally_hard:
             chosen = None
@@ -125,13 +127,13 @@ def _run(
     duration: float,
     steps: int,
     options: Options,
-    every: int | float | None,
-    progress: Progress,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
 ) -> tuple[Solution, bool]:
     """A run in so many steps, and whether they are equally hard."""
     estimates, any_step = _Estimates(), 1e6 * size_of(scene)
     solution = integrate(
-        scene, duration, any_step, options, every, progress, estimates, longest=duration / steps
+        scene, duration, any_step, options, frames, watch, estimates, longest=duration / steps
     )
     return solution, estimates.equal
 

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from . import _core
 from ._state import State
+from .frames import NEGLIGIBLE, Floats, Schedule
 from .integration import integrators
 from .plan import core_cloth
+from .recording import Continuation, Control, Frame, Recording, Watch
 from .scene import Scene
+from .snapshot import Snapshot
 from .stability.bound import guaranteed_dt
-
-Floats = npt.NDArray[np.float64]
-Frame = tuple[Floats, Floats]  # positions and velocities
-Progress = Callable[[list[Any]], Iterable[Any]]
 
 
 class Observer(Protocol):
@@ -73,10 +72,11 @@ class Options:
     strict: bool
     backend: str = "cpu"
     sampling: int = 32  # states at which triangles and stretches are sampled, at least
+    start: float = 0.0  # time of the initial state [s]
 
-    def state(self, scene: Any, x: Any = None, v: Any = None) -> State:
+    def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
         return State(
-            scene, x, v, t=0.0, integrator=self.integrator, precision=self.precision,
+            scene, x, v, t=self.start, inspect=inspect, integrator=self.integrator, precision=self.precision,
             threads=self.threads, kernel=self.kernel, strict=self.strict, backend=self.backend,
         )  # fmt: skip
 
@@ -95,6 +95,19 @@ def sample_every(steps: float, sampling: int) -> int:
     return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // sampling)))
 
 
+@dataclass(frozen=True)
+class Resumed:
+    """A run that goes on: its final state, and how it was computed."""
+
+    snapshot: Snapshot
+    continuation: Continuation
+
+    def state(self, scene: Scene, options: Options) -> State:
+        state = options.state(scene, inspect=False)
+        state.core.restore(*self.snapshot.core)
+        return state
+
+
 @dataclass
 class Solution:
     """Frames of one run and what it cost."""
@@ -107,14 +120,27 @@ class Solution:
     rejected: int
     evaluations: int
     wall_time: float  # of stepping [s]
-    watched: Mapping[str, Any]  # extremes over the states at the ends of steps, as the core tells them
+    watched: Mapping[str, Any]  # by the core, see watched.hpp
     step: float  # fixed: the time step, adaptive: the mean one [s]
     state: State
+    continuation: Continuation | None = None
 
     @property
     def contacts(self) -> bool:
         """Whether a sphere has responded."""
         return bool(self.watched["in_contact"])
+
+    @classmethod
+    def of(cls, run: Recording) -> Solution:
+        """The run as far as it has been recorded."""
+        state, t, options = run.state, run.t, run.options
+        fixed = options.integrator == "rk4"
+        evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
+        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else run.dt
+        return cls(
+            options, t, *run.arrays(), run.steps, run.rejected, evaluations, run.wall_time,
+            run.watched, step, state, run.continuation,
+        )  # fmt: skip
 
 
 def integrate(
@@ -122,67 +148,63 @@ def integrate(
     duration: float,
     tolerance: float,
     options: Options,
-    every: int | float | None,
-    progress: Progress = iter,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
     error: Observer | None = None,
     longest: float | None = None,
+    resumed: Resumed | None = None,
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
-    `every`: an int stores each so many accepted steps, a float so many seconds by dense output.
+    `frames`: those counted in steps are of accepted steps, the others come from dense output.
     `error`: is told of every step until a contact. `longest`: the first step, and none is longer
-    [s]; at a tolerance that all steps meet they are equal.
+    [s]; at a tolerance that all steps meet they are equal. `resumed`: the run to go on from, which
+    has set the tolerance and the longest step.
     """
-    state = options.state(scene)
-    stiffness, _ = core_cloth(scene).mode_bounds
-    rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
     controller = _core.StepController()
-    if longest is None:
-        longest = duration
-        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+    if resumed is None:
+        state, earlier = options.state(scene), Continuation(options.start)
+        stiffness, _ = core_cloth(scene).mode_bounds
+        rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
+        if longest is None:
+            longest = duration
+            controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+        else:
+            # A hair more, so that what rounding leaves of the duration is not a step of its own.
+            controller.h = longest = (1 + 1e-9) * longest
     else:
-        # A hair more, so that what rounding leaves of the duration is not a step of its own.
-        controller.h = longest = (1 + 1e-9) * longest
+        state, earlier = resumed.state(scene, options), resumed.continuation
+        assert earlier.control is not None
+        tolerance, rate, longest, controller.state = earlier.control
     state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
-    frames = _Frames(state)
-    steps = rejected = 0
-    at_steps = isinstance(every, int)
-    times = [duration] if every is None or at_steps else frame_times(duration, every)[1:]
-    count = every if at_steps else 2**62
-    told, begun = error, error.wall_time if error else 0.0
-    here = frames.first
-
-    start = time.perf_counter()
-    for until in progress(times):
+    frames = frames or Schedule()
+    start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
+    control = Control(tolerance, rate, longest, controller)
+    run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
+    here = run.first
+    end = start + (begin + duration)
+    for seconds, until in frames.moments(start, begin + duration, begin)[1:]:
         while state.core.time < until:
-            begin = state.core.time
-            outcome = state.core.advance_adaptive(
-                until, duration, 1 if error is not None else count, tolerance, tolerance * rate, longest,
-                controller, state.threads, state.threads_optional,
+            to_frame = count and count - (before + run.steps) % count
+            most = 1 if error is not None else to_frame
+            here_at = state.core.time
+            outcome = run.advance_adaptive(
+                until, end, most, tolerance, tolerance * rate, longest, controller, state.threads,
+                state.threads_optional,
             )  # fmt: skip
-            if "point" in outcome:
-                outcome["step"] += steps
             state.judge(outcome, controller.h)
-            steps += outcome["steps"]
-            rejected += outcome["rejected"]
             if error is not None and state.core.watched[0]["in_contact"]:
                 error = None
             if error is not None and outcome["steps"]:
-                here = _tell(
-                    state, here, begin, state.core.time - begin, 1, error, outcome["error"]
-                )
-            if at_steps and state.core.time < until and steps % count == 0:
-                frames.store(state.core.time)
+                passed = state.core.time - here_at
+                here = _tell(state, here, here_at - start, passed, 1, error, outcome["error"])
+            if count and state.core.time < until and (before + run.steps) % count == 0:
+                run.store(state.core.time - start, state.core.time)
         if state.core.time > until:
-            frames.store_dense(until)
+            run.store_dense(seconds, until)
         else:
-            frames.store(until)
-    wall_time = time.perf_counter() - start
-    wall_time -= told.wall_time - begun if told else 0.0
-    return Solution(
-        options, frames.t, *frames.arrays(), steps, rejected, state.core.evaluations[0], wall_time,
-        state.core.watched[0], duration / steps, state,
-    )  # fmt: skip
+            run.store(seconds, until)
+    return Solution.of(run)
 
 
 def run_fixed(
@@ -190,84 +212,38 @@ def run_fixed(
     duration: float,
     dt: float,
     options: Options,
-    times: list[float],
-    progress: Progress = iter,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
     own_step: bool = False,
     error: Observer | None = None,
+    resumed: Resumed | None = None,
 ) -> Solution:
     """One run at a fixed time step, a shorter one before a frame that it does not divide.
 
     `own_step`: the step is not the caller's, so nobody is warned of it. `error`: is told of every
-    step until a contact.
+    step until a contact. `resumed`: the run to go on from.
     """
-    state = options.state(scene)
+    if resumed is None:
+        state, earlier = options.state(scene), Continuation(options.start)
+    else:
+        state, earlier = resumed.state(scene, options), resumed.continuation
     state.warned = state.warned_of_growth = own_step
     state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
+    frames = (frames or Schedule()).in_seconds(dt)
+    moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
+    run = Recording(state, options, watch or Watch(), dt, frames, earlier)
     if not own_step:
         state.announce(duration / dt, dt)
     state.announced = True
-    frames = _Frames(state)
-    steps, wall_time = 0, 0.0
-    here = frames.first
-    for begin, end in progress(list(zip(times[:-1], times[1:]))):
-        start = time.perf_counter()
+    here = run.first
+    for (begin, _), (end, t) in pairwise(moments):
         if error is None:
-            steps += advance_to(state, begin, end, dt)
+            advance_to(run, begin, end, dt)
         else:
-            begun = error.wall_time
-            more, here = _advance_told(state, begin, end, dt, error, here)
-            steps += more
-            wall_time -= error.wall_time - begun
+            here = _advance_told(run, begin, end, dt, error, here)
             error = None if state.core.watched[0]["in_contact"] else error
-        wall_time += time.perf_counter() - start
-        frames.store(end)
-    evaluations = 4 * steps if options.integrator == "rk4" else state.core.evaluations[0]
-    return Solution(
-        options, frames.t, *frames.arrays(), steps, 0, evaluations, wall_time,
-        state.core.watched[0], dt, state,
-    )  # fmt: skip
-
-
-class _Frames:
-    """States stored along a run; the first is that of the start."""
-
-    def __init__(self, state: State) -> None:
-        self._state = state
-        self.t: list[float] = []
-        self._x: list[Floats] = []
-        self._v: list[Floats] = []
-        self.store(0.0)
-
-    def _new(self, t: float) -> tuple[Floats, Floats]:
-        x, v = np.empty(self._state.shape), np.empty(self._state.shape)
-        self.t.append(t)
-        self._x.append(x)
-        self._v.append(v)
-        return x, v
-
-    def store(self, t: float) -> None:
-        self._state.store(*self._new(t))
-        self._state.core.sample()
-
-    def store_dense(self, t: float) -> None:
-        self._state.core.dense(t, *self._new(t), self._state.threads)
-
-    @property
-    def first(self) -> Frame:
-        return self._x[0], self._v[0]
-
-    def arrays(self) -> tuple[Floats, Floats]:
-        return np.array(self._x), np.array(self._v)
-
-
-# A remainder below this part of a step is rounding of the caller's numbers, not a step.
-NEGLIGIBLE = 1e-9
-
-
-def frame_times(duration: float, between: float) -> list[float]:
-    """0, each multiple of `between` before the end, and the end [s]."""
-    count = math.ceil(duration / between - NEGLIGIBLE)
-    return [k * between for k in range(count)] + [duration]
+        run.store(end, t)
+    return Solution.of(run)
 
 
 def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
@@ -282,24 +258,23 @@ def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
 
 
 def _advance_told(
-    state: State, begin: float, end: float, dt: float, error: Observer, here: Frame
-) -> tuple[int, Frame]:
-    """As `advance_to`, from the state `here`, and `error` is told of all; steps, and the state."""
+    run: Recording, begin: float, end: float, dt: float, error: Observer, here: Frame
+) -> Frame:
+    """As `advance_to`, from the state `here`, and `error` is told of all; the state it comes to."""
     whole = math.floor((end - begin) / dt + NEGLIGIBLE)
     rest = (end - begin) - whole * dt
     done, t = 0, begin
     while done < whole:
         steps = error.steps_at_once(t, dt, whole - done)
-        state.advance(steps, dt)
-        here = _tell(state, here, t, dt, steps, error)
+        run.advance(steps, dt)
+        here = _tell(run.state, here, t, dt, steps, error)
         done += steps
         t = begin + done * dt
     if rest > NEGLIGIBLE * dt:
-        state.advance(1, rest)
-        order = integrators()[state.integrator].order_of(state.scenes[0])
-        here = _tell(state, here, t, rest, 1, error, (rest / dt) ** (order + 1))
-        done += 1
-    return done, here
+        run.advance(1, rest)
+        order = integrators()[run.state.integrator].order_of(run.state.scenes[0])
+        here = _tell(run.state, here, t, rest, 1, error, (rest / dt) ** (order + 1))
+    return here
 
 
 def _tell(

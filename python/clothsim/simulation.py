@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from functools import partial
+import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from . import _validate as check
-from ._extras import needed
 from ._keywords import suggests
 from .account import Account, of_companion, of_nothing, of_tolerance, report
 from .adaptive import automatic, solve
+from .errors import ContactError, RunInterrupted, UnstableError
+from .frames import Schedule, schedule
 from .integration import integrator_name, integrators, warn_of_order
 from .measures import max_stable_dt
 from .plan import BACKENDS, check_backend, check_options
+from .recording import StopRun, Watch, progress_bar
 from .run import Run
-from .runs import Options, Progress, Solution, frame_times, run_fixed, size_of
+from .runs import Options, Resumed, Solution, integrate, run_fixed, size_of
 from .scene import Scene
+from .snapshot import take
 
 
 @suggests
@@ -28,10 +34,14 @@ def simulate(
     precision: str = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: int | float | None = None,
+    every: int | float | str | None = None,
     threads: int | None = None,
     progress: bool = False,
     *,
+    t: float = 0.0,
+    times: npt.ArrayLike | None = None,
+    fps: float | None = None,
+    callback: Callable[[float, Any, Any], Any] | None = None,
     kernel: str = "auto",
     strict: bool = False,
     backend: str = "cpu",
@@ -57,15 +67,26 @@ def simulate(
         points, is to be at most ``atol + rtol * max(scene.cloth.size)`` [m]; what is not given is
         0. Without `dt`, `rtol` and `atol`, rtol is 1e-3 and the step at most half of the
         guaranteed stable one.
-    every : int or float, optional
-        An int stores a frame every so many steps, a float every so many seconds: a method with
-        error control keeps its steps and stores its dense output, others take a shorter step
-        where dt does not divide it. Default: only the first and the last state, which are stored
-        in any case.
+    every : int, float or "step", optional
+        An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
+        at each step. At most one of `every`, `times` and `fps` is given; by default only the
+        first and the last state are stored, which every run stores.
     threads, kernel, strict, backend
         As for `step`. The backend "gpu" takes fixed steps of "rk4" only: no `rtol` and `atol`.
     progress : bool, default False
-        True shows a progress bar (tqdm, in the extra "demo").
+        True shows a progress bar of simulated seconds (tqdm, in the extra "demo") on a terminal
+        and in a notebook; nothing in a pipe.
+    t : float, default 0.0
+        Time of the initial state [s]; moving spheres start from their places at that time.
+    times : array_like, optional
+        Times of the scene at which frames are stored [s], increasing, from `t` to
+        ``t + duration``.
+    fps : float, optional
+        Frames a second, > 0.
+    callback : callable, optional
+        Called as ``callback(t, x, v)`` at each stored frame, with read-only arrays of shape
+        (rows, columns, 3). It returns True to stop the run there, else False or None. Where error
+        control repeats a run, the calls begin again at the start.
     estimate_error : bool, optional
         Whether a run with a given `dt` is compared with one of twice the time step, at half the
         cost again. Default: no. Without `dt` the error is always estimated.
@@ -78,12 +99,15 @@ def simulate(
     Returns
     -------
     Run
-        ``run.t[-1] == duration``; where dt does not divide it, the last step is shorter.
+        ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
+        shorter. A method with error control keeps its own steps and computes frames in seconds by
+        its dense output; a fixed step is shortened before a frame that it does not divide.
         ``run.report`` has "steps", "rejected_steps", "force_evaluations" (of the run and of its
         error estimate together), "solution_evaluations" (of the run alone), "wall_time" [s] (of it),
         "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
         "end", see `energy`), "kernel", "integrator", "precision", "strict", "threads",
-        "instruction_set" (the adapter with the backend "gpu"), "backend" and "version". It also has
+        "instruction_set" (the adapter with the backend "gpu"), "backend", "version" and "stopped"
+        ("" for a whole run, else "callback", "interrupted", "unstable" or "contact"). It also has
         extremes over the states of the run: the initial one and that at the end of each step, after
         the responses. Each is a mapping with a "reason": "" or why a number is NaN, as all are with
         the backend "gpu".
@@ -126,10 +150,11 @@ def simulate(
     ------
     ValueError, TypeError
         If an argument is not as above.
-    UnstableError
-        If the state stops being finite or runs away; see `Stepper.advance`.
-    KeyboardInterrupt
-        On Ctrl-C.
+    UnstableError, ContactError
+        If the state stops being finite or runs away (see `Stepper.advance`), or spheres trap a
+        mass point. ``error.run`` is the run up to the state before that step.
+    RunInterrupted
+        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
         With the backend "gpu" only; see `step`.
 
@@ -164,8 +189,10 @@ def simulate(
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
+    t = check.number("t", t)
+    _check_end(t, duration)
     asked = _asked_error(scene, dt, rtol, atol)
-    every = _checked_every(every)
+    frames = schedule(every, times, fps, t, duration)
     if integrator is None:
         integrator = "auto" if asked is not None else "rk4"
     integrator = integrator_name(integrator, "auto")
@@ -179,32 +206,130 @@ def simulate(
         )
     check_backend(backend, kernel, threads, integrator)
     sampling = check.integer("sampling", sampling, minimum=1)
-    options = Options(named, precision, threads, kernel, strict, backend, sampling)
-    shown = _progress(progress)
+    options = Options(named, precision, threads, kernel, strict, backend, sampling, t)
     warn_of_order(named, scene)
-
     if dt is not None:
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
-        if estimate_error is not None:
-            check.boolean("estimate_error", estimate_error)
-        solution = run_fixed(scene, duration, dt, options, _times(duration, dt, every), shown)
-        account = of_nothing()
-        if estimate_error:
-            account = _step_doubling(scene, duration, dt, solution)
-    elif asked is None and integrator != "auto" and not integrators()[integrator].adaptive:
-        solution, account = _safe_step(scene, duration, options, every, shown)
-    else:
-        asked = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
+        check.step_count(duration, dt)
+    if estimate_error is not None:
+        check.boolean("estimate_error", estimate_error)
+    _check_callback(callback)
+
+    def compute(watch: Watch) -> tuple[Solution, Account]:
+        if dt is not None:
+            solution = run_fixed(scene, duration, dt, options, frames, watch)
+            if not estimate_error:
+                return solution, of_nothing()
+            return solution, _step_doubling(scene, duration, dt, solution)
+        if asked is None and integrator != "auto" and not integrators()[integrator].adaptive:
+            return _safe_step(scene, duration, options, frames, watch)
+        error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
         choices = [options]
         if integrator == "auto":
-            choices = automatic(scene, duration, asked, options)
-        found = solve(scene, duration, asked, choices, every, shown, integrator != "auto")
-        solution, account = found.solution, of_tolerance(scene, found)
+            choices = automatic(scene, duration, error, options)
+        found = solve(scene, duration, error, choices, frames, watch, integrator != "auto")
+        return found.solution, of_tolerance(scene, found)
+
+    with progress_bar(progress, duration) as bar:
+        return _followed(scene, compute, Watch(callback, bar.bar))
+
+
+def _followed(
+    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account]], watch: Watch
+) -> Run:
+    """The run that `compute` finds, or as much of it as there is when it ends early."""
+
+    def so_far(reason: str) -> Run | None:
+        recording = watch.recording
+        if recording is None or not recording.t:
+            return None
+        if reason == "callback":
+            recording.end_at_frame()
+        else:
+            recording.end_here()
+        return _run(scene, Solution.of(recording), of_nothing(), reason)
+
+    try:
+        return _run(scene, *compute(watch))
+    except StopRun:
+        run = so_far("callback")
+        assert run is not None  # the callback was called for a frame of it
+        return run
+    except UnstableError as error:
+        error.run = so_far("unstable")
+        raise
+    except ContactError as error:
+        error.run = so_far("contact")
+        raise
+    except KeyboardInterrupt:
+        raise RunInterrupted(so_far("interrupted")) from None
+
+
+def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
+    snapshot = take(solution.state, scene, vars(solution.options))
     return Run(
-        scene, np.array(solution.t), solution.x, solution.v, report(scene, solution, account)
-    )
+        scene, np.array(solution.t), solution.x, solution.v,
+        report(scene, solution, account, stopped), snapshot, solution.continuation,
+    )  # fmt: skip
+
+
+def resume(
+    run: Run,
+    duration: float,
+    every: int | float | str | None,
+    times: npt.ArrayLike | None,
+    fps: float | None,
+    callback: Callable[[float, Any, Any], Any] | None,
+    progress: bool,
+) -> Run:
+    """`Run.resume`."""
+    snapshot, before = run.snapshot, run.continuation
+    if snapshot is None or before is None:
+        raise ValueError(
+            "this run cannot be resumed, as its final state was not kept: runs of simulate and "
+            "of load_run can"
+        )
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    _check_end(before.start, before.seconds + duration)
+    if before.dt is not None:
+        check.step_count(duration, before.dt)
+    frames = before.frames
+    if not (every is None and times is None and fps is None):
+        frames = schedule(every, times, fps, before.start + before.seconds, duration)
+    _check_callback(callback)
+    names = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+    options = Options(**{name: snapshot.arguments[name] for name in names}, start=before.start)
+    resumed, scene = Resumed(snapshot, before), run.scene
+
+    def compute(watch: Watch) -> tuple[Solution, Account]:
+        if before.control is None:
+            assert before.dt is not None
+            solution = run_fixed(
+                scene, duration, before.dt, options, frames, watch, resumed=resumed
+            )
+        else:
+            solution = integrate(
+                scene, duration, before.control[0], options, frames, watch, resumed=resumed
+            )
+        return solution, of_nothing()
+
+    with progress_bar(progress, duration) as bar:
+        return _followed(run.scene, compute, Watch(callback, bar.bar))
+
+
+def _check_end(t: float, duration: float) -> None:
+    if not t < t + duration < math.inf:
+        raise ValueError(
+            f"duration must be long enough to change the time t = {t:g} s, and t + duration "
+            f"finite, got duration = {duration:g} s"
+        )
+
+
+def _check_callback(callback: Any) -> None:
+    if callback is not None and not callable(callback):
+        raise TypeError(f"callback must be callable, got {check.shown(callback)}")
 
 
 # Where neither a step nor a tolerance is given: the error, and the part of the guaranteed stable
@@ -212,6 +337,7 @@ def simulate(
 _DEFAULT_RTOL = 1e-3
 _SAFETY = 0.5
 _ATTEMPTS = 8
+
 
 def _asked_error(
     scene: Scene, dt: float | None, rtol: float | None, atol: float | None
@@ -229,28 +355,15 @@ def _asked_error(
     return asked
 
 
-def _checked_every(every: int | float | None) -> int | float | None:
-    if every is None:
-        return None
-    if isinstance(every, (float, np.floating)):
-        return check.number("every", every, minimum=0, exclusive=True)
-    return check.integer("every", every, minimum=1)
-
-
-def _times(duration: float, dt: float, every: int | float | None) -> list[float]:
-    between = duration if every is None else every * dt if isinstance(every, int) else every
-    return frame_times(duration, between)
-
-
 def _safe_step(
-    scene: Scene, duration: float, options: Options, every: int | float | None, shown: Progress
+    scene: Scene, duration: float, options: Options, frames: Schedule, watch: Watch
 ) -> tuple[Solution, Account]:
     """A run at a stable step whose error, estimated by step doubling, meets the default rtol."""
     dt = min(_SAFETY * max_stable_dt(scene, options.integrator), duration / 4)
     goal, order = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order_of(scene)
     spent, wall_time = 0, 0.0
     for _ in range(_ATTEMPTS):
-        solution = run_fixed(scene, duration, dt, options, _times(duration, dt, every), shown)
+        solution = run_fixed(scene, duration, dt, options, frames, watch)
         account = _step_doubling(scene, duration, dt, solution)
         account["estimate_evaluations"] += spent
         account["estimate_wall_time"] += wall_time
@@ -265,15 +378,7 @@ def _safe_step(
 
 def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution) -> Account:
     """The error by comparison with a run of twice the step (Richardson)."""
-    coarse = run_fixed(
-        scene, duration, 2 * dt, solution.options, [0.0, duration], own_step=True
-    )
+    coarse = run_fixed(scene, duration, 2 * dt, solution.options, own_step=True)
     order = integrators()[solution.options.integrator].order_of(scene)
     difference = (coarse.x[-1] - solution.x[-1]) / (2**order - 1)
     return of_companion(scene, solution, coarse, difference)
-
-
-def _progress(shown: bool) -> Progress:
-    if not check.boolean("progress", shown):
-        return iter
-    return partial(needed("tqdm.auto", "progress=True", "demo").tqdm, unit="frame")

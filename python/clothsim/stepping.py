@@ -1,17 +1,15 @@
-"""Stepping a scene: `step`, `acceleration` and `Stepper`."""
+"""Stepping a scene, arrays in and arrays out: `step`, `acceleration`, `reference_step`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
-from ._keywords import suggesting, suggests
-from ._state import FloatArray, State, out_array, out_arrays, state_arrays
+from ._keywords import suggests
+from ._state import FloatArray, State, out_array, out_arrays, start_time, state_arrays
 from .scene import Scene
 
 
@@ -22,7 +20,7 @@ def step(
     v: npt.ArrayLike,
     dt: float,
     steps: int = 1,
-    t: float = 0.0,
+    t: float | None = None,
     integrator: str = "rk4",
     precision: str = "double",
     threads: int | None = None,
@@ -35,7 +33,8 @@ def step(
     """Advance positions and velocities by `steps` time steps of `dt`.
 
     Each step is one of the integrator's (default: classic Runge-Kutta of order 4 on (x, v)
-    together), followed by one collision pass per sphere. Pinned points do not move; velocities given for them are taken as 0.
+    together), followed by one collision pass per sphere. Pinned points do not move; velocities given
+    for them are taken as 0.
 
     Parameters
     ----------
@@ -49,8 +48,9 @@ def step(
         Time step [s], > 0.
     steps : int, default 1
         Number of steps, >= 0.
-    t : float, default 0.0
-        Time of the state given [s]; spheres move by it.
+    t : float, optional
+        Time of the state given [s]. Required where a sphere moves, which is at its place at that
+        time; else 0.
     integrator : str, default "rk4"
         Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
     precision : {"double", "single"}, default "double"
@@ -137,8 +137,10 @@ def acceleration(
 
     Parameters
     ----------
-    scene, x, v, t, precision, threads, kernel, strict
+    scene, x, v, precision, threads, kernel, strict
         As for `step`.
+    t : float, default 0.0
+        Time of the state [s]. No result depends on it, as spheres exert no force.
     out : numpy.ndarray, optional
         float64 array of the shape of `x` to write to.
 
@@ -173,284 +175,6 @@ def acceleration(
     return out
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """A `Stepper` at one moment, to be continued bit for bit with `Stepper.restore`.
-
-    It pickles, and holds the scene, the options, the clock and the whole state of the core,
-    compensation included.
-    """
-
-    arguments: dict[str, Any]
-    shape: tuple[int, ...]
-    dtype: str
-    core: tuple[Any, ...]
-
-
-@suggesting
-class Stepper:
-    """A scene whose state stays in the core between calls.
-
-    Parameters
-    ----------
-    scene : Scene or sequence of Scene
-        A sequence of B scenes of one shape is a batch of B states.
-    x, v : array_like, optional
-        Initial positions [m] and velocities [m/s], shape (rows, columns, 3) or
-        (B, rows, columns, 3). Default: the scene's own.
-    t : float, default 0.0
-        Time of that state [s].
-    integrator, precision, threads, kernel, strict, backend
-        As for `step`. With the backend "gpu" the state stays on the adapter.
-    track_contact_energy : bool, default False
-        True counts the energy that the collision passes add (`contact_energy`). The passes are
-        then done by one thread. Not with the backend "gpu".
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> stepper = cs.Stepper(cs.scenes.paper_static())
-    >>> stepper.advance(1000, 5e-6)
-    >>> round(stepper.time, 12)
-    0.005
-    >>> stepper.positions.shape
-    (32, 32, 3)
-    """
-
-    _announces = True  # gives warnings of the order and of long runs
-
-    def __init__(
-        self,
-        scene: Scene | Sequence[Scene],
-        x: npt.ArrayLike | None = None,
-        v: npt.ArrayLike | None = None,
-        *,
-        t: float = 0.0,
-        integrator: str = "rk4",
-        precision: str = "double",
-        threads: int | None = None,
-        kernel: str = "auto",
-        strict: bool = False,
-        backend: str = "cpu",
-        track_contact_energy: bool = False,
-    ) -> None:
-        self._options: dict[str, Any] = {
-            "integrator": integrator, "precision": precision, "threads": threads,
-            "kernel": kernel, "strict": strict, "backend": backend,
-        }
-        self._scene = scene
-        self._track = check.boolean("track_contact_energy", track_contact_energy)
-        self._state = State(scene, x, v, t=t, **self._options)
-        if self._announces:
-            self._state.warn_of_order()
-        else:
-            self._state.announced = True
-        self._state.core.set_track_contact_energy(self._track)
-
-    def advance(self, steps: int, dt: float) -> None:
-        """Advance by `steps` time steps of `dt`.
-
-        Parameters
-        ----------
-        steps : int
-            Number of steps, >= 0.
-        dt : float
-            Time step [s], > 0.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above.
-        UnstableError
-            If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
-            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if
-            a point crosses the whole sheet within a step. It is found within 128 steps, and the
-            stepper then stands right before the step that went wrong: every member of a batch at
-            that same step, with the bits it has when it runs alone. `freeze` lets the others go on.
-        KeyboardInterrupt
-            On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
-        RuntimeError
-            If another thread is advancing this stepper.
-        clothsim.gpu.AdapterLostError
-            If the graphics adapter stops answering. The stepper then stands at the last state that
-            was copied back, at most about a second of work ago.
-
-        Warns
-        -----
-        StabilityWarning
-            Once in the life of a stepper, if `dt` is above `max_stable_dt`; and once if more than
-            half of the kinetic and elastic energy comes out of nothing (docs/stability.md).
-        """
-        self._state.advance(steps, dt)
-
-    def freeze(self, member: int) -> None:
-        """Take a member of the batch out of all further steps; it keeps the state it has.
-
-        So a batch can go on without a member that became unstable: `UnstableError.member`.
-
-        Parameters
-        ----------
-        member : int
-            Index into the batch, >= 0.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If there is no such member.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> scenes = [cs.scenes.oscillator(stiffness=k) for k in (1.0, 1e6)]
-        >>> stepper = cs.Stepper(scenes)
-        >>> import warnings; warnings.simplefilter("ignore", cs.StabilityWarning)
-        >>> try:
-        ...     stepper.advance(1000, 0.01)
-        ... except cs.UnstableError as error:
-        ...     stepper.freeze(error.member)
-        ...     stepper.advance(1001 - error.step, 0.01)
-        >>> round(stepper.time, 12), stepper.frozen.tolist()
-        (10.0, [False, True])
-        """
-        members = len(self._state.scenes)
-        self._state.core.set_frozen(
-            check.integer("member", member, minimum=0, maximum=members - 1), True
-        )
-
-    @property
-    def frozen(self) -> npt.NDArray[np.bool_]:
-        """Which members take no part in further steps, shape (B,); see `freeze`."""
-        return np.array(self._state.core.frozen)
-
-    def _arrays(self) -> tuple[FloatArray, FloatArray]:
-        x, v = np.empty(self._state.shape, self._state.dtype), np.empty(self._state.shape, self._state.dtype)
-        self._state.store(x, v)
-        return x, v
-
-    @property
-    def positions(self) -> FloatArray:
-        """Positions [m], a copy, of the shape and dtype that the state was given in."""
-        x = np.empty(self._state.shape, self._state.dtype)
-        self._state.store(x, None)
-        return x
-
-    @property
-    def velocities(self) -> FloatArray:
-        """Velocities [m/s], a copy, of the shape and dtype that the state was given in."""
-        v = np.empty(self._state.shape, self._state.dtype)
-        self._state.store(None, v)
-        return v
-
-    @property
-    def time(self) -> float:
-        """Time of the state [s]."""
-        return float(self._state.core.time)
-
-    @property
-    def threads(self) -> int:
-        """Threads used; 1 with the backend "gpu"."""
-        return self._state.threads
-
-    @property
-    def kernel(self) -> str:
-        """Kernel used, "gather" or "edge"."""
-        return self._state.kernel
-
-    @property
-    def instruction_set(self) -> str:
-        """Instruction set of the kernels used, or the graphics adapter."""
-        return str(self._state.instruction_set)
-
-    @property
-    def backend(self) -> str:
-        """Backend used, "cpu" or "gpu"."""
-        return self._state.backend
-
-    @property
-    def contact_energy(self) -> float | npt.NDArray[np.float64]:
-        """Energy that the collision passes have added so far [J]; per member for a batch.
-
-        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point
-        that a response moved or turned; 0 for an elastic, frictionless contact in exact arithmetic
-        at the exact moment of impact, so what it shows is made or lost by the method.
-
-        Raises
-        ------
-        RuntimeError
-            If the stepper was made without ``track_contact_energy=True``.
-        """
-        if not self._track:
-            raise RuntimeError("contact_energy is counted by Stepper(..., track_contact_energy=True)")
-        energy = self._state.core.contact_energy
-        return np.array(energy) if self._state.batched else float(energy[0])
-
-    def snapshot(self) -> Snapshot:
-        """The whole state, to be continued bit for bit by `restore`.
-
-        Returns
-        -------
-        Snapshot
-        """
-        arguments = {
-            **self._options, "scene": self._scene, "track_contact_energy": self._track,
-            "frozen": self.frozen.nonzero()[0].tolist(),
-        }  # fmt: skip
-        state = self._state
-        return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())
-
-    @classmethod
-    def restore(cls, snapshot: Snapshot) -> Stepper:
-        """A new stepper that stands where `snapshot` was taken and continues with the same bits.
-
-        Parameters
-        ----------
-        snapshot : Snapshot
-            From `snapshot`, in this process or unpickled in another.
-
-        Returns
-        -------
-        Stepper
-
-        Raises
-        ------
-        TypeError
-            If `snapshot` is no Snapshot.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> one = cs.Stepper(cs.scenes.paper_swing(), precision="single")
-        >>> one.advance(10, 1e-4)
-        >>> other = cs.Stepper.restore(one.snapshot())
-        >>> one.advance(10, 1e-4); other.advance(10, 1e-4)
-        >>> bool((one.positions == other.positions).all())
-        True
-        """
-        if not isinstance(snapshot, Snapshot):
-            raise TypeError(f"snapshot must be a Snapshot, got {type(snapshot).__name__}")
-        origin, steps, dt, members = snapshot.core
-        scene = snapshot.arguments["scene"]
-        zeros = np.zeros(snapshot.shape, snapshot.dtype)
-        kept = ("scene", "frozen")
-        arguments = {name: value for name, value in snapshot.arguments.items() if name not in kept}
-        stepper = cls(scene, zeros, zeros, **arguments)
-        stepper._state.core.restore(origin, steps, dt, members)
-        for member in snapshot.arguments["frozen"]:
-            stepper.freeze(member)
-        return stepper
-
-
-class SilentStepper(Stepper):
-    """A stepper of the package's own, whose caller announces long runs and lower orders itself."""
-
-    _announces = False
-
-
 @suggests
 def reference_step(
     scene: Scene,
@@ -458,7 +182,7 @@ def reference_step(
     v: npt.ArrayLike,
     dt: float,
     steps: int = 1,
-    t: float = 0.0,
+    t: float | None = None,
     *,
     as_printed: bool = False,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -504,6 +228,7 @@ def reference_step(
 
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+    t = start_time(t, [scene])
     x, v = state_arrays(x, v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
@@ -515,5 +240,5 @@ def reference_step(
         v.astype(np.float64),
         check.number("dt", dt, minimum=0, exclusive=True),
         check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX),
-        check.number("t", t),
+        t,
     )

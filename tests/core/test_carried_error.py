@@ -6,7 +6,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.carried import CarriedError
-from clothsim.runs import Options, frame_times, integrate, perturbation, run_fixed
+from clothsim.frames import Schedule
+from clothsim.runs import Options, integrate, perturbation, run_fixed
 
 
 def options(integrator="dop853", precision="double", threads=1):
@@ -90,12 +91,12 @@ def test_the_estimate_of_a_fixed_step(name, integrator, dt):
     make, duration, steps = SCENES[name]
     scene = make()
     error = CarriedError(scene, duration, options(integrator))
-    times = frame_times(duration, duration / 3)
-    run = run_fixed(scene, duration, dt, options(integrator), times, own_step=True, error=error)
+    frames = Schedule(seconds=duration / 3)
+    run = run_fixed(scene, duration, dt, options(integrator), frames, own_step=True, error=error)
     true = rms(run.x[-1] - exact(scene, duration, steps))
     assert true / FACTOR < rms(error.x) < FACTOR * true
     # It changes nothing of the run.
-    plain = run_fixed(scene, duration, dt, options(integrator), times, own_step=True)
+    plain = run_fixed(scene, duration, dt, options(integrator), frames, own_step=True)
     assert run.x.tobytes() == plain.x.tobytes()
     assert run.evaluations == plain.evaluations
 
@@ -103,13 +104,12 @@ def test_the_estimate_of_a_fixed_step(name, integrator, dt):
 def test_of_one_step_and_of_an_even_motion_the_error_is_known_closely():
     scene = cs.scenes.oscillator()
     error = CarriedError(scene, 0.02, options("rk4"))
-    run = run_fixed(scene, 0.02, 0.02, options("rk4"), [0.0, 0.02], own_step=True, error=error)
+    run = run_fixed(scene, 0.02, 0.02, options("rk4"), own_step=True, error=error)
     # From rest the error of x is of one order more than the method says.
     np.testing.assert_allclose(error.x, run.x[-1] - exact(scene, 0.02, 10), rtol=0.2, atol=1e-14)
     # Order 1: of a step's error two halves have a half themselves.
     error = CarriedError(scene, 1.0, options("semi_implicit_euler"))
-    times = [0.0, 1.0]
-    run = run_fixed(scene, 1.0, 2e-3, options("semi_implicit_euler"), times, own_step=True, error=error)
+    run = run_fixed(scene, 1.0, 2e-3, options("semi_implicit_euler"), own_step=True, error=error)
     true = rms(run.x[-1] - exact(scene, 1.0, 300))
     assert true / 1.5 < rms(error.x) < 1.5 * true
 
@@ -141,10 +141,10 @@ def test_the_estimate_of_a_run_with_error_control(name, tolerance, most):
     make, duration, steps = SCENES[name]
     scene = make()
     error = CarriedError(scene, duration, options())
-    run = integrate(scene, duration, tolerance, options(), None, error=error)
+    run = integrate(scene, duration, tolerance, options(), error=error)
     true = rms(run.x[-1] - exact(scene, duration, steps))
     assert true / FACTOR < rms(error.x) < most * true
-    assert run.x.tobytes() == integrate(scene, duration, tolerance, options(), None).x.tobytes()
+    assert run.x.tobytes() == integrate(scene, duration, tolerance, options()).x.tobytes()
 
 
 def test_what_the_estimate_costs_is_counted(monkeypatch):
@@ -162,7 +162,7 @@ def test_what_the_estimate_costs_is_counted(monkeypatch):
             fields.carry(*arguments)
 
     error._field.core = Counted()
-    integrate(scene, duration, 1e-8, options(), None, error=error)
+    integrate(scene, duration, 1e-8, options(), error=error)
     fine = error._fine.core.evaluations[0]
     assert fine > 0 and fine % 12 == 0
     assert error.evaluations == fine + sum(calls) + len(calls) + error._stiffest.evaluations
@@ -174,6 +174,6 @@ def test_same_bits_for_any_number_of_threads(threads):
     found = []
     for n in (1, threads):
         error = CarriedError(scene, 0.05, options(threads=n))
-        integrate(scene, 0.05, 1e-8, options(threads=n), None, error=error)
+        integrate(scene, 0.05, 1e-8, options(threads=n), error=error)
         found.append(error.x)
     assert found[0].tobytes() == found[1].tobytes()

@@ -94,7 +94,7 @@ def test_a_cloth_on_one_side_of_a_sphere_meets_it(integrator, kernel, threads, a
     expected = answered(x + DT * v, v, sphere, DT)
     assert 40 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 150
     options = {"integrator": integrator, "kernel": kernel, "threads": threads}
-    result = cs.step(drifting(x, sphere), x, v, DT, **options)
+    result = cs.step(drifting(x, sphere), x, v, DT, t=0.0, **options)
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(result[1], expected[1], rtol=0, atol=1e-12)
 
@@ -104,7 +104,7 @@ def one_point(position, velocity, sphere, dt=1e-9, **options):
     x = np.full((2, 2, 3), 50.0)
     v = np.zeros((2, 2, 3))
     x[0, 0], v[0, 0] = CENTER + position, velocity
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, **options)
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **options)
     assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
     return xt[0, 0] - CENTER, vt[0, 0]
 
@@ -178,7 +178,7 @@ def test_a_point_at_the_exact_centre(precision, kernel, response, velocity):
     x = np.full((2, 2, 3), 50.0)
     v[0, 0] = velocity
     x[0, 0] = (1, 2, 3) - dt * v[0, 0]  # exact, so that the step ends exactly at the centre
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, kernel=kernel, precision=precision)
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, kernel=kernel, precision=precision)
     if response == "reflect":
         np.testing.assert_array_equal(xt[0, 0], sphere.center)
         np.testing.assert_array_equal(vt[0, 0], velocity)  # no part of it is along the normal, y
@@ -197,7 +197,7 @@ def test_pinned_points_never_move(variant, response):
     sphere = ball(response=response, motion=cs.Linear((0.2, 0.1, 0.0)))
     inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
     assert (inside & pins).sum() > 10
-    xt, vt = cs.step(drifting(x, sphere, pins), x, v, DT, 50, **variant.options)
+    xt, vt = cs.step(drifting(x, sphere, pins), x, v, DT, 50, t=0.0, **variant.options)
     np.testing.assert_array_equal(xt[pins], x[pins])
     assert (vt[pins] == 0).all()
     assert (np.abs(vt - v)[inside & ~pins].max(axis=-1) > 0).any()
@@ -214,10 +214,10 @@ def test_several_spheres_are_met_in_their_order(double_variant, response):
     expected = x + DT * v, v
     for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
         expected = answered(*expected, sphere, DT, radius)
-    result = cs.step(drifting(x, spheres), x, v, DT, **double_variant.options)
+    result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **double_variant.options)
     for part, wanted in zip(result, expected):
         np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
-    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, **double_variant.options)
+    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **double_variant.options)
     assert np.abs(other[0] - result[0]).max() + np.abs(other[1] - result[1]).max() > 1e-3
 
 
@@ -271,7 +271,7 @@ def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
     v = np.zeros((32, 32, 3))
     x[5, 7], v[5, 7] = (0, exact + 2e-6, 0), (0, -1e-3, 0)
     x[6, 8], v[6, 8] = (0, exact - 2e-6, 0), (0, -1e-3, 0)
-    xt, vt = cs.step(scene, x, v, 1e-6, **variant.options)
+    xt, vt = cs.step(scene, x, v, 1e-6, t=0.0, **variant.options)
     assert vt[5, 7, 1] < 0 < vt[6, 8, 1]
     if response == "ray":
         assert abs(xt[6, 8, 1] - exact) < {"double": 1e-15, "single": 1e-7}[variant.precision]
@@ -289,9 +289,9 @@ def test_kernels_agree_with_the_reference_over_contact(
     ]
     scene, x, v, dt = crumpled(spheres=spheres)
     free = cs.reference_step(scene.replace(spheres=()), x, v, dt, 40)
-    expected = cs.reference_step(scene, x, v, dt, 40)
+    expected = cs.reference_step(scene, x, v, dt, 40, t=0.0)
     assert relative(expected, free, x) > 1e-2
-    result = cs.step(scene, x, v, dt, 40, **variant.options)
+    result = cs.step(scene, x, v, dt, 40, t=0.0, **variant.options)
     # Contact multiplies rounding: 1e4 times what it is without.
     assert relative(result, expected, x) < {"double": 1e-10, "single": 1e-2}[variant.precision]
 
@@ -323,7 +323,7 @@ def test_literal_reflect_lets_points_in_and_mended_moving_spheres_do_not_shoot_t
         sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none",
                            literal=literal)  # fmt: skip
         scene = drifting(x, sphere)
-        stepper = cs.Stepper(scene, x, 0 * x)
+        stepper = cs.Stepper(scene, x, 0 * x, t=0.0)
         stepper.advance(300, DT)
         depth[literal] = cs.penetration(stepper.positions, sphere, stepper.time)["points"]
     assert depth[True] > 0.3

@@ -18,7 +18,7 @@ class Rules:
     def __init__(self, scene, x, v, dt, precision):
         self.scene, self.dt, self.start = scene.replace(spheres=()), dt, x
         self.epsilon = float(np.finfo({"double": np.float64, "single": np.float32}[precision]).eps)
-        x1, v1 = cs.step(self.scene, x, v, dt, precision=precision)
+        x1, v1 = cs.step(self.scene, x, v, dt, t=0.0, precision=precision)
         self.place, self.x, self.v = x[POINT], x1[POINT], v1[POINT]
         self.gain = self.v - v[POINT]
         self.elapsed, self.contacts, self.flown, self.again = 0.0, 0, 0, False
@@ -129,7 +129,7 @@ def test_points_are_answered_by_the_rules(stiffness, spheres, precision):
         compared += 1
         several += rules.contacts > 1
         flown += rules.flown
-        after, v_after = cs.step(scene, x, v, DT, precision=precision)
+        after, v_after = cs.step(scene, x, v, DT, t=0.0, precision=precision)
         np.testing.assert_allclose(after[POINT], rules.x, rtol=0, atol=bound)
         np.testing.assert_allclose(v_after[POINT], rules.v, rtol=0, atol=100 * bound)
     assert compared >= 18 and flown >= 8
@@ -146,7 +146,7 @@ def test_several_contacts_among_spheres_on_their_ways(restitution):
     ]
     cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
     x, v = np.array([[(0.1, 0, 0), (90.0, 90, 90)]]), np.array([[(3.2, 0, 0), (0, 0, 0.0)]])
-    after, v_after = cs.step(cs.Scene(cloth, spheres, (0, 0, 0)), x, v, 1.0)
+    after, v_after = cs.step(cs.Scene(cloth, spheres, (0, 0, 0)), x, v, 1.0, t=0.0)
 
     place, speed, t, hits = 0.1, 3.2, 0.0, 0
     while True:
@@ -166,7 +166,7 @@ def test_after_16_contacts_in_a_step_a_point_is_stopped_where_it_is():
     cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
     x, v = np.array([[(0.1, 0, 0), (90.0, 90, 90)]]), np.array([[(100.0, 0, 0), (0, 0, 0.0)]])
     scene = cs.Scene(cloth, [ball((-1.0, 0, 0)), ball((1.0, 0, 0))], (0, 0, 0))
-    after, v_after = cs.step(scene, x, v, 1.0)
+    after, v_after = cs.step(scene, x, v, 1.0, t=0.0)
     np.testing.assert_allclose(after[0, 0], (-0.5, 0, 0), rtol=0, atol=1e-13)
     np.testing.assert_allclose(v_after[0, 0], (100.0, 0, 0), rtol=0, atol=1e-12)
 
@@ -188,7 +188,7 @@ def test_a_point_that_starts_inside_goes_out_at_the_speed_of_the_push(start, spe
     cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
     x = np.array([[start * n, (90.0, 90, 90)]])
     v = np.array([[speed * n + 1e-3 * aside, (0, 0, 0.0)]])
-    after, v_after = cs.step(cs.Scene(cloth, sphere, (0, 0, 0)), x, v, DT)
+    after, v_after = cs.step(cs.Scene(cloth, sphere, (0, 0, 0)), x, v, DT, t=0.0)
     np.testing.assert_allclose(np.linalg.norm(after[0, 0]), distance, rtol=0, atol=1e-9)
     assert np.linalg.norm(after[0, 0]) >= distance - 1e-15
     np.testing.assert_allclose(v_after[0, 0] @ n, left, rtol=0, atol=1e-6)
@@ -207,7 +207,7 @@ def test_a_point_on_the_sphere_that_is_pulled_off_it_bounces():
     rules = Rules(scene, x, v, DT, "double")
     rules.run(scene.spheres)
     assert rules.flown == 1
-    after, v_after = cs.step(scene, x, v, DT)
+    after, v_after = cs.step(scene, x, v, DT, t=0.0)
     np.testing.assert_allclose(after[POINT], rules.x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(v_after[POINT], rules.v, rtol=0, atol=1e-12)
     np.testing.assert_allclose(rules.v[1], 0.11, rtol=0.02)

@@ -30,7 +30,7 @@ def one_point(position, velocity, sphere, dt, **options):
     x = np.full((2, 2, 3), 50.0)
     v = np.zeros((2, 2, 3))
     x[0, 0], v[0, 0] = CENTER + position, velocity
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, **options)
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **options)
     assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
     return xt[0, 0] - CENTER, vt[0, 0]
 
@@ -110,14 +110,14 @@ def test_bits_do_not_depend_on_threads_batch_or_cuts(same_bits, precision, offse
     ]
     scene = cs.Scene(cloth, spheres)
     x, v = scene.initial_position, scene.initial_velocity - np.array((0, 1.0, 0))
-    options = {"precision": precision, "dt": 4e-4}
+    options = {"precision": precision, "dt": 4e-4, "t": 0.0}
     expected = cs.step(scene, x, v, steps=60, threads=1, **options)
     assert np.abs(expected[1] - v).max() > 1
     assert same_bits(cs.step(scene, x, v, steps=60, threads=3, **options), expected)
     batch = cs.step(scene, np.stack([x, x]), np.stack([v, v]), steps=60, threads=2, **options)
     for member in (0, 1):
         assert same_bits((batch[0][member], batch[1][member]), expected)
-    stepper = cs.Stepper(scene, x, v, precision=precision)
+    stepper = cs.Stepper(scene, x, v, t=0.0, precision=precision)
     stepper.advance(25, 4e-4)
     stepper = cs.Stepper.restore(stepper.snapshot())
     stepper.advance(35, 4e-4)
@@ -130,10 +130,10 @@ def test_bits_do_not_depend_on_threads_in_a_cloth_worth_several(same_bits):
     sphere = cs.Sphere((0.5, -0.6, 0.5), 0.6, cs.Linear((0, 4.0, 0)), "continuous", "none", 0.2, 0.3)
     scene = cs.Scene(cloth, sphere)
     x, v = scene.initial_position, scene.initial_velocity
-    expected = cs.step(scene, x, v, 4e-5, 60, threads=1)
+    expected = cs.step(scene, x, v, 4e-5, 60, t=0.0, threads=1)
     assert (np.abs(expected[1][..., 1] - 4.0) < 2.0).sum() > 100
     for threads in (2, 3):
-        assert same_bits(cs.step(scene, x, v, 4e-5, 60, threads=threads), expected)
+        assert same_bits(cs.step(scene, x, v, 4e-5, 60, t=0.0, threads=threads), expected)
     deep = cs.penetration(expected[0], sphere, 60 * 4e-5)
     assert deep["points"] == 0
 
@@ -194,7 +194,7 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
     v[..., 0] = q * RADIUS / DT
 
     def missed(**arguments):
-        _, after = cs.step(drifting(x, ball(**arguments)), x, v, DT, 6)
+        _, after = cs.step(drifting(x, ball(**arguments)), x, v, DT, 6, t=0.0)
         return float((after == v).all(axis=-1).mean())
 
     assert missed(response="continuous") == 0

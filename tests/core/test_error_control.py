@@ -240,7 +240,7 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
         ({"atol": "small"}, TypeError, "atol must be a finite number >= 0, got 'small'"),
         ({"dt": 1e-3, "integrator": "auto"}, ValueError, "integrator must be a name with dt"),
         ({"rtol": 1e-3, "integrator": "euler"}, ValueError, "integrator must be one of 'auto'"),
-        ({"rtol": 1e-3, "every": 0}, ValueError, "every must be an integer >= 1"),
+        ({"rtol": 1e-3, "every": 0}, ValueError, "every must be steps between frames"),
         ({"rtol": 1e-3, "every": -0.1}, ValueError, "every must be a finite number > 0"),
     ],
 )  # fmt: skip

@@ -34,7 +34,7 @@ def unguarded(scene):
 
 def test_the_reference_sees_the_same_contacts(variant):
     scene, x, v = drawn()
-    expected = cs.reference_step(scene, x, v, DT, STEPS)
+    expected = cs.reference_step(scene, x, v, DT, STEPS, t=0.0)
     free = cs.reference_step(scene.replace(spheres=()), x, v, DT, STEPS)
     assert 20 < (np.abs(expected[1] - free[1]).max(axis=-1) > 0.5).sum() < 300
     result = cs.step(scene, x, v, DT, STEPS, **variant.options)
@@ -100,9 +100,9 @@ def test_a_sphere_that_moves_is_seen_coming(motion, kernel):
     cloth = cs.Cloth((16, 16), stiffness=10.0, damping=0.0, pins=())
     scene = cs.Scene(cloth, SPHERE.replace(center=(0.44, -1.2, 0.37), motion=motion), gravity=(0, 0, 0))
     x, v = cloth.rest_positions, np.zeros((16, 16, 3))
-    expected = cs.reference_step(scene, x, v, DT, STEPS)
+    expected = cs.reference_step(scene, x, v, DT, STEPS, t=0.0)
     assert (np.abs(expected[0][..., 1]) > 0.02).sum() > 20
-    result = cs.step(scene, x, v, DT, STEPS, kernel=kernel)
+    result = cs.step(scene, x, v, DT, STEPS, t=0.0, kernel=kernel)
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-7)  # bounces magnify rounding
 
 

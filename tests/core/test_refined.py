@@ -70,7 +70,7 @@ def test_the_error_is_told():
         exact = at_the_end(scene, 1.0, 300)
         ratios = []
         for goal in np.geomspace(1e-4, 1e-10, 25):
-            found = refined.refine(scene, 1.0, goal, OPTIONS, None, iter)
+            found = refined.refine(scene, 1.0, goal, OPTIONS)
             ratios.append(rms(found.error) / rms(found.solution.x[-1] - exact))
             assert rms(found.error) <= goal
         assert min(ratios) > 1
@@ -82,7 +82,7 @@ def test_where_steps_are_not_equally_hard_a_controller_takes_over():
     assert refined.is_few(scene, duration)
     exact = at_the_end(scene, duration, 4000)
     for asked in (1e-4, 1e-6, 1e-8):
-        found = refined.refine(scene, duration, asked, OPTIONS, None, iter)
+        found = refined.refine(scene, duration, asked, OPTIONS)
         assert found.solution is None and found.evaluations > 0
         run = cs.simulate(scene, duration, rtol=asked)
         assert rms(run.x[-1] - exact) <= asked

@@ -22,7 +22,7 @@ def test_only_the_first_and_last_frame_by_default(same_bits):
 
 @pytest.mark.parametrize(
     "every, times",
-    [(4, [0, 0.004, 0.008, 0.01]), (5, [0, 0.005, 0.01]), (1, np.arange(11) * 1e-3),
+    [(4, [0, 0.004, 0.008, 0.01]), (5, [0, 0.005, 0.01]), ("step", np.arange(11) * 1e-3),
      (10, [0, 0.01]), (99, [0, 0.01]), (np.int64(5), [0, 0.005, 0.01]),
      (0.004, [0, 0.004, 0.008, 0.01]), (0.0025, [0, 0.0025, 0.005, 0.0075, 0.01]),
      (0.01, [0, 0.01]), (3.0, [0, 0.01]), (np.float64(0.005), [0, 0.005, 0.01])],
@@ -125,7 +125,7 @@ def test_without_dt_a_safe_one_is_taken():
 
 def test_save_and_load(tmp_path, same_bits):
     run = cs.simulate(SCENE, 0.01, dt=1e-3, every=3)
-    for name in ("run", "run.npz", "with.dots"):
+    for name in ("run", "run.npz"):
         path = run.save(tmp_path / name)
         assert path.suffix == ".npz" and path.exists()
         again = cs.load_run(path)
@@ -151,6 +151,7 @@ def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
      ({"dt": math.inf}, ValueError, "dt"), ({"dt": True}, TypeError, "dt"),
      ({"every": 0}, ValueError, "every"), ({"every": -0.1}, ValueError, "every"),
      ({"every": True}, TypeError, "every"), ({"every": "2"}, TypeError, "every"),
+     ({"every": 1}, ValueError, "every='step' .* every=1.0"),
      ({"every": math.nan}, ValueError, "every"),
      ({"progress": 1}, TypeError, "progress"), ({"precision": "half"}, ValueError, "precision"),
      ({"integrator": "rk5"}, ValueError, "integrator"), ({"kernel": "fast"}, ValueError, "kernel"),

@@ -18,10 +18,10 @@ def arrays(stepper):
 
 def test_a_stepper_is_step_in_parts(crumpled, same_bits):
     scene, x, v, dt = crumpled(spheres=BALL)
-    stepper = cs.Stepper(scene, x, v, **GPU)
+    stepper = cs.Stepper(scene, x, v, t=0.0, **GPU)
     for n in (1, 0, 7, 97, 45):
         stepper.advance(n, dt)
-    assert same_bits(arrays(stepper), cs.step(scene, x, v, dt, 150, **GPU))
+    assert same_bits(arrays(stepper), cs.step(scene, x, v, dt, 150, t=0.0, **GPU))
     assert stepper.time == 150 * dt
 
 
@@ -36,7 +36,7 @@ def test_what_it_says_of_itself(crumpled, device):
 def test_a_change_of_step_is_followed(crumpled, same_bits):
     scene, x, v, dt = crumpled(spheres=BALL)
     options = {"precision": "single", "strict": True}
-    cpu, gpu = cs.Stepper(scene, x, v, **options), cs.Stepper(scene, x, v, **options, backend="gpu")
+    cpu, gpu = cs.Stepper(scene, x, v, t=0.0, **options), cs.Stepper(scene, x, v, t=0.0, **options, backend="gpu")
     for stepper in (cpu, gpu):
         for n, part in ((20, 1.0), (1, 0.3), (20, 0.5)):
             stepper.advance(n, part * dt)
@@ -49,10 +49,10 @@ def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
     scene, x, v, dt = crumpled(shape=(17, 20), spheres=BALL)
     x = np.stack([x + 0.01 * k for k in range(5)]).astype(dtype)
     v = np.stack([v * (1 + k) for k in range(5)]).astype(dtype)
-    result = cs.step(scene, x, v, dt, 60, **GPU)
+    result = cs.step(scene, x, v, dt, 60, t=0.0, **GPU)
     assert result[0].dtype == dtype
     for k in range(5):
-        alone = cs.step(scene, x[k], v[k], dt, 60, **GPU)
+        alone = cs.step(scene, x[k], v[k], dt, 60, t=0.0, **GPU)
         assert same_bits([part[k] for part in result], alone)
 
 
@@ -153,7 +153,7 @@ def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64)
     x, v = np.stack([x + 3.0, x]), np.stack([v, v])
     counts = []
     for backend in ("cpu", "gpu"):
-        stepper = cs.Stepper(scene, x, v, precision=precision, strict=True, backend=backend)
+        stepper = cs.Stepper(scene, x, v, t=0.0, precision=precision, strict=True, backend=backend)
         stepper.advance(130, dt)
         counts.append(stepper._state.core.contacts)
     assert counts[0] == counts[1] and counts[0][0] == 0 and counts[0][1] > 100

@@ -56,7 +56,7 @@ def test_it_is_what_the_core_does(name, precision, bound):
 def test_a_sphere_faster_than_its_size_a_step_does_not_pass():
     scene = falling(cs.Sphere((0.5, -1.0, 0.5), 0.1, cs.Linear((0, 600.0, 0)), "continuous"))
     x, v = scene.initial_position, scene.initial_velocity
-    x, v = cs.step(scene, x, v, 5e-4, 6, backend="gpu")
+    x, v = cs.step(scene, x, v, 5e-4, 6, t=0.0, backend="gpu")
     start = scene.initial_position
     struck = np.hypot(start[..., 0] - 0.5, start[..., 2] - 0.5) < 0.08
     assert struck.any() and (x[struck][:, 1] > 0.5).all()
@@ -68,7 +68,7 @@ def test_points_that_start_inside_go_out_at_the_cores_speed():
     x, v = scene.initial_position, 0 * scene.initial_velocity
     for backend in ("cpu", "gpu"):
         with pytest.warns(cs.ContactWarning, match="starts on the cloth"):
-            ends.append(cs.step(scene, x, v, 5e-4, 20, strict=True, backend=backend)[0])
+            ends.append(cs.step(scene, x, v, 5e-4, 20, t=0.0, strict=True, backend=backend)[0])
     assert np.abs(ends[1] - ends[0]).max() < 1e-12
     depths = [cs.penetration(positions, ball)["points"] for positions in (x, ends[1])]
     assert depths[1] == pytest.approx(depths[0] - 20 * 5e-4 * 0.5, abs=5e-4)
@@ -99,7 +99,7 @@ def test_points_without_a_place_are_the_cores_error():
     state = scene.initial_position, scene.initial_velocity
     for backend in ("cpu", "gpu"):
         with pytest.raises(cs.ContactError) as raised:
-            cs.step(scene, *state, 1e-3, 100, strict=True, backend=backend)
+            cs.step(scene, *state, 1e-3, 100, t=0.0, strict=True, backend=backend)
         errors.append(raised.value)
     cpu, gpu = errors
     assert gpu.step > 10
@@ -112,4 +112,4 @@ def test_a_pinned_point_in_a_sphere_is_told():
     ball = cs.Sphere((0.0, -0.5, 0.0), 0.2, cs.Linear((0, 20.0, 0)), "continuous")
     scene = falling(ball)
     with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
-        cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, backend="gpu")
+        cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, t=0.0, backend="gpu")

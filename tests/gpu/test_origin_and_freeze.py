@@ -24,7 +24,7 @@ def far_scene(crumpled, offset=FAR, **options):
 @pytest.mark.usefixtures("needs_float64")
 def test_far_away_single_has_the_bits_of_the_core(crumpled, same_bits):
     scene, x, v, dt = far_scene(crumpled)
-    cpu, gpu = (cs.Stepper(scene, x, v, **SINGLE, backend=b) for b in ("cpu", "gpu"))
+    cpu, gpu = (cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=b) for b in ("cpu", "gpu"))
     for stepper in (cpu, gpu):
         stepper.advance(100, dt)
     free = cs.Stepper(scene.replace(spheres=()), x, v, **SINGLE)
@@ -40,17 +40,17 @@ def test_far_away_single_has_the_bits_of_the_core(crumpled, same_bits):
 def test_members_of_one_scene_have_origins_of_their_own(crumpled, same_bits):
     scene, x, v, dt = far_scene(crumpled)
     x, v = np.stack([x, x - FAR, x + FAR]), np.stack([v] * 3)
-    gpu = cs.Stepper(scene, x, v, **SINGLE, backend="gpu")
+    gpu = cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend="gpu")
     gpu.advance(60, dt)
     for k in range(3):
-        alone = cs.Stepper(scene, x[k], v[k], **SINGLE, backend="gpu")
+        alone = cs.Stepper(scene, x[k], v[k], t=0.0, **SINGLE, backend="gpu")
         alone.advance(60, dt)
         assert same_bits([part[k] for part in arrays(gpu)], arrays(alone)), k
 
 
 def test_a_snapshot_keeps_the_origin(crumpled, same_bits):
     scene, x, v, dt = far_scene(crumpled)
-    stepper = cs.Stepper(scene, x, v, **SINGLE, backend="gpu")
+    stepper = cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend="gpu")
     stepper.advance(30, dt)
     other = cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot())))
     assert same_bits(arrays(other), arrays(stepper))
@@ -63,7 +63,7 @@ def test_a_frozen_member_rests_and_the_others_go_on(crumpled, same_bits):
     states = [crumpled(seed=1), crumpled(seed=2, damping_model="point"), crumpled(seed=3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
-    frozen, whole = (cs.Stepper(scenes, x, v, **SINGLE, backend="gpu") for _ in range(2))
+    frozen, whole = (cs.Stepper(scenes, x, v, t=0.0, **SINGLE, backend="gpu") for _ in range(2))
     for stepper in (frozen, whole):
         stepper.advance(20, dt)
     at_rest = arrays(frozen)

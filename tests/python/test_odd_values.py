@@ -90,8 +90,21 @@ CALLS = {
     partial(cs.simulate, duration=0.02, dt=0.01): {
         "scene": SCENE, "integrator": "rk4", "precision": "double", "rtol": None, "atol": None,
         "threads": 1, "progress": False, "kernel": "auto", "strict": False, "estimate_error": None},
+    partial(cs.simulate, SCENE, 0.02, 0.01): {"t": 0.0, "every": 0.01, "sampling": 1},
+    partial(cs.simulate, MOVING, 0.02, dt=0.01): {"times": [0.01]},
+    partial(cs.simulate, MOVING, 0.02, dt=0.005): {"fps": 100},
+    RUN.resume: {"duration": 0.02, "every": None, "progress": False},
+    partial(RUN.resume, 0.02): {"times": [0.03]},
+    RUN.penetration: {"sphere": 0},
+    RUN.save: {"path": "run"},
+    cs.load_run: {"path": "/no/such/run"},
+    RUN.snapshot.save: {"path": "snapshot"},
+    cs.Snapshot.load: {"path": "/no/such/snapshot"},
+    STEPPER.set_state: {"x": X, "v": V, "t": 0.0},
+    STEPPER.set_scene: {"scene": SCENE},
     cs.energy: {"scene": SCENE, "x": X, "v": V},
     cs.penetration: {"x": X, "sphere": SCENE.spheres[0], "t": 0.0},
+    partial(cs.penetration, np.stack([X, X])): {"sphere": MOVING.spheres[0], "t": [0.0, 0.1]},
     cs.largest_stretch: {"scene": SCENE, "x": X},
     cs.max_stable_dt: {"scene": SCENE, "integrator": "rk4", "x": None, "v": None},
     cs.thread_grid: {"shape": (2, 3), "group": (16, 16, 1)},
@@ -127,6 +140,7 @@ ALSO = {
 }
 # Good numbers for which a call takes long.
 SLOW = {
+    ("resume", "duration"),
     ("simulate", "rtol"), ("simulate", "atol"), ("sweep", "rtol"), ("sweep", "atol"),
     ("reference", "duration"),
 }  # fmt: skip

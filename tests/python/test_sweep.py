@@ -134,7 +134,7 @@ def test_energy_stretch_and_penetration_are_those_of_the_run():
                    sampling=400)  # fmt: skip
     for radius in (0.1, 0.25):
         run = cs.simulate(BALL.replace(spheres=BALL.spheres[0].replace(radius=radius)), 0.4,
-                          dt=1e-3, every=1)  # fmt: skip
+                          dt=1e-3, every="step")  # fmt: skip
         mine = result.sel(sphere_radius=radius)
         energy = run.report["energy"]
         assert float(mine.energy_drift) == energy["end"]["total"] - energy["start"]["total"]
@@ -259,8 +259,8 @@ def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precisi
         sphere = sphere.replace(center=(-0.6, -0.2, 0.5), motion=cs.Linear((4.0, 0.0, 0.0)))
     scene = BALL.replace(spheres=sphere)
     found = sweep(scene, duration=0.5, dt=dt, metrics="first_contact", precision=precision)
-    with_ball = cs.simulate(scene, 0.5, dt=dt, every=1, precision=precision)
-    without = cs.simulate(without_contact(scene), 0.5, dt=dt, every=1, precision=precision)
+    with_ball = cs.simulate(scene, 0.5, dt=dt, every="step", precision=precision)
+    without = cs.simulate(without_contact(scene), 0.5, dt=dt, every="step", precision=precision)
     changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(
         axis=(1, 2, 3)
     )

@@ -132,7 +132,7 @@ def test_zip_and_set(capsys):
         (["paper_swing", "--mass", "1,-2"], "mass must be"),
         (["paper_swing", "--mass", "1,2", "--zip", "mass,dt"], "several values"),
         (["paper_swing", "--mass", "1,2", "--dt", "1,2,3", "--zip", "mass,dt"], "as many values"),
-        (["paper_swing", "--every", "often"], "--every must be"),
+        (["paper_swing", "--every", "often"], "--every: must be"),
         (["paper_swing", "--plot", "nowhere/p.png"], "existing folder"),
         (["paper_swing", "--strict", "yes,no"], "true or false"),
     ],

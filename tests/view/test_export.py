@@ -131,7 +131,7 @@ def test_a_missing_package_is_named_with_its_extra(run, tmp_path, monkeypatch, s
 def test_a_chain_has_no_surface_to_export(tmp_path):
     scene = cs.scenes.oscillator()
     assert min(scene.cloth.shape) == 1
-    chain = cs.simulate(scene, 0.1, dt=1e-2, every=1)
+    chain = cs.simulate(scene, 0.1, dt=1e-2, every="step")
     with pytest.raises(ValueError, match="at least 2 x 2 mass points"):
         exporting.export(chain, tmp_path / "a.obj")
     exporting.export(chain, tmp_path / "a.csv")

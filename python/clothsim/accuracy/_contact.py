@@ -8,7 +8,7 @@ import numpy as np
 
 from ..measures import max_stable_dt
 from ..scene import Scene
-from ..stepping import Stepper
+from ..stepper import Stepper
 
 # Of the time in which the cloth's size is crossed: how far apart the looks are at most.
 _MOST_BETWEEN = 1e-4  # s

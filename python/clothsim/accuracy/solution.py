@@ -17,7 +17,7 @@ from .._record import EqualByValue
 from ..measures import max_stable_dt
 from ..plan import choose_threads
 from ..scene import Scene
-from ..stepping import Stepper
+from ..stepper import Stepper
 from . import _cache
 from ._contact import first_contact
 

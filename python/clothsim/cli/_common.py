@@ -7,7 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..frames import EVERY_STEP, checked_every
 from ..integration import integrator_name
+
+EVERY_HELP = (
+    "store a frame every N steps (whole number from 2), every S seconds (with a point or "
+    "exponent), or at each step (step); default: first and last only"
+)
 
 
 def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
@@ -41,6 +47,22 @@ def written(files: Sequence[Path]) -> str:
     """Which files there are, in a line."""
     more = f" and {len(files) - 1} more beside it" if len(files) > 1 else ""
     return f"Written: {files[0]}{more}"
+
+
+def every(text: str) -> int | float | str:
+    """An argument that `simulate` and `sweep` take as `every`."""
+    if text == EVERY_STEP:
+        return text
+    try:
+        value = int(text) if text.lstrip("+-").isdigit() else float(text)
+        checked_every(value)
+    except ValueError:
+        hint = "; for each step give step, for each second 1.0" if text == "1" else ""
+        raise argparse.ArgumentTypeError(
+            "must be a whole number of steps >= 2, seconds > 0 (with a point or exponent) or "
+            f"'step', got {text!r}{hint}"
+        ) from None
+    return value
 
 
 def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import clothsim as cs
 
+from .._files import npz_path
 from .._json import as_json
 from .._progress import wanted_by_command
 from ..plan import KERNELS
@@ -19,9 +20,9 @@ from ..view.animation import FORMATS as FILMS
 from ..view.animation import animate, film_path
 from ..view.export import Target, export
 from ..view.picture import file_path
-from ._common import add_command, as_table, count, integrator, written
+from ._common import EVERY_HELP, add_command, as_table, count, every, integrator, written
 
-FPS = 60  # frames a second that a run stores for pages, films and exports without --every
+FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
 
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
@@ -64,13 +65,9 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument(
         "--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)"
     )
-    command.add_argument(
-        "--every",
-        type=_every,
-        metavar="N|S",
-        help="store a frame every N steps (whole number) or S seconds (with a point or exponent); "
-        "default: first and last only",
-    )
+    stored = command.add_mutually_exclusive_group()
+    stored.add_argument("--every", type=every, metavar="N|S|step", help=EVERY_HELP)
+    stored.add_argument("--fps", type=float, metavar="F", help="frames a second")
     command.add_argument(
         "--precision", choices=("double", "single"), default="double", help="default: double"
     )
@@ -123,17 +120,6 @@ def _scene_help() -> str:
     return "a scene file (TOML), or one of " + ", ".join(ready_scenes())
 
 
-def _every(text: str) -> int | float:
-    try:
-        return int(text)
-    except ValueError:
-        pass
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be steps or seconds, got {text!r}") from None
-
-
 def run(args: argparse.Namespace) -> None:
     scene = scene_of(args.scene)
     _check_files(args, scene)
@@ -142,6 +128,7 @@ def run(args: argparse.Namespace) -> None:
         args.duration,
         dt=args.dt,
         every=args.every,
+        fps=args.fps,
         integrator=args.integrator,
         rtol=args.rtol,
         atol=args.atol,
@@ -170,6 +157,8 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     for name in ("out", "html"):
         if getattr(args, name):
             file_path(f"--{name}", getattr(args, name))
+    if args.out:
+        args.out = npz_path(args.out, "--out")
     if args.gif:
         film_path("--gif", args.gif)
     if args.export:
@@ -178,8 +167,8 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
         raise ValueError("--z-up needs --export, whose files it turns")
     if args.view and not args.html:
         args.html = str(Path(tempfile.mkdtemp(prefix="clothsim-")) / "run.html")
-    if args.html or args.gif or args.export:
-        args.every = args.every or 1 / FPS
+    if (args.html or args.gif or args.export) and args.every is None and args.fps is None:
+        args.fps = FPS
 
 
 def _write_films(args: argparse.Namespace, result: cs.Run) -> list[list[Path]]:

@@ -15,7 +15,7 @@ from clothsim.sweep import METRICS, fields
 from .._extras import check_installed, needed
 from .._json import as_json
 from .._progress import wanted_by_command
-from ._common import add_command, count
+from ._common import EVERY_HELP, add_command, count, every
 from ._sweep_summary import as_data, summary
 from .run import ready_scenes, scene_of
 
@@ -68,7 +68,7 @@ def add_parser(subparsers: Any) -> None:
         help="do what is missing in a store that exists (default), or refuse the store",
     )  # fmt: skip
     command.add_argument(
-        "--every", metavar="N|S", help="frames: every N steps, or S seconds (with a point)"
+        "--every", type=every, metavar="N|S|step", help=EVERY_HELP
     )
     command.add_argument("--frames", action="store_true", help="store the frames too")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> None:
             scene,
             over,
             metrics=args.metric.split(","),
-            every=_every(args.every),
+            every=args.every,
             frames=args.frames,
             store=args.store,
             resume=args.resume,
@@ -216,15 +216,6 @@ def _zipped(over: dict[Any, Any], names: tuple[str, ...]) -> dict[Any, Any]:
         raise ValueError(f"--zip needs as many values of each name, got {lengths}")
     rows = list(zip(*(over[name] for name in names), strict=True))
     return {names: rows, **{key: values for key, values in over.items() if key not in names}}
-
-
-def _every(text: str | None) -> int | float | None:
-    if text is None:
-        return None
-    try:
-        return int(text) if text.isdigit() else float(text)
-    except ValueError:
-        raise ValueError(f"--every must be steps or seconds, got {text!r}") from None
 
 
 def _client(address: str | None) -> Any:

@@ -100,7 +100,7 @@ def crossings(
             with_cloth = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
             shape = (*_POINTS, 3)
             state = x.reshape(shape), v.reshape(shape)
-            x1, v1 = cs.step(with_cloth, *state, dt, threads=1, precision=precision)
+            x1, v1 = cs.step(with_cloth, *state, dt, t=0.0, threads=1, precision=precision)
             x1, v1 = x1.reshape(-1, 3), v1.reshape(-1, 3)
 
             p0 = x.astype(wide) - center

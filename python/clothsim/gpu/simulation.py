@@ -153,6 +153,13 @@ class Simulation:
     def time(self) -> float:
         return (self._safe.clock if self._lost else self._clock).now()
 
+    @time.setter
+    def time(self, time: float) -> None:
+        with self._used():
+            parts = self._state()
+            self._clock = Clock(time)
+            self._take(parts)
+
     # The rest of the core's interface -------------------------------------------------------------
 
     def set_track_contact_energy(self, on: bool) -> None:

@@ -100,7 +100,7 @@ def _ends_like_double(bound: float):
         start = case.scene.initial_position, case.scene.initial_velocity
         other = "double" if end.precision == "single" else "single"
         expected, _ = step(
-            case.scene, *start, case.dt, case.steps, precision=other, threads=1,
+            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1,
             kernel=end.stepper.kernel,
         )  # fmt: skip
         error = float(np.linalg.norm(end.x - expected, axis=-1).max())

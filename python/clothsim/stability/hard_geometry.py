@@ -89,7 +89,8 @@ def _fallen(case: HardCase) -> Floats:
 
 
 def _moved(here: Scene, case: HardCase, by: Floats) -> Floats:
-    return step(here, here.initial_position, here.initial_velocity, case.dt, case.steps)[0] + by
+    start = here.initial_position, here.initial_velocity
+    return step(here, *start, case.dt, case.steps, t=0.0)[0] + by
 
 
 def _normal_modes(case: HardCase) -> Floats:

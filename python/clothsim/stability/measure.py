@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..errors import UnstableError
 from ..measures import energy
 from ..scene import Scene
-from ..stepping import SilentStepper
+from ..stepper import SilentStepper
 
 Floats = npt.NDArray[np.float64]
 

@@ -24,7 +24,7 @@ def sweep(
     precision: str = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: int | float | None = None,
+    every: int | float | str | None = None,
     frames: bool = False,
     store: str | os.PathLike[str] | None = None,
     resume: bool = True,
@@ -72,7 +72,7 @@ def sweep(
     rtol, atol : float, optional
         Error control in place of `dt`, as for `simulate`, where it is not swept. Where one is
         swept beside dt (zipped, or as samples), None stands for what a member does without.
-    every : int or float, optional
+    every : int, float or "step", optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False
         True stores the frames too: position and velocity, shape (..., time, row, column, 3).

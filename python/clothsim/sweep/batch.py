@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from ..errors import ContactError, UnstableError
 from ..runs import sample_every
-from ..stepping import SilentStepper
+from ..stepper import SilentStepper
 from .member import Member, Outcome
 from .timing import frame_times, pieces
 

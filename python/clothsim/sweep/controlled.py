@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from ..errors import ContactError, UnstableError
+from ..frames import as_every
 from ..measures import max_stable_dt
 from ..simulation import simulate
 from .batch import Stopped
@@ -33,8 +34,8 @@ def run_controlled(
         raise Stopped
     try:
         run = simulate(
-            member.scene, member.duration, rtol=member.rtol, atol=member.atol, every=every,
-            threads=threads, sampling=sampling, **member.numerics,
+            member.scene, member.duration, rtol=member.rtol, atol=member.atol,
+            every=as_every(every), threads=threads, sampling=sampling, **member.numerics,
         )  # fmt: skip
     except (UnstableError, ContactError) as error:
         outcome.error = error

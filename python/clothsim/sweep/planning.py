@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..measures import max_stable_dt
-from ..stepping import SilentStepper
+from ..stepper import SilentStepper
 from .grid import Grid
 from .member import Members
 from .reference import reference_steps

@@ -24,7 +24,7 @@ import numpy as np
 from ..errors import UnstableError
 from ..measures import max_stable_dt
 from ..scene import Scene
-from ..stepping import SilentStepper
+from ..stepper import SilentStepper
 from .batch import Stopped
 from .member import Floats, Member, Outcome
 from .plain import digest

@@ -11,6 +11,7 @@ from typing import Any
 from .. import _validate as check
 from .._extras import check_installed, needed
 from ..build import build_config
+from ..frames import checked_every
 from ..integration import integrator_name, warn_of_order
 from ..provenance import provenance
 from ..scene import Scene
@@ -89,7 +90,7 @@ def _checked_settings(
         dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
         integrator=None if integrator is None else integrator_name(integrator, "auto"),
         strict=check.boolean("strict", strict),
-        every=_every(every),
+        every=checked_every(every),
         frames=check.boolean("frames", frames),
         sampling=check.integer("sampling", sampling, minimum=1),
         metrics=choose_metrics(metrics),
@@ -137,14 +138,6 @@ def _run(
             results.flush(final=True)
         finally:
             results.close()
-
-
-def _every(every: Any) -> int | float | None:
-    if every is None:
-        return None
-    if isinstance(every, float):
-        return check.number("every", every, minimum=0, exclusive=True)
-    return check.integer("every", every, minimum=1)
 
 
 def _check_frames(grid: Grid, settings: Settings) -> None:

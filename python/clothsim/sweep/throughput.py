@@ -22,7 +22,8 @@ import numpy as np
 
 from ..benchmark import works
 from ..benchmark.settings import PAPER_DT
-from ..stepping import SilentStepper, step
+from ..stepper import SilentStepper
+from ..stepping import step
 from .api import sweep
 
 

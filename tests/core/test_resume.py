@@ -1,0 +1,358 @@
+"""A run that goes on, snapshots in files, and a stepper whose state and scene are changed."""
+
+import json
+import pickle
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.integration import integrators
+
+SCENE = cs.scenes.paper_swing()
+CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+SMALL = cs.Scene(CLOTH, BALL)
+
+
+def end(run):
+    return run.x[-1], run.v[-1]
+
+
+# Runs
+
+
+@pytest.mark.parametrize("integrator", integrators())
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_resumed_run_is_the_one_that_would_have_gone_on(
+    integrator, precision, same_bits, tmp_path
+):
+    options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
+    whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
+    first = cs.simulate(SMALL, 0.3, t=0.25, fps=50, **options)
+    assert cs.simulate(SMALL, 0.3, t=0.25, **options).report["penetration"] is not None
+    for run in (first, cs.load_run(first.save(tmp_path / "first")), pickle.loads(pickle.dumps(first))):
+        rest = run.resume(0.2)
+        assert same_bits([rest.t, rest.x, rest.v], [a[15:] for a in (whole.t, whole.x, whole.v)])
+        assert rest.report["steps"] == 200
+    thirds = first.resume(0.1).resume(0.1)
+    assert same_bits(end(thirds), end(whole)) and thirds.t[-1] == whole.t[-1]
+    # The contact was before and after the break, and the sphere went on from where it was.
+    assert whole.v[15].std() > 0.1
+    back = cs.simulate(
+        SMALL.replace(position=first.x[-1], velocity=first.v[-1]), 0.2, **options
+    )
+    assert abs(back.x[-1] - whole.x[-1]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "response, offset", [("continuous", "edge"), ("continuous", "face"), ("ray", "edge")]
+)
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_resumed_in_contact(response, offset, precision, same_bits):
+    scene = cs.scenes.paper_static("ray")
+    ball = scene.spheres[0].replace(response=response, offset=offset, center=(0.5, -0.3, 0.5))
+    scene = scene.replace(spheres=ball)
+    options = {"dt": 5e-4, "precision": precision, "threads": 1}
+    whole = cs.simulate(scene, 0.5, times=[0.35], **options)
+    first = cs.simulate(scene, 0.35, **options)
+    depth = ball.contact_radius(scene.cloth) - np.linalg.norm(first.x[-1] - ball.center, axis=-1)
+    assert (depth > -1e-3).sum() > 3  # points are at the sphere at the break
+    assert same_bits(end(first.resume(0.15)), end(whole))
+
+
+def test_frames_go_on_in_their_grid(same_bits):
+    for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": "step"}):
+        whole = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
+        first = cs.simulate(SMALL, 0.05, dt=1e-3, **frames)
+        rest = first.resume(0.05)
+        expected = [t for t in whole.t if t > 0.05 + 1e-9]
+        assert rest.t[1:].tolist() == expected and rest.t[0] == first.t[-1]
+    other = first.resume(0.05, times=[0.06, 0.0701])
+    np.testing.assert_array_equal(other.t, [0.05, 0.06, 0.0701, 0.1])
+    again = cs.simulate(SMALL, 0.1, dt=1e-3, times=[0.05, 0.06, 0.0701])
+    assert same_bits([other.x], [again.x[1:]])
+
+
+def test_a_duration_that_dt_does_not_divide(same_bits):
+    whole = cs.simulate(SMALL, 0.0331, dt=1e-3, times=[0.01537])
+    rest = cs.simulate(SMALL, 0.01537, dt=1e-3).resume(0.0331 - 0.01537)
+    assert same_bits(end(rest), end(whole)) and rest.t[-1] == whole.t[-1]
+
+
+@pytest.mark.parametrize("scene", [SMALL.replace(spheres=()), SMALL], ids=["free", "contact"])
+@pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
+def test_a_stopped_run_with_error_control_goes_on(scene, integrator, same_bits, tmp_path):
+    """It stops at a step, in the middle of the work of its controller."""
+    options = {"rtol": 1e-4, "integrator": integrator, "every": 2, "threads": 1}
+    whole = cs.simulate(scene, 0.5, **options)
+    found = []
+
+    def stop(t, x, v):
+        found.append(t)
+        return len(found) == 4
+
+    first = cs.simulate(scene, 0.5, callback=stop, **options)
+    assert first.t.tolist() == found[-4:] and first.report["steps"] == 6
+    left = 0.5 - first.t[-1]
+    assert first.t[-1] + left == 0.5
+    for run in (first, cs.load_run(first.save(tmp_path / "first"))):
+        rest = run.resume(left)
+        if whole.report["steps"] == rest.report["steps"] + 6:
+            assert same_bits([rest.t, rest.x, rest.v], [a[3:] for a in (whole.t, whole.x, whole.v)])
+        else:  # the whole run was repeated at a smaller tolerance
+            assert whole.report["estimate_evaluations"] > whole.report["solution_evaluations"]
+    assert rest.report["stopped"] == ""
+
+
+def test_a_run_with_error_control_keeps_its_accuracy():
+    scene, options = SMALL.replace(spheres=()), {"rtol": 1e-6, "integrator": "dop853"}
+    rest = cs.simulate(scene, 0.2, **options).resume(0.3)
+    exact = cs.simulate(scene, 0.5, rtol=1e-10)
+    assert abs(rest.x[-1] - exact.x[-1]).max() < 3e-6
+    assert rest.t.tolist() == [0.2, 0.5] and rest.report["integrator"] == "dop853"
+
+
+def test_a_dense_frame_can_be_gone_on_from():
+    scene, options = SMALL.replace(spheres=()), {"rtol": 1e-6, "integrator": "dop853", "fps": 40}
+    first = cs.simulate(scene, 0.5, callback=lambda t, x, v: t > 0.2, **options)
+    rest = first.resume(0.5 - first.t[-1])
+    whole = cs.simulate(scene, 0.5, **options)
+    assert abs(rest.x[-1] - whole.x[-1]).max() < 3e-6 and rest.t[-1] == 0.5
+    np.testing.assert_allclose(rest.t, whole.t[len(first.t) - 1 :], rtol=1e-12)
+
+
+def test_a_run_without_its_final_state_is_not_resumed():
+    run = cs.simulate(SMALL, 0.01, dt=1e-3)
+    bare = cs.Run(run.scene, run.t, run.x, run.v, run.report)
+    with pytest.raises(ValueError, match="cannot be resumed"):
+        bare.resume(0.1)
+    for change, name in (({"duration": 0}, "duration"), ({"every": 1}, "every"),
+                         ({"callback": 1}, "callback"), ({"times": [0.005]}, "times")):  # fmt: skip
+        with pytest.raises((ValueError, TypeError), match=name):
+            run.resume(**{"duration": 0.1, **change})
+
+
+# Snapshots
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("batch", [False, True])
+def test_a_snapshot_from_a_file_goes_on_with_the_same_bits(batch, precision, tmp_path, same_bits):
+    scenes = [SMALL, SMALL.replace(gravity=(0.0, -3.0, 0.1))] if batch else SMALL
+    stepper = cs.Stepper(scenes, precision=precision, track_contact_energy=True, threads=1)
+    stepper.advance(300, 1e-3)
+    if batch:
+        stepper.freeze(1)
+    snapshot = cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state"))
+    other = cs.Stepper.restore(snapshot)
+    for one in (stepper, other):
+        one.advance(steps=200, dt=1e-3)
+    assert same_bits((other.positions, other.velocities), (stepper.positions, stepper.velocities))
+    assert other.time == stepper.time and other.scene == scenes
+    np.testing.assert_array_equal(other.contact_energy, stepper.contact_energy)
+    assert np.all(np.asarray(stepper.contact_energy) != 0)
+    np.testing.assert_array_equal(other.frozen, stepper.frozen)
+    assert f"{snapshot.time:g} s" in repr(snapshot) and len(repr(snapshot)) < 120
+
+
+def test_the_final_state_of_a_run_is_a_snapshot(same_bits):
+    run = cs.simulate(SMALL, 0.1, dt=1e-3, precision="single", threads=1)
+    stepper = cs.Stepper.restore(run.snapshot)
+    assert stepper.time == pytest.approx(0.1) and same_bits([stepper.positions], [run.x[-1]])
+    stepper.advance(100, 1e-3)
+    assert same_bits([stepper.positions], [run.resume(0.1).x[-1]])
+
+
+class Evil:
+    def __reduce__(self):
+        return print, ("executed",)
+
+
+@pytest.mark.parametrize("load", [cs.load_run, cs.Snapshot.load])
+def test_files_that_are_not_ours_are_refused(load, tmp_path, capsys):
+    run = cs.simulate(SMALL, 0.01, dt=1e-3)
+    whole = run.save(tmp_path / "run").read_bytes()
+    made = {
+        "text": b"time,x\n0,1\n", "empty": b"", "hdf": b"\x89HDF\r\n\x1a\n" + bytes(64),
+        "pickle": pickle.dumps(Evil()), "cut": whole[: len(whole) // 2],
+    }  # fmt: skip
+    for name, content in made.items():
+        (tmp_path / name).write_bytes(content)
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    np.savez(tmp_path / "other.npz", a=1)
+    np.savez(tmp_path / "evil.npz", t=np.array([Evil()], object), x=0, v=0, scene="{}", report="{}",
+             snapshot=np.array([Evil()], object), snapshot_state=0)  # fmt: skip
+    np.savez(tmp_path / "wrong.npz", t=0, x=0, v=0, scene="{}", report="{", snapshot="[]",
+             snapshot_state=0)  # fmt: skip
+    for name in (*made, "array.npy", "other.npz", "evil.npz", "wrong.npz"):
+        with pytest.raises(ValueError, match=f"{name} is no (run|snapshot) of clothsim: "):
+            load(tmp_path / name)
+    assert capsys.readouterr().out == ""
+    with pytest.raises(FileNotFoundError):
+        load(tmp_path / "nowhere.npz")
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.csv", "a.npy", "a.tar.gz"])
+def test_other_endings_are_refused(name, tmp_path):
+    run = cs.simulate(SMALL, 0.01, dt=1e-3)
+    for one in (run, run.snapshot):
+        with pytest.raises(ValueError, match=f"path must end in .npz .*{name}"):
+            one.save(tmp_path / name)
+        with pytest.raises(TypeError, match="path must be a path"):
+            one.save(3)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_of_another_schema_is_refused(tmp_path):
+    path = cs.Stepper(SMALL).snapshot().save(tmp_path / "state")
+    data = dict(np.load(path))
+    header = json.loads(str(data["snapshot"]))
+    np.savez(path, **{**data, "snapshot": json.dumps({**header, "schema": 2})})
+    with pytest.raises(ValueError, match="schema must be 1, got 2"):
+        cs.Snapshot.load(path)
+
+
+# Steppers
+
+
+def test_what_a_stepper_gives_is_read_only():
+    stepper = cs.Stepper(SMALL)
+    for array in (stepper.positions, stepper.velocities):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 0.0
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_set_state(precision, same_bits):
+    free = SMALL.replace(spheres=())  # a clock set anew rounds differently, which a sphere shows
+    stepper = cs.Stepper(free, precision=precision, threads=1)
+    stepper.advance(150, 1e-3)
+    x, v = stepper.positions, stepper.velocities
+    other = cs.Stepper(free, precision=precision, threads=1)
+    other.set_state(x, v, t=stepper.time)
+    assert other.time == stepper.time
+    for one in (stepper, other):
+        one.advance(100, 1e-3)
+    assert same_bits([other.positions], [stepper.positions])
+    # What is not given stays, with the compensation of "single".
+    single = cs.Stepper(SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0,
+                        precision=precision, threads=1)  # fmt: skip
+    single.advance(100, 1e-3)
+    twin = cs.Stepper.restore(single.snapshot())
+    single.set_state()
+    single.advance(100, 1e-3)
+    twin.advance(100, 1e-3)
+    assert same_bits([single.positions], [twin.positions])
+
+
+def test_a_pinned_point_can_be_dragged():
+    """A hanging mass on a spring follows its pin: x'' = -(K/m) (x - pin) exactly."""
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=100.0, damping=0.0, pins=((0, 0),))
+    scene = cs.Scene(cloth, gravity=(0.0, 0.0, 0.0))
+    stepper = cs.Stepper(scene)
+    x = stepper.positions.copy()
+    x[0, 0, 0] = -0.1  # the pin is pulled away at once
+    stepper.set_state(x)
+    period = 2 * np.pi / 10
+    stepper.advance(500, period / 1000)
+    assert stepper.positions[0, 0].tolist() == [-0.1, 0.0, 0.0]
+    assert abs(stepper.positions[0, 1, 0] - 0.8) < 1e-9  # from 1 to the other side of 0.9
+    v = np.ones_like(x)
+    stepper.set_state(v=v)
+    stepper.advance(1, 1e-3)
+    assert stepper.positions[0, 0].tolist() == [-0.1, 0.0, 0.0]  # pins have no velocity
+
+
+def test_set_state_moves_the_clock_of_the_spheres():
+    still = SMALL.cloth.replace(stiffness=0.0, damping=0.0, pins=())
+    stepper = cs.Stepper(cs.Scene(still, BALL.replace(response="continuous"), gravity=(0, 0, 0)))
+    stepper.advance(50, 1e-3)
+    assert not stepper.positions[..., 1].any()
+    stepper.set_state(t=0.1)  # the sphere is about to touch the sheet from below
+    stepper.advance(70, 1e-3)
+    assert stepper.time == pytest.approx(0.17) and stepper.positions[..., 1].max() > 0.01
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_set_scene_keeps_the_state(precision, same_bits):
+    soft = SMALL.replace(cloth=CLOTH.replace(stiffness=20_000.0), gravity=(0.0, -3.0, 1.0))
+    x, v = (a.astype(np.float32) for a in (SMALL.initial_position, SMALL.initial_velocity))
+    stepper = cs.Stepper(SMALL, x, v, t=0.0, precision=precision, threads=1)
+    stepper.advance(150, 1e-3)
+    there = cs.Stepper.restore(stepper.snapshot())
+    there.set_scene(soft)
+    assert there.scene == soft and there.time == stepper.time
+    assert same_bits([there.positions], [stepper.positions])
+    there.advance(100, 1e-3)
+    # float64 arrays hold the compensation, so `step` does the same from the state in float64.
+    state = np.empty(x.shape), np.empty(x.shape)
+    stepper._state.store(*state)
+    expected = cs.step(soft, *state, 1e-3, 100, t=0.15, precision=precision, threads=1)
+    assert same_bits([there.positions], [expected[0].astype(np.float32)])
+    there.set_scene(SMALL)
+    assert there.scene == SMALL
+
+
+def test_set_scene_can_pin_and_let_go():
+    stepper = cs.Stepper(SMALL.replace(spheres=()))
+    stepper.advance(200, 1e-3)
+    before = stepper.positions
+    held = CLOTH.replace(pins=((0, 0), (-1, 0), (3, 3)))
+    stepper.set_scene(stepper.scene.replace(cloth=held))
+    assert not stepper.velocities[3, 3].any() and stepper.velocities[3, 4].any()
+    stepper.advance(200, 1e-3)
+    assert (stepper.positions[3, 3] == before[3, 3]).all()
+    stepper.set_scene(stepper.scene.replace(cloth=CLOTH.replace(pins=((0, 0),))))
+    stepper.advance(200, 1e-3)
+    assert stepper.positions[3, 3, 1] < before[3, 3, 1]
+    assert stepper.positions[-1, 0, 1] < -0.01 and not stepper.positions[0, 0].any()
+
+
+def test_set_scene_of_a_batch_keeps_frozen_members_and_contact_energy(same_bits):
+    stepper = cs.Stepper([SMALL] * 2, track_contact_energy=True)
+    stepper.advance(400, 1e-3)
+    energy = stepper.contact_energy
+    assert energy[0] != 0
+    stepper.freeze(0)
+    stepper.set_scene([SMALL.replace(spheres=())] * 2)
+    before = stepper.positions
+    stepper.advance(10, 1e-3)
+    assert same_bits([stepper.positions[0]], [before[0]])
+    assert not same_bits([stepper.positions[1]], [before[1]])
+    np.testing.assert_array_equal(stepper.contact_energy, energy)
+
+
+@pytest.mark.parametrize(
+    "call, error, message",
+    [
+        (lambda s: s.set_scene(SCENE), ValueError, r"cloth of shape \(6, 7\), got \(32, 32\)"),
+        (lambda s: s.set_scene([SMALL]), ValueError, "scene must be a Scene, as the stepper"),
+        (lambda s: s.set_scene(3), TypeError, "scene must be"),
+        (lambda s: s.set_state(np.zeros((3, 6, 7, 3)), np.zeros((3, 6, 7, 3))), ValueError, "shape"),
+        (lambda s: s.set_state(np.zeros((6, 6, 3))), ValueError, "x must be"),
+        (lambda s: s.set_state(v=np.full((6, 7, 3), np.nan)), ValueError, "v must be"),
+        (lambda s: s.set_state(t=np.inf), ValueError, "t must be"),
+        (lambda s: s.advance(1e-3, 10), TypeError, r"look swapped: the order is advance\(steps, dt\)"),
+        (lambda s: cs.step(s.scene, s.positions, s.velocities, 10, 1e-3, t=0.0), TypeError, "swapped"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_changes_nothing(call, error, message, same_bits):
+    stepper = cs.Stepper(SMALL)
+    stepper.advance(50, 1e-3)
+    twin = cs.Stepper.restore(stepper.snapshot())
+    with pytest.raises(error, match=message):
+        call(stepper)
+    for one in (stepper, twin):
+        one.advance(dt=1e-3, steps=20)
+    assert stepper.time == twin.time and same_bits([stepper.positions], [twin.positions])
+
+
+def test_a_short_text_of_a_stepper():
+    for scene, words in (
+        (SMALL, ["6 x 7 mass points", "1 sphere (moving, response ray)", "t = 0.02 s", "rk4 in double"]),
+        ([SMALL, SMALL.replace(spheres=())], ["a batch of 2, each 6 x 7", "0 to 1 spheres"]),
+    ):
+        stepper = cs.Stepper(scene)
+        stepper.advance(20, 1e-3)
+        text = repr(stepper)
+        assert all(word in text for word in words) and len(text) < 200 and "\n" not in text

@@ -1,0 +1,357 @@
+"""A run's start time and frames, its callback, its progress bar, and what an early end leaves."""
+
+import itertools
+import math
+import signal
+import sys
+import threading
+import time
+import types
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+SCENE = cs.scenes.paper_swing()
+SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))
+MOVING = cs.scenes.paper_moving("ray")
+
+
+def frame(run, k):
+    return run.x[k], run.v[k]
+
+
+# Frames
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}],
+    ids=str,
+)
+def test_times_are_stored_as_given_between_the_ends(options):
+    times = [0.0031, 0.005, 0.0082]
+    run = cs.simulate(SCENE, 0.01, times=times, **options)
+    assert run.t.tolist() == [0.0, *times, 0.01]
+    for k, t in enumerate(times, 1):
+        alone = cs.simulate(SCENE, t, rtol=1e-9)
+        assert abs(run.x[k] - alone.x[-1]).max() < 1e-5
+
+
+def test_times_at_the_ends_are_not_stored_twice():
+    run = cs.simulate(SMALL, 0.3, dt=1e-3, times=np.linspace(0.0, 0.3, 4))
+    np.testing.assert_allclose(run.t, [0.0, 0.1, 0.2, 0.3], rtol=1e-15)
+    run = cs.simulate(SMALL, 0.3, dt=1e-3, t=2.0, times=[2.0, 2.1, 2.3 + 1e-12])
+    assert run.t.tolist() == [2.0, 2.1, 2.3]
+
+
+def test_fps_are_frames_a_second(same_bits):
+    run = cs.simulate(SMALL, 0.1, dt=1e-3, fps=30)
+    assert run.t.tolist() == [0.0, 1 / 30, 2 / 30, 0.1]
+    assert cs.simulate(SMALL, 0.25, dt=1e-3, fps=4).t.tolist() == [0.0, 0.25]
+    dense = cs.simulate(SMALL, 0.1, rtol=1e-6, integrator="dop853", fps=30)
+    plain = cs.simulate(SMALL, 0.1, rtol=1e-6, integrator="dop853")
+    assert dense.t.tolist() == run.t.tolist()
+    assert same_bits(frame(dense, -1), frame(plain, -1))
+
+
+@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-4, "integrator": "dopri5"}], ids=str)
+def test_every_step_can_be_stored(options):
+    run = cs.simulate(SMALL, 0.0105, every="step", **options)
+    assert len(run.t) == run.report["steps"] + 1 and (np.diff(run.t) > 0).all()
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_frames_of_accepted_steps_also_after_a_first_contact(count):
+    """The steps before the first contact are taken one by one."""
+    scene = cs.scenes.paper_static().replace(velocity=None)
+    each = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every="step")
+    assert each.report["outcomes"]["first_contact"]["value"] < 0.28
+    some = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)
+    expected = each.t[::count].tolist()
+    assert some.t.tolist() == expected + ([] if expected[-1] == 0.3 else [0.3])
+
+
+@pytest.mark.parametrize(
+    "change, error, message",
+    [
+        ({"every": 0.1, "fps": 30}, ValueError, "at most one of .* got every and fps"),
+        ({"times": [0.1], "fps": 30}, ValueError, "got times and fps"),
+        ({"every": "2"}, TypeError, "every must be .*'step'"),
+        ({"every": 1}, ValueError, "every='step' .* every=1.0"),
+        ({"every": np.int64(1)}, ValueError, "every='step' .* every=1.0"),
+        ({"every": -3}, ValueError, "every must be .*got -3"),
+        ({"fps": 0}, ValueError, "fps must be"),
+        ({"fps": "30"}, TypeError, "fps must be"),
+        ({"times": []}, ValueError, "times must be"),
+        ({"times": [0.2, 0.1]}, ValueError, "increasing times .*got 0.1 at index \\(1,\\)"),
+        ({"times": [0.1, 0.1]}, ValueError, "increasing"),
+        ({"times": [0.1, 0.6]}, ValueError, "from 0 to 0.5, got 0.6 at index \\(1,\\)"),
+        ({"times": [-0.1]}, ValueError, "from 0 to 0.5"),
+        ({"t": 1.0, "times": [0.5]}, ValueError, "from 1 to 1.5"),
+        ({"times": [math.nan]}, ValueError, "times must be"),
+        ({"times": 0.1}, ValueError, "one dimension"),
+        ({"times": ["a"]}, TypeError, "times must be"),
+        ({"times": [[0.1], [0.1, 0.2]]}, ValueError, "different lengths"),
+        ({"t": math.inf}, ValueError, "t must be"),
+        ({"t": 1e17}, ValueError, "duration must be long enough"),
+        ({"callback": 3}, TypeError, "callback must be callable"),
+        ({"callback": lambda t, x, v: x}, TypeError, "callback must return True .* ndarray"),
+    ],
+    ids=str,
+)
+def test_refuses(change, error, message):
+    with pytest.raises(error, match=message):
+        cs.simulate(SMALL, 0.5, dt=1e-3, **change)
+
+
+# Start time
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"dt": 1e-3}, {"rtol": 1e-4}, {"rtol": 1e-4, "integrator": "dop853"},
+     {"dt": 1e-3, "estimate_error": True}, {"integrator": "rk4"}],
+    ids=str,
+)  # fmt: skip
+def test_a_run_starts_at_its_time(options):
+    """With the sphere's motion shifted by the same time it is the run from 0."""
+    start, duration = 0.375, 0.25
+    x = SCENE.initial_position
+    ball = cs.Sphere(motion=cs.Linear((0.0, 2.0, 0.0)), center=(0.5, -0.55, 0.5), radius=0.25)
+    early = SCENE.replace(spheres=ball)
+    late = SCENE.replace(spheres=ball.replace(center=tuple(ball.center - start * np.array([0, 2, 0]))))
+    one = cs.simulate(early, duration, every=0.05, **options)
+    two = cs.simulate(late, duration, every=0.05, t=start, **options)
+    assert two.t[0] == start and two.t[-1] == start + duration
+    np.testing.assert_allclose(two.t, one.t + start, rtol=1e-15)
+    assert abs(one.x[-1] - x).max() > 0.1
+    # Rounding of the clock, which a contact magnifies; with the sphere at t = 0 it is 0.2 m.
+    assert abs(two.x - one.x).max() < 1e-7
+    assert two.report["steps"] == one.report["steps"]
+    ours, theirs = two.report["penetration"]["points"], one.report["penetration"]["points"]
+    assert abs(ours - theirs) < 1e-7
+
+
+def test_going_on_from_the_last_frame():
+    whole = cs.simulate(MOVING, 0.4, dt=5e-4, times=[0.25])
+    rest = cs.simulate(
+        MOVING.replace(position=whole.x[1], velocity=whole.v[1]), 0.15, dt=5e-4, t=0.25
+    )
+    assert abs(rest.x[-1] - whole.x[-1]).max() < 1e-11
+    assert rest.t.tolist() == [0.25, 0.4]
+
+
+@pytest.mark.parametrize("duration, dt", [(0.3, 0.1), (0.7, 0.1), (1.0, 1 / 3), (0.05, 5e-4)])
+@pytest.mark.parametrize("start", [1e6 / 7, -3.3])
+def test_rounding_makes_no_extra_step_at_any_start(duration, dt, start):
+    scene = cs.scenes.oscillator(stiffness=1.0)
+    run = cs.simulate(scene, duration, dt=dt, t=start, every=dt)
+    assert run.report["steps"] == round(duration / dt) == len(run.t) - 1
+    assert run.t[-1] == start + duration
+
+
+# Callback
+
+
+@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}], ids=str)
+def test_the_callback_sees_every_frame(options, same_bits):
+    seen = []
+
+    def callback(t, x, v):
+        assert not (x.flags.writeable or v.flags.writeable)
+        seen.append((t, x, v))
+
+    run = cs.simulate(SMALL, 0.1, fps=50, callback=callback, **options)
+    assert [t for t, _, _ in seen] == run.t.tolist()
+    assert same_bits([x for _, x, _ in seen], run.x) and same_bits([v for _, _, v in seen], run.v)
+    assert run.report["stopped"] == ""
+    assert same_bits([run.x], [cs.simulate(SMALL, 0.1, fps=50, **options).x])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-3}, {},
+     {"dt": 1e-3, "estimate_error": True}],
+    ids=str,
+)  # fmt: skip
+def test_the_callback_stops_the_run(options, same_bits):
+    run = cs.simulate(SMALL, 0.1, fps=50, callback=lambda t, x, v: np.bool_(t > 0.05), **options)
+    assert run.t.tolist() == [0.0, 0.02, 0.04, 0.06]
+    assert run.report["stopped"] == "callback" and run.report["error_estimate"] is None
+    whole = cs.simulate(SMALL, 0.1, fps=50, **options)
+    assert abs(run.x - whole.x[:4]).max() < 1e-4
+    assert 0 < run.report["steps"] < whole.report["steps"]
+
+
+def test_a_callback_can_stop_at_the_start():
+    run = cs.simulate(SMALL, 0.1, dt=1e-3, callback=lambda t, x, v: True)
+    assert run.t.tolist() == [0.0] and run.report["steps"] == 0
+
+
+def test_an_error_of_the_callback_passes():
+    def callback(t, x, v):
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        cs.simulate(SMALL, 0.1, dt=1e-3, callback=callback)
+
+
+# Early ends
+
+
+def interrupted(*arguments, **options):
+    """The error of a call that gets Ctrl-C after 0.3 s of stepping, and how late it ended.
+
+    The least of three tries, as other processes may hold up one.
+    """
+    found = []
+    for _ in range(3):
+        sent = []
+
+        def send(sent=sent):
+            sent.append(time.perf_counter())
+            signal.raise_signal(signal.SIGINT)
+
+        timer = threading.Timer(0.3, send)
+
+        def begin(t, x, v, timer=timer):
+            if not timer.is_alive():
+                timer.start()
+
+        with pytest.raises(KeyboardInterrupt) as raised:
+            cs.simulate(*arguments, callback=begin, **options)
+        found.append((time.perf_counter() - sent[0], raised.value))
+        timer.join()
+        if found[-1][0] < 0.1:
+            break
+    late, error = min(found, key=lambda one: one[0])
+    return error, late
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_ctrl_c_hands_over_what_is_done(precision, same_bits):
+    dt = 5e-5
+    error, late = interrupted(SCENE, 40.0, dt=dt, every=50.0, threads=1, precision=precision)
+    assert isinstance(error, cs.RunInterrupted) and late < 0.1
+    run = error.run
+    assert run.report["stopped"] == "interrupted" and run.report["steps"] > 100
+    assert abs(run.t[-1] - run.report["steps"] * dt) < 1e-9
+    assert len(run.t) == 2 and run.t[0] == 0.0
+    assert f"{run.t[-1]:g}" in str(error)
+    x, v = SCENE.initial_position, SCENE.initial_velocity
+    again = cs.step(SCENE, x, v, dt, run.report["steps"], precision=precision, threads=1)
+    assert same_bits(frame(run, -1), again)
+
+
+def test_ctrl_c_with_error_control_counts_its_steps():
+    error, late = interrupted(SCENE, 1e3, rtol=1e-6, integrator="dop853", threads=1)
+    run = error.run
+    assert late < 0.1
+    assert run.t[0] == 0 < run.t[-1] and len(run.t) == 2
+    assert run.report["steps"] > 10
+    assert 0 < run.report["dt"] < 0.1 and run.report["energy"]["end"]["kinetic"] > 0
+
+
+def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
+    from clothsim import simulation
+
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulation, "_step_doubling", interrupt)
+    with pytest.raises(cs.RunInterrupted) as raised:
+        cs.simulate(SMALL, 0.1, dt=1e-3, estimate_error=True)
+    assert raised.value.run.t.tolist() == [0.0, 0.1] and raised.value.run.report["steps"] == 100
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+def test_an_unstable_run_is_handed_over():
+    cloth = cs.Cloth((9, 20), stiffness=900.0, damping=0.0, mass=18.0)
+    scene = cs.Scene(cloth, gravity=(0.0, -1.0, 0.3))
+    dt = 1.4 * cs.max_stable_dt(scene)
+    with pytest.raises(cs.UnstableError) as raised:
+        cs.simulate(scene, 5000 * dt, dt=dt, every=5)
+    error = raised.value
+    run = error.run
+    assert run.report["stopped"] == "unstable"
+    assert run.report["steps"] == error.step - 1 and error.step > 10
+    np.testing.assert_array_equal(run.x[-1], error.x)
+    np.testing.assert_array_equal(run.v[-1], error.v)
+    np.testing.assert_allclose([run.t[-1] + dt, error.time], error.step * dt, rtol=1e-12)
+    assert cs.UnstableError(step=1, time=0.1, dt=0.1).run is None
+
+
+def test_a_run_that_ends_between_spheres_is_handed_over():
+    """Six spheres close around a point from all sides."""
+    directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
+    spheres = [
+        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none")
+        for d in directions
+    ]
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
+    position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
+    scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)
+    with pytest.raises(cs.ContactError) as raised:
+        cs.simulate(scene, 1.0, dt=1e-3, every=0.05)
+    run = raised.value.run
+    assert run.report["stopped"] == "contact"
+    assert run.report["steps"] == raised.value.step - 1
+    np.testing.assert_array_equal(run.x[-1], raised.value.x)
+
+
+# Progress
+
+
+class Bar:
+    """A stand-in for tqdm that notes what it is told."""
+
+    made: list["Bar"] = []
+
+    def __init__(self, **options):
+        self.options, self.disable, self.n, self.updates = options, False, 0.0, []
+        Bar.made.append(self)
+
+    def close(self):
+        self.closed = True
+
+    def reset(self):
+        self.n = 0.0
+
+    def update(self, n):
+        self.n += n
+        self.updates.append(n)
+
+
+@pytest.mark.parametrize("options", [{"dt": 1e-5}, {"rtol": 1e-9, "integrator": "dop853"}], ids=str)
+def test_the_bar_counts_simulated_seconds(monkeypatch, options, same_bits):
+    Bar.made.clear()
+    monkeypatch.setitem(sys.modules, "tqdm.auto", types.SimpleNamespace(tqdm=Bar))
+    run = cs.simulate(SMALL, 0.4, t=3.0, progress=True, threads=1, **options)
+    (bar,) = Bar.made
+    assert bar.options["total"] == 0.4 and bar.options["disable"] is None and bar.closed
+    assert len(bar.updates) > 3 and min(bar.updates) >= 0
+    assert abs(bar.n - 0.4) < 1e-9
+    # The bar cuts the run into several calls of the core; the result is the same.
+    assert same_bits(frame(run, -1), frame(cs.simulate(SMALL, 0.4, t=3.0, threads=1, **options), -1))
+
+
+def test_no_bar_in_a_pipe(capfd):
+    pytest.importorskip("tqdm")
+    cs.simulate(SMALL, 0.01, dt=1e-3, progress=True)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_steps_between_shows_grow_with_their_speed():
+    """A tenth of a second of steps: not a call a step, nor one of minutes."""
+    from clothsim.recording import Recording, Watch
+    from clothsim.runs import Options
+
+    options = Options("rk4", "double", 1, "auto", False)
+    run = Recording(options.state(SMALL), options, Watch(bar=Bar()), 1e-5)
+    start = time.perf_counter()
+    for calls in itertools.count(1):
+        run.advance(run._chunk, 1e-5)
+        if time.perf_counter() - start > 0.5:
+            break
+    assert 5 < calls < 60

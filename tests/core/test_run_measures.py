@@ -1,0 +1,182 @@
+"""Measures over frames, spheres at the time of a state, and what is shown of a run."""
+
+import io
+import json
+import math
+from contextlib import redirect_stdout
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+MOVING = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), "reflect", "none")
+STILL = cs.Sphere((0.3, -0.2, 0.2), 0.1, None, "reflect", "none")
+SCENE = cs.Scene(cs.Cloth((6, 7), mass=21.0), [MOVING, STILL])
+X, V = SCENE.initial_position, SCENE.initial_velocity
+
+
+@pytest.fixture(scope="module")
+def run():
+    return cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
+
+
+# Time where a sphere moves
+
+
+def test_penetration_at_the_times_of_a_batch():
+    """The level sheet is below the top of the sphere by as much as the sphere has risen."""
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 1.0, cs.Linear((0.0, 0.5, 0.0)))
+    cloth = cs.Cloth((5, 5))
+    times = np.array([0.0, 0.1, 0.4])
+    x = np.stack([cloth.rest_positions] * 3)
+    depths = cs.penetration(x, sphere, times)
+    for name in ("points", "triangles"):
+        np.testing.assert_allclose(depths[name], 0.5 * times, rtol=1e-12)
+        np.testing.assert_allclose(cs.penetration(x, sphere, 0.4)[name], [0.2] * 3)
+        assert cs.penetration(x[0], sphere, np.float64(0.1))[name] == depths[name][1]
+    still = sphere.replace(motion=None)
+    assert cs.penetration(x[0], still) == cs.penetration(x[0], still, 0.0)
+    np.testing.assert_array_equal(cs.penetration(x, still, times)["points"], 0.0)
+
+
+@pytest.mark.parametrize(
+    "x, t, error, message",
+    [
+        (X, None, ValueError, r"t must be given.*penetration\(run.x, sphere, run.t\)"),
+        (np.stack([X, X]), None, ValueError, "t must be given"),
+        (X, [0.1], ValueError, "one time for one state"),
+        (np.stack([X, X]), [0.1, 0.2, 0.3], ValueError, r"t must be .*shape \(2,\).*\(3,\)"),
+        (np.stack([X, X]), [0.1, math.nan], ValueError, "t must be .*index"),
+        (np.stack([X, X]), ["a", "b"], TypeError, "t must be"),
+        (X, "now", TypeError, "t must be"),
+        (X, math.inf, ValueError, "t must be"),
+    ],
+)
+def test_penetration_refuses(x, t, error, message):
+    with pytest.raises(error, match=message):
+        cs.penetration(x, MOVING, t)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda scene, **t: cs.step(scene, X, V, 1e-3, **t),
+        lambda scene, **t: cs.step([scene], X[None], V[None], 1e-3, **t),
+        lambda scene, **t: cs.reference_step(scene, X, V, 1e-3, **t),
+        lambda scene, **t: cs.Stepper(scene, X, **t),
+        lambda scene, **t: cs.Stepper(scene, X, V, **t),
+    ],
+)
+def test_time_is_required_where_a_sphere_moves(call):
+    with pytest.raises(ValueError, match=r"t must be given.*spheres\[0\] has a motion.*t=0.0"):
+        call(SCENE)
+    call(SCENE, t=0.0)
+    call(SCENE.replace(spheres=STILL))
+
+
+def test_a_stepper_of_the_scenes_own_state_starts_at_0():
+    assert cs.Stepper(SCENE).time == 0.0
+    assert cs.acceleration(SCENE, X, V).shape == X.shape  # spheres exert no force
+
+
+# Over frames
+
+
+def test_penetration_of_frames_is_at_their_times(run):
+    depths = run.penetration()
+    for name in ("points", "triangles"):
+        each = [[cs.penetration(x, s, t)[name] for x, t in zip(run.x, run.t)] for s in SCENE.spheres]
+        np.testing.assert_array_equal(depths[name], np.max(each, axis=0))
+        for k in range(2):
+            np.testing.assert_array_equal(run.penetration(k)[name], each[k])
+        assert depths[name].max() > 1e-4
+        # The sphere where it was at the start would be another depth.
+        assert abs(cs.penetration(run.x, MOVING, run.t[0])[name] - each[0]).max() > 0.01
+    assert depths["points"].shape == (len(run.t),)
+
+
+def test_energy_and_stretch_of_frames(run):
+    energies, stretches = run.energy(), run.stretch()
+    assert set(energies) == {"kinetic", "elastic", "gravity", "total"} and set(stretches) == {"largest"}
+    for k in range(len(run.t)):
+        alone = cs.energy(SCENE, run.x[k], run.v[k])
+        assert {name: values[k] for name, values in energies.items()} == alone
+        assert stretches["largest"][k] == cs.largest_stretch(SCENE, run.x[k])
+    assert energies["total"][-1] == run.report["energy"]["end"]["total"]
+
+
+def test_measures_of_frames_without_spheres_or_springs():
+    cloth = cs.Cloth((2, 3), stiffness=0.0, damping=0.0, springs=())
+    run = cs.simulate(cs.Scene(cloth), 0.02, dt=1e-2)
+    np.testing.assert_array_equal(run.penetration()["triangles"], [0.0, 0.0])
+    np.testing.assert_array_equal(run.stretch()["largest"], [0.0, 0.0])
+    with pytest.raises(ValueError, match="sphere must be None"):
+        run.penetration(0)
+
+
+def test_penetration_refuses_a_sphere_that_is_not_there(run):
+    with pytest.raises(ValueError, match="sphere must be an integer >= 0 and <= 1, got 2"):
+        run.penetration(2)
+    with pytest.raises(TypeError, match="sphere must be"):
+        run.penetration(MOVING)
+
+
+# Shown and compared
+
+
+def printed(thing):
+    with redirect_stdout(io.StringIO()) as out:
+        print(thing)
+    return out.getvalue().splitlines()
+
+
+def test_a_run_is_six_short_lines(run):
+    lines = printed(run)
+    assert len(lines) == 6 and max(map(len, lines)) < 100 and repr(run) == str(run)
+    text = "\n".join(lines)
+    assert "array" not in text
+    for part in ("6 x 7 mass points", "2 spheres", "25 frames from t = 0.1 to 0.7 s", "600 steps of 0.001 s",
+                 "rk4 in double", "steps/s"):  # fmt: skip
+        assert part in text
+    report = run.report
+    change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
+    assert f"({change:+.4g} J)" in text
+    assert f"points {report['penetration']['points']:.4g} m" in text
+    assert "stopped early (callback)" in repr(
+        cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
+    )
+
+
+def test_a_run_whose_report_tells_little_can_be_shown(run):
+    told = {"penetration": {"points": math.nan, "triangles": math.nan, "reason": "not watched"}}
+    for report in ({}, told, {"energy": {"start": None}, "wall_time": 0.1}):
+        lines = printed(cs.Run(run.scene, run.t[:1], run.x[:1], run.v[:1], report))
+        assert len(lines) <= 6
+    assert any("not known: not watched" in line for line in printed(cs.Run(run.scene, run.t, run.x, run.v, told)))
+
+
+def test_runs_are_equal_by_what_they_computed(run, tmp_path):
+    again = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
+    assert run == run and run == again and hash(run) == hash(again)  # noqa: PLR0124
+    assert run == cs.load_run(run.save(tmp_path / "run")) and len({run, again}) == 1
+    other = cs.simulate(SCENE, 0.6, dt=1e-3, fps=40)
+    assert run != other and run != 3
+    assert run != cs.simulate(SCENE.replace(spheres=MOVING), 0.6, t=0.1, dt=1e-3, fps=40)
+    one = cs.Stepper(SCENE).snapshot()
+    assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1  # noqa: PLR0124
+
+
+def test_the_summary_of_a_scene():
+    from clothsim.summary import scene_lines
+
+    lines = scene_lines(SCENE)
+    assert len(lines) <= 6 and max(map(len, lines)) < 100
+    text = "\n".join(lines)
+    for part in ("6 x 7 mass points", "1 x 1 m", "21 kg", f"{SCENE.cloth.spring_count()} springs",
+                 "2 pinned points", "1 moving, response reflect; 1 response reflect", "-9.80665"):  # fmt: skip
+        assert part in text
+
+
+def test_the_report_of_a_resumed_run_survives_json(run):
+    report = run.resume(0.1).report
+    assert json.dumps(json.loads(json.dumps(report))) == json.dumps(report)  # NaN is not itself
