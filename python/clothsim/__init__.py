@@ -54,7 +54,8 @@ __all__ = [
     "UnstableError", "acceleration", "build_config", "compare", "convergence", "energy",
     "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
     "penetration", "picture", "reference", "reference_step", "save_scene", "scenes", "simulate",
-    "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "work_precision",
+    "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "view",
+    "work_precision",
 ]  # fmt: skip
 
 __getattr__, __dir__ = on_demand(globals(), {
@@ -62,5 +63,5 @@ __getattr__, __dir__ = on_demand(globals(), {
     "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
     "open_sweep": ".sweep.dataset", "sweepable": ".sweep.fields",
     "Camera": ".view.camera", "Picture": ".view.picture", "picture": ".view.picture",
-    "compare": ".view.page",
+    "compare": ".view.page", "view": ".view",
 })  # fmt: skip

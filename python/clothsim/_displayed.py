@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from .run import Run
 
 
 class DisplayedRun:
@@ -163,7 +166,7 @@ class DisplayedRun:
         """
         from .view.page import run_to_html
 
-        return run_to_html(self, path, title)
+        return run_to_html(cast("Run", self), path, title)
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
@@ -187,9 +190,10 @@ class DisplayedRun:
         """
         from .view.page import run_to_frame
 
-        return run_to_frame(self, height)
+        return run_to_frame(cast("Run", self), height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: the lines of `print`, and a picture of the last frame."""
         from .view.notebook import WIDTH, bundle
 
         return bundle(str(self), self.picture(width=WIDTH))

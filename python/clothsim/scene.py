@@ -164,6 +164,13 @@ class Scene(Record):
 
         return explain(self, precision, kernel, threads, strict, integrator)
 
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: lines, and a picture of the initial state."""
+        from .summary import scene_lines
+        from .view.notebook import state_bundle
+
+        return state_bundle(scene_lines(self), self, self.initial_position, 0.0)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
 

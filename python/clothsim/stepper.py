@@ -404,6 +404,14 @@ class Stepper:
             stepper.freeze(member)
         return stepper
 
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: lines, and a picture of the state, of a batch of its first member."""
+        from .view.notebook import state_bundle
+
+        scene = self.scene if isinstance(self.scene, Scene) else self.scene[0]
+        x = np.asarray(self.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
+        return state_bundle(stepper_lines(self), scene, x, self.time)
+
     def __repr__(self) -> str:
         return f"<{'; '.join(stepper_lines(self))}>"
 

@@ -17,11 +17,11 @@ from typing import NoReturn
 import clothsim as cs
 
 from . import (
-    bench, contact, export, info, plot, reproduce, run, stability, sweep, work_precision,
+    bench, contact, export, info, plot, reproduce, run, stability, sweep, view, work_precision,
 )  # fmt: skip
 
 SUBCOMMANDS = (
-    info, run, export, sweep, plot, stability, work_precision, contact, reproduce, bench,
+    info, run, view, export, sweep, plot, stability, work_precision, contact, reproduce, bench,
 )  # fmt: skip
 
 

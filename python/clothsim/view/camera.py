@@ -83,18 +83,18 @@ class Camera:
         low, high = seen.min(axis=0), seen.max(axis=0)
         extent = (high - low)[:2].max()
         width, height = (high - low)[:2] + 2 * margin * (extent if extent > 0 else 1.0)
-        target = tuple(float(k) for k in 0.5 * (low + high) @ axes)
-        return cls(direction, target, float(max(width, height)), float(height))
+        x, y, z = (float(k) for k in 0.5 * (low + high) @ axes)
+        return cls(direction, (x, y, z), float(max(width, height)), float(height))
 
 
-def direction_of(value: Any) -> tuple[float, ...]:
+def direction_of(value: Any) -> tuple[float, float, float]:
     """The direction that a name or a vector means."""
     if isinstance(value, str):
         return DIRECTIONS[check.choice("camera", value, DIRECTIONS)]
     if isinstance(value, (Iterable, np.ndarray)):
-        direction = check.vector("camera", value)
-        if any(direction):
-            return direction
+        x, y, z = check.vector("camera", value)
+        if x or y or z:
+            return x, y, z
     names = ", ".join(map(repr, DIRECTIONS))
     raise ValueError(
         f"camera must be a Camera, a direction of 3 numbers that are not all 0, or one of {names}, "

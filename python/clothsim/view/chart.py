@@ -13,7 +13,7 @@ from .curves import curves
 from .picture import file_path
 
 # Okabe and Ito's palette, which readers with any colour vision tell apart; dashes repeat the message.
-STYLES = {
+STYLES: dict[str, dict[str, Any]] = {
     "total": {"color": "#000000", "ls": "-", "lw": 2.0},
     "kinetic": {"color": "#D55E00", "ls": "--"},
     "elastic": {"color": "#009E73", "ls": "-."},
@@ -52,7 +52,7 @@ def plot(run: Any, path: str | Path | None = None) -> Any:
     figure = Plot(figsize=(8, 0.8 + 1.6 * len(panels)), layout="constrained")
     canvas(figure)
     axes = figure.subplots(len(panels), 1, sharex=True)
-    few = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
+    few: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
     for axis, (label, scale, names) in zip(axes, panels, strict=True):
         for name in names:
             style = {"label": LABELS.get(name, name), **STYLES[name], **few}

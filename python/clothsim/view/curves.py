@@ -36,7 +36,7 @@ def curves(run: Any) -> Curves:
     the number of mass points that touch a sphere. Without a sphere the last three are missing.
     """
     scene, x, t = run.scene, run.x, run.t
-    found: Curves = dict(energy(scene, x, run.v))
+    found: Curves = {name: np.asarray(one) for name, one in energy(scene, x, run.v).items()}
     found["stretch"] = np.asarray(largest_stretch(scene, x))
     if scene.spheres:
         depths = [

@@ -7,10 +7,15 @@ where a notebook is not trusted, and no script has to run.
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from .picture import Picture
+import numpy as np
+import numpy.typing as npt
+
+from ..scene import Scene
+from .picture import Picture, picture
 
 WIDTH = 400  # pixels; beside six lines in a notebook
 
@@ -24,6 +29,11 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
         f'src="data:image/png;base64,{png}"></div>'
     )
     return {"text/html": html, "image/png": png}
+
+
+def state_bundle(lines: Sequence[str], scene: Scene, x: npt.NDArray[np.float64], t: float) -> dict[str, Any]:
+    """`bundle` of the lines and a picture of the scene with positions x."""
+    return bundle("\n".join(lines), picture(scene, x, t, width=WIDTH))
 
 
 class Frame:

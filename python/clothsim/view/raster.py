@@ -8,11 +8,17 @@ painted red by its depth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .camera import Camera
+
+Floats = npt.NDArray[np.floating]
+Integers = npt.NDArray[np.integer]
 
 # Colours that stay apart under each of the three colour vision deficiencies (tests/view measure it).
 BACKGROUND = np.array([1.0, 1.0, 1.0])
@@ -30,13 +36,20 @@ CHUNK = 1 << 19  # pairs of triangle and pixel that are held at a time: some 60 
 class Ball:
     """A sphere to draw; the cloth inside it is painted red where `solid`."""
 
-    center: tuple[float, float, float]
+    center: npt.ArrayLike
     radius: float
-    color: np.ndarray
+    color: Floats
     solid: bool = True
 
 
-def render(positions, triangles, balls, camera: Camera, width: int = 520, samples: int = 2):
+def render(
+    positions: npt.ArrayLike,
+    triangles: Integers,
+    balls: Sequence[Ball],
+    camera: Camera,
+    width: int = 520,
+    samples: int = 2,
+) -> npt.NDArray[np.uint8]:
     """Draw the cloth and the balls.
 
     Parameters
@@ -61,7 +74,7 @@ def render(positions, triangles, balls, camera: Camera, width: int = 520, sample
     axes, scale = camera.axes(), width / camera.width
     positions = np.asarray(positions, float)
 
-    def to_screen(points):
+    def to_screen(points: npt.ArrayLike) -> Floats:
         seen = (np.asarray(points, float) - camera.target) @ axes.T
         return np.stack(
             [width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], seen[..., 2]], -1
@@ -85,12 +98,22 @@ def render(positions, triangles, balls, camera: Camera, width: int = 520, sample
     return np.round(255 / len(parts) * sum(parts)).clip(0, 255).astype(np.uint8)
 
 
-def _blend(weights, values, corners):
+def _blend(weights: Floats, values: npt.NDArray[Any], corners: Integers) -> Floats:
     """Values at the corners of triangles, shape (n, 3, k), between them by barycentric weights."""
-    return sum(weights[:, k, None] * values[corners[:, k]] for k in range(3))
+    a, b, c = (weights[:, k, None] * values[corners[:, k]] for k in range(3))
+    result: Floats = a + b + c
+    return result
 
 
-def _draw_ball(picture, depth, surface, ball, middle, scale, axes):
+def _draw_ball(
+    picture: Floats,
+    depth: Floats,
+    surface: Floats,
+    ball: Ball,
+    middle: Floats,
+    scale: float,
+    axes: Floats,
+) -> None:
     """Draw a ball where it is nearest; `surface` has the cloth's point behind each pixel, or NaN."""
     height, width = depth.shape
     x, y, z = middle
@@ -116,7 +139,9 @@ def _draw_ball(picture, depth, surface, ball, middle, scale, axes):
     depth[box][drawn] = front[drawn]
 
 
-def _nearest_triangles(screen, triangles, width, height):
+def _nearest_triangles(
+    screen: Floats, triangles: Integers, width: int, height: int
+) -> tuple[Floats, Integers, Floats]:
     """Per pixel: depth (towards the eye), triangle number or -1, barycentric weights."""
     depth = np.full(height * width, -np.inf)
     nearest = np.full(height * width, -1)
@@ -127,7 +152,8 @@ def _nearest_triangles(screen, triangles, width, height):
     high = np.ceil(corners[..., :2].max(axis=1)).clip(0, limit).astype(int)
     across, down = (high - low).T
     # Weights of corners b and c are linear in the distance of a pixel's middle from corner a.
-    a, (bx, by, bz), (cx, cy, cz) = corners[:, 0], *(corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
+    a = corners[:, 0]
+    (bx, by, bz), (cx, cy, cz) = (corners[:, 1] - a).T, (corners[:, 2] - a).T
     twice_area = bx * cy - by * cx
     x0, y0 = (low + 0.5 - a[:, :2]).T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,7 +179,9 @@ def _nearest_triangles(screen, triangles, width, height):
     return depth.reshape(height, width), nearest.reshape(height, width), weights.reshape(height, width, 3)
 
 
-def _cloth_color(positions, corners, weights, towards_eye):
+def _cloth_color(
+    positions: Floats, corners: Integers, weights: Floats, towards_eye: Floats
+) -> Floats:
     columns = positions.shape[1]
     along_rows, along_columns = np.gradient(positions, axis=(0, 1))
     normals = np.cross(along_rows, along_columns).reshape(-1, 3)
@@ -167,7 +195,7 @@ def _cloth_color(positions, corners, weights, towards_eye):
     return _shade(color, np.where(front[:, None], normal, -normal), towards_eye)
 
 
-def _shade(color, normals, towards_eye):
+def _shade(color: Floats, normals: Floats, towards_eye: Floats) -> Floats:
     """Two lights and an ambient term that is brighter from above; normals face the eye."""
     normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
     key = np.array([0.3, 1.0, 0.25]) / np.linalg.norm([0.3, 1.0, 0.25])
@@ -177,9 +205,12 @@ def _shade(color, normals, towards_eye):
         + 0.32 * np.maximum(normals @ key, 0)
         + 0.28 * np.maximum(normals @ towards_eye, 0)
     )
-    return color * light[..., None]
+    shaded: Floats = color * light[..., None]
+    return shaded
 
 
-def _redden(color, under):
-    amount = np.where(under > 0, 0.35 + 0.65 * np.minimum(under / FULL_RED_DEPTH, 1), 0)[:, None]
-    return color * (1 - amount) + PENETRATION * amount
+def _redden(color: Floats, under: Floats) -> Floats:
+    amount: Floats = np.where(np.greater(under, 0), 0.35 + 0.65 * np.minimum(under / FULL_RED_DEPTH, 1), 0)
+    amount = amount[:, None]
+    red: Floats = color * (1 - amount) + PENETRATION * amount
+    return red

@@ -1,0 +1,36 @@
+"""`clothsim view`: step a scene live, in the browser."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import clothsim as cs
+from clothsim.view.live import view
+
+from ._common import add_command
+from .run import scene_of
+
+
+def add_parser(subparsers: Any) -> None:
+    command = add_command(subparsers, "view", run, "Step a scene live, in the browser.")
+    command.add_argument(
+        "scene", metavar="SCENE", nargs="?", default="paper_static",
+        help="a scene file (TOML) or a ready scene (default: paper_static)",
+    )  # fmt: skip
+    command.add_argument(
+        "--dt", type=float, metavar="S",
+        help="time step in seconds (default: what this machine keeps up with)",
+    )  # fmt: skip
+    command.add_argument(
+        "--precision", choices=("double", "single"), default="double", help="default: double"
+    )
+    command.add_argument(
+        "--host", default="127.0.0.1", help="address to serve at (default: this machine alone)"
+    )
+    command.add_argument("--port", type=int, default=8080, help="default: 8080, or the next that is free")
+
+
+def run(args: argparse.Namespace) -> None:
+    scene: cs.Scene = scene_of(args.scene)
+    view(scene, dt=args.dt, precision=args.precision, host=args.host, port=args.port)

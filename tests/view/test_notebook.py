@@ -1,0 +1,78 @@
+"""What a notebook shows of a run, a scene and a stepper as the last value of a cell."""
+
+import base64
+import re
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+formatters = pytest.importorskip("IPython.core.formatters")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return cs.simulate(cs.scenes.paper_static(), 0.2, dt=1e-3, every=50)
+
+
+def shown(value):
+    """The MIME types that IPython sends to a notebook."""
+    data, _ = formatters.DisplayFormatter().format(value)
+    return data
+
+
+def png_of(html):
+    source = re.search(r'src="data:image/png;base64,([^"]+)"', html)[1]
+    return base64.b64decode(source)
+
+
+def test_a_run_shows_its_lines_and_its_last_frame(run):
+    data = shown(run)
+    lines = str(run).splitlines()
+    assert 5 <= len(lines) <= 6 and all(len(line) < 90 for line in lines)
+    text = re.search(r"<pre[^>]*>(.*?)</pre>", data["text/html"], re.DOTALL)[1]
+    assert text.splitlines() == lines
+    assert png_of(data["text/html"]) == run.picture(width=400)._repr_png_()
+    assert base64.b64decode(data["image/png"]) == png_of(data["text/html"])
+    assert data["text/plain"] == str(run)
+
+
+def test_no_script_is_needed(run):
+    """JupyterLab's sanitizer leaves these elements, and data: in src, where a notebook is not trusted."""
+    html = shown(run)["text/html"]
+    assert set(re.findall(r"<\s*(\w+)", html)) == {"div", "pre", "img"}
+    assert len(html) < 200_000
+
+
+def test_a_scene_shows_its_initial_state():
+    scene = cs.scenes.paper_moving()
+    data = shown(scene)
+    assert png_of(data["text/html"]) == cs.picture(scene, width=400)._repr_png_()
+    assert "3,906 springs" in data["text/html"]
+
+
+@pytest.mark.parametrize("batch", [False, True])
+def test_a_stepper_shows_its_state_of_now(batch):
+    scene = cs.scenes.paper_static()
+    stepper = cs.Stepper([scene, scene] if batch else scene)
+    before = png_of(shown(stepper)["text/html"])
+    stepper.advance(100, 2e-3)
+    data = shown(stepper)
+    x = np.reshape(stepper.positions, (-1, 32, 32, 3))[0]
+    assert png_of(data["text/html"]) == cs.picture(scene, x, stepper.time, width=400)._repr_png_() != before
+    assert "t = 0.2 s" in data["text/html"]
+
+
+def test_playing_in_a_cell_takes_less_than_a_second():
+    """CPU seconds, as other programs do not count then."""
+    import time
+
+    run = cs.simulate(cs.scenes.paper_static(), 1.5, dt=1e-3, every=0.005)
+    run.show()
+    begun = time.process_time()
+    shown_run = run.show()
+    assert len(run.t) >= 300
+    assert time.process_time() - begun < 1.0
+    assert "text/html" in shown(shown_run) and len(shown(shown_run)["text/html"]) < 3_000_000
+    with pytest.raises(ValueError, match="height must be an integer >= 300"):
+        run.show(height=10)

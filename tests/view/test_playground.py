@@ -1,0 +1,188 @@
+"""The live viewer without a browser: a scene that is stepped by the clock while it is changed."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.view.playground import DRAG_SPEED, Playground
+
+
+def level(**sphere):
+    """A level cloth without weight, and a sphere below its middle."""
+    cloth = cs.Cloth((9, 9), mass=1.0, stiffness=200.0, damping=0.2)
+    return cs.Scene(cloth, cs.Sphere((0.5, -0.5, 0.5), 0.2, **sphere), gravity=(0, 0, 0))
+
+
+def run_for(playground, seconds, tick=0.02):
+    for _ in range(round(seconds / tick)):
+        playground.tick(tick)
+
+
+def test_ticks_follow_the_clock_and_lose_no_part_of_a_step():
+    playground = Playground(level(), dt=3e-4)
+    for _ in range(100):
+        playground.tick(0.01)
+    assert playground.time == pytest.approx(1.0, abs=3e-4)
+    assert playground.factor == pytest.approx(1.0, abs=0.05)
+    assert playground.tick(60.0) * 3e-4 == pytest.approx(0.1, abs=3e-4)  # a pause is not made up for
+
+
+def test_a_budget_ends_a_tick_and_the_real_time_factor_tells():
+    playground = Playground(cs.scenes.paper_static(), dt=5e-6)
+    for _ in range(3):
+        done = playground.tick(0.1, budget=0.0)
+        assert 0 < done < 0.1 / 5e-6
+    assert playground.factor < 0.9
+
+
+def test_the_time_step_is_the_paper_s_where_the_machine_keeps_up(monkeypatch):
+    for cost, expected in ((1e-6, 5e-6), (4e-6, 1e-5), (25e-6, 5e-5), (40e-6, 1e-4)):
+        monkeypatch.setattr(Playground, "_measured_cost", lambda self, cost=cost: cost)
+        assert Playground(cs.scenes.paper_static()).dt == pytest.approx(expected)
+    monkeypatch.setattr(Playground, "_measured_cost", lambda self: 1.0)
+    slow = Playground(cs.scenes.paper_static())
+    assert slow.dt == pytest.approx(0.5 * slow.limit)
+
+
+def test_the_steps_are_those_of_a_stepper():
+    scene = cs.scenes.paper_static()
+    playground, stepper = Playground(scene, dt=1e-4), cs.Stepper(scene)
+    run_for(playground, 0.2)
+    stepper.advance(round(playground.time / 1e-4), 1e-4)
+    assert np.array_equal(playground.stepper.positions, stepper.positions)
+
+
+def test_pause_single_step_and_reset():
+    playground = Playground(level(), dt=1e-3)
+    playground.paused = True
+    assert playground.tick(0.1) == 0 and playground.time == 0
+    assert playground.tick(0.0, single=True) == 1 and playground.time == pytest.approx(1e-3)
+    playground.change(gravity=5.0, dt=2e-3, radius=0.1)
+    playground.reset()
+    assert (playground.time, playground.dt, playground.paused) == (0.0, 1e-3, False)
+    assert playground.scene == playground.start
+    assert np.array_equal(playground.stepper.positions, playground.start.initial_position)
+
+
+def test_gravity_acts_at_once_and_keeps_the_state():
+    playground = Playground(level(), dt=1e-3)
+    run_for(playground, 0.1)
+    playground.change(gravity=9.0)
+    before, t = playground.stepper.velocities[4, 4, 1], playground.time
+    run_for(playground, 0.02)
+    middle = playground.stepper.velocities[4, 4, 1] - before
+    assert middle == pytest.approx(-9.0 * (playground.time - t), rel=0.05)
+
+
+def test_every_control_changes_its_field_and_the_stable_step_follows():
+    playground = Playground(level(response="ray"), dt=1e-3)
+    limit = playground.limit
+    playground.change(stiffness={"shear": 800.0})
+    stiffness = playground.scene.cloth.family_stiffness
+    assert stiffness["shear"] == 800.0 and stiffness["structural"] == 200.0
+    assert playground.limit < 0.9 * limit
+    playground.change(damping=0.5)
+    assert set(playground.scene.cloth.family_damping.values()) == {0.5}
+    playground.change(response="continuous", offset="face", restitution=0.5, friction=0.3, radius=0.1)
+    (sphere,) = playground.scene.spheres
+    assert (sphere.response, sphere.offset, sphere.restitution) == ("continuous", "face", 0.5)
+    assert (sphere.friction, sphere.radius) == (0.3, 0.1)
+    assert playground.stepper.scene == playground.scene
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"stiffness": {"shear": -1.0}}, {"offset": "face"}, {"radius": 0.0}, {"dt": 0.0}, {"damping": np.nan}],
+)
+def test_a_refused_change_changes_nothing(change):
+    playground = Playground(level(), dt=1e-3)
+    run_for(playground, 0.1)
+    scene, dt, t = playground.scene, playground.dt, playground.time
+    with pytest.raises(ValueError):
+        playground.change(**change)
+    assert (playground.scene, playground.dt, playground.time) == (scene, dt, t)
+    playground.tick(0.02)
+    assert playground.time > t
+
+
+def test_a_dragged_sphere_travels_no_faster_than_allowed_and_pushes_the_cloth():
+    playground = Playground(level(response="continuous", offset="face"), dt=1e-3)
+    playground.drag_sphere(0, (0.5, 0.0, 0.5))
+    centers = [playground.centers()[0, 1]]
+    for _ in range(10):
+        playground.tick(0.02)
+        centers.append(playground.centers()[0, 1])
+    assert np.diff(centers).max() == pytest.approx(0.02 * DRAG_SPEED, rel=0.06)
+    assert centers[-1] == pytest.approx(0.0, abs=1e-9)
+    assert playground.stepper.positions[4, 4, 1] > 0.19
+    sphere = playground.scene.spheres[0]
+    assert np.array_equal(sphere.velocity_at(playground.time), (0, 0, 0))  # it stands where it was dragged
+    assert cs.penetration(playground.stepper.positions, sphere, playground.time)["points"] < 1e-9
+
+
+def test_contact_sees_the_velocity_of_the_drag():
+    """A free point, elastic contact: it leaves with twice the speed of the sphere."""
+    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=((0, 0), (0, 1), (1, 0)))
+    sphere = cs.Sphere((1.0, -0.5, 1.0), 0.2, None, "continuous", "none", restitution=1.0)
+    playground = Playground(cs.Scene(cloth, sphere, gravity=(0, 0, 0)), dt=1e-3)
+    for k in range(1, 22):  # 0.02 m in each 0.02 s
+        playground.drag_sphere(0, (1.0, -0.5 + 0.02 * k, 1.0))
+        playground.tick(0.02)
+    assert playground.stepper.velocities[1, 1] == pytest.approx((0.0, 2.0, 0.0), abs=0.1)
+
+
+def test_a_dragged_pin_comes_where_it_is_dragged_and_takes_the_cloth_along():
+    playground = Playground(level(), dt=1e-3)
+    row, column = (int(k) for k in np.argwhere(playground.scene.cloth.pinned)[0])
+    target = playground.stepper.positions[row, column] + (0.0, 0.3, 0.0)
+    playground.drag_pin((row, column), target)
+    run_for(playground, 0.02)
+    assert 0.1 < playground.stepper.positions[row, column, 1] <= 0.02 * DRAG_SPEED + 1e-9
+    run_for(playground, 0.4)
+    x = playground.stepper.positions
+    assert x[row, column] == pytest.approx(target, abs=1e-9)
+    assert x[row + 1, column + 1, 1] > 0.05
+    with pytest.raises(ValueError, match="point must be pinned"):
+        playground.drag_pin((4, 4), target)
+
+
+def test_above_the_limit_it_says_unstable_and_stops_with_a_finite_state():
+    playground = Playground(cs.scenes.paper_static(), dt=1e-4)
+    run_for(playground, 0.3)
+    playground.change(dt=5 * playground.limit)
+    for _ in range(200):
+        playground.tick(0.05)
+    assert playground.problem.startswith("UNSTABLE at point (")
+    assert f"{1e6 * playground.limit:.4g} us are guaranteed" in playground.problem
+    assert np.isfinite(playground.stepper.positions).all()
+    t = playground.time
+    assert playground.tick(0.1) == 0 and playground.time == t
+    playground.reset()
+    assert playground.tick(0.1) > 0 and playground.problem == ""
+
+
+def test_a_recording_is_a_run_whose_spheres_were_dragged(tmp_path):
+    playground = Playground(level(response="continuous", offset="face"), dt=1e-3)
+    with pytest.raises(ValueError, match="needs 2 recorded frames, got 0"):
+        playground.recorded()
+    run_for(playground, 0.1)
+    playground.record(True)
+    playground.drag_sphere(0, (0.5, -0.1, 0.5))
+    run_for(playground, 0.2)
+    playground.record(False)
+    run_for(playground, 0.1)
+    run = playground.recorded()
+    assert len(run.t) == 11 and run.t[0] == pytest.approx(0.1) and run.t[-1] == pytest.approx(0.3)
+    sphere = run.scene.spheres[0]
+    assert sphere.center_at(run.t[0])[1] == -0.5 and sphere.center_at(run.t[-1])[1] == pytest.approx(-0.1)
+    assert run.x[-1, 4, 4, 1] > 0.05
+    assert run.to_html(tmp_path / "run.html").stat().st_size > 10_000
+    assert cs.load_run(run.save(tmp_path / "run.npz")).scene == run.scene
+
+
+def test_measures_are_those_of_the_state():
+    playground = Playground(cs.scenes.paper_static(), dt=1e-4)
+    run_for(playground, 0.4)
+    total, depth = playground.measures()
+    x, v = playground.stepper.positions, playground.stepper.velocities
+    assert total == cs.energy(playground.scene, x, v)["total"]
+    assert depth == cs.penetration(x, playground.scene.spheres[0])["triangles"] > 0
