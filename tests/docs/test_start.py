@@ -1,0 +1,40 @@
+"""The tutorial docs/start.md does what it says, and start.ipynb is that page with its outputs."""
+
+import contextlib
+import io
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("xarray")
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "start.md").read_text(encoding="utf8")
+BLOCK = re.compile(r"```python\n(.*?)```\n(?:\n```output\n(.*?)```)?", re.DOTALL)
+
+
+def test_the_page_prints_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for code, expected in BLOCK.findall(PAGE):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(code, names)
+        assert printed.getvalue() == expected, code
+    assert {path.name for path in tmp_path.iterdir()} == {"cloth.png", "cloth.html", "cloth.npz"}
+
+
+def test_the_notebook_is_the_page():
+    path = ROOT / "notebooks" / "start.ipynb"
+    cells = json.loads(path.read_text(encoding="utf8"))["cells"]
+    codes = [cell for cell in cells if cell["cell_type"] == "code"]
+    blocks = BLOCK.findall(PAGE)
+    assert ["".join(cell["source"]) for cell in codes] == [code.strip() for code, _ in blocks]
+    printed = [
+        "".join("".join(one["text"]) for one in cell["outputs"] if one["output_type"] == "stream")
+        for cell in codes
+    ]
+    assert printed == [expected for _, expected in blocks]
+    assert path.stat().st_size < 200_000
