@@ -29,7 +29,7 @@ def free_port():
         return one.getsockname()[1]
 
 
-def wait_for(condition, seconds=30.0, what="the condition"):
+def wait_for(condition, seconds=60.0, what="the condition"):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():
@@ -42,6 +42,7 @@ def wait_for(condition, seconds=30.0, what="the condition"):
 def tab(browser, viewer):
     context = browser.new_context(viewport={"width": 1000, "height": 700})
     page = context.new_page()
+    page.set_default_timeout(120_000)  # without a graphics adapter a busy machine draws a picture in seconds
     page.asked, page.failed = [], []
     page.on("request", lambda request: page.asked.append(request.url))
     page.on("pageerror", lambda error: page.failed.append(str(error)))
@@ -74,18 +75,22 @@ def test_the_page_shows_the_running_scene_and_asks_this_machine_only(viewer, tab
     assert shots[0] != shots[1]
 
 
-def test_a_slider_moves_the_physics_within_a_fifth_of_a_second(viewer, tab):
+def test_a_slider_moves_the_physics_within_a_fifth_of_a_second(viewer, tab, monkeypatch):
+    """From the moment in which the browser's message arrives to the changed scene."""
     play = viewer.playground
-    begun = time.monotonic()
+    gravity = next(handle for handle, _ in viewer._controls if handle.label.startswith("gravity"))
+    change, acted = play.change, []
+    monkeypatch.setattr(play, "change", lambda **what: (change(**what), acted.append(time.time())))
     move(tab, "gravity", "Home")
     wait_for(lambda: play.scene.gravity[1] == 20.0, what="gravity")
-    assert time.monotonic() - begun < 0.2 + 1.0 * busy()  # the browser itself takes part of this
+    assert acted[-1] - gravity.update_timestamp < 0.2 * busy()
     wait_for(lambda: play.positions()[..., 1].max() > 0.3, what="the cloth going up")
     move(tab, "radius", "End")
     wait_for(lambda: play.scene.spheres[0].radius == 0.5, what="the radius")
 
 
 def busy():
+    """How many times longer a program takes where others keep the processors busy."""
     return max(1.0, os.getloadavg()[0] / os.cpu_count())
 
 
