@@ -1,80 +1,186 @@
-"""What a tolerance costs against the best fixed choice, on every contact-free scene: a table.
+"""Judge error control on random scenes: is the error had, is the estimate true, what does it cost?
 
-    python benchmarks/error_control.py
+    python benchmarks/error_control.py                  # judges, on scenes that tuned nothing
+    python benchmarks/error_control.py --stream tune    # the scenes that constants were found on
+    python benchmarks/error_control.py --scenes 700     # about 2,000 runs
 
-Force evaluations of the solution and of all, its estimate included, both also over those of the
-cheapest fixed method and step that search finds; error and estimate over what was asked.
+Errors are against another model and method (random_cloths.py), kept in --folder. A request is judged
+where that solution is ten times more accurate than it; an estimate where it is ten times more
+accurate than the error. Costs are force evaluations of everything over the cheapest fixed choice of
+method and step that reaches what was asked, found by search, for runs of 100 steps or more.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
+import pickle
+import warnings
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
 
 import clothsim as cs
 import numpy as np
+from random_cloths import Case, draw, rms, truth
 
-SCENES = {
-    "paper_swing(bend=True)": (cs.scenes.paper_swing(bend=True), 0.5),
-    "paper_swing()": (cs.scenes.paper_swing(), 0.5),
-    "hanging()": (cs.scenes.hanging(), 1.0),
-    "oscillator()": (cs.scenes.oscillator(), 1.0),
-    "oscillator(damping=3)": (cs.scenes.oscillator(damping=3.0), 1.0),
-}
-EXPONENTS = range(3, 11)
+STREAMS = {"tune": 1, "judge": 2}
 RATIO = 1.08  # between the steps that are searched
+NAMED = [name for name, one in cs.integrators().items() if one.explicit]
+LOOSEST, TIGHTEST = 3, 10  # exponents of what is asked
+SURE = 10.0  # times more accurate than what is judged is the true solution
+MOST_POINT_STEPS = 3e8  # of a named method of low order: it is not asked for more
 
 
-def rms(difference: np.ndarray) -> float:
-    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
+@dataclass
+class Judged:
+    """One run: all errors over the size of the cloth."""
+
+    case: str
+    start: str
+    kind: str
+    asked: float
+    error: float
+    estimate: float
+    reason: str
+    known: float
+    evaluations: int
+    steps: int
+    best: float = math.nan  # evaluations of the cheapest fixed choice
 
 
-def fixed(scene: cs.Scene, duration: float, steps: int, integrator: str) -> np.ndarray:
+def requests(case: Case) -> list[tuple[str, int]]:
+    """Kinds of run and exponents of the error asked for, drawn for a scene."""
+    rng = np.random.default_rng([int(n) for n in case.name.split("/")] + [7])
+    chosen = rng.choice(np.arange(LOOSEST, TIGHTEST + 1), 2, replace=False)
+    found = [("auto", int(k)) for k in chosen]
+    # The low orders are asked for what they can do.
+    name = str(rng.choice(NAMED))
+    most = LOOSEST + cs.integrators()[name].order
+    found.append((name, int(rng.integers(LOOSEST, min(most, TIGHTEST) + 1))))
+    return [*found, ("default", 3)]
+
+
+def run(case: Case, kind: str, exponent: int) -> cs.Run:
+    if kind == "default":
+        return cs.simulate(case.scene, case.duration, threads=1)
+    return cs.simulate(
+        case.scene, case.duration, rtol=10.0**-exponent, integrator=kind, threads=1
+    )
+
+
+def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, known: float) -> Judged:
+    size = max(case.scene.cloth.size)
+    found = run(case, kind, exponent)
+    report = found.report
+    estimate = report["error_estimate"]
+    return Judged(
+        case.name, case.start, kind, 10.0**-exponent, rms(found.x[-1] - exact) / size,
+        estimate["rms"] / size, estimate.get("reason", ""), known / size,
+        report["force_evaluations"], report["steps"],
+    )  # fmt: skip
+
+
+def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> dict[float, float]:
+    """Force evaluations of the cheapest fixed method and step for each error [m]."""
+    scene, best = case.scene, dict.fromkeys(asked, math.inf)
     state = scene.initial_position, scene.initial_velocity
-    return cs.step(scene, *state, duration / steps, steps, integrator=integrator)[0]
-
-
-def search(scene: cs.Scene, duration: float, exact: np.ndarray) -> list[tuple[int, float, str]]:
-    """(force evaluations, error, method) of every fixed choice, cheapest first."""
-    small = scene.cloth.rows * scene.cloth.columns < 10
-    damped = scene.cloth.point_damping > 0 or any(scene.cloth.family_damping.values())
-    found = []
-    for name, method in cs.integrators().items():
-        if not method.explicit:
-            continue
-        cost = method.evaluations_per_step(damped)
-        steps = max(2, int(0.5 * duration / cs.max_stable_dt(scene, name)))
-        while steps * cost < (500 if small else 6000):
+    for name in NAMED:
+        cost = cs.integrators()[name].evaluations_per_step(scene.cloth.damped)
+        steps = max(2, int(0.5 * case.duration / cs.max_stable_dt(scene, name)))
+        wanted = set(asked)
+        while wanted and steps * cost < min(most, max(best[one] for one in wanted)):
             try:
-                error = rms(fixed(scene, duration, steps, name) - exact)
-                found.append((steps * cost, error, name))
+                x = cs.step(scene, *state, case.duration / steps, steps, integrator=name, threads=1)[0]
+                error = rms(x - exact)
             except cs.UnstableError:
-                pass
+                error = math.inf
+            for one in [one for one in wanted if error <= one]:
+                best[one] = min(best[one], steps * cost)
+                wanted.discard(one)
             steps = max(steps + 1, math.ceil(RATIO * steps))
-    return sorted(found)
+    return best
+
+
+def judged_runs(stream: str, first: int, scenes: int, folder: Path, cost: bool) -> list[Judged]:
+    found: list[Judged] = []
+    kept = folder / "cheapest.pkl"
+    known_costs = pickle.loads(kept.read_bytes()) if kept.exists() else {}
+    for number in range(first, first + scenes):
+        case = draw(STREAMS[stream], number)
+        exact, known = truth(case, folder)
+        size = max(case.scene.cloth.size)
+        for kind, exponent in requests(case):
+            if 10.0**-exponent * size < SURE * known:
+                continue
+            one = judge(case, kind, exponent, exact, known)
+            found.append(one)
+            if cost and kind == "auto" and one.steps >= 100:
+                key = case.name, exponent
+                if key not in known_costs:
+                    wanted = one.asked * size
+                    most = 3.0 * one.evaluations
+                    known_costs[key] = cheapest(case, exact, [wanted], most)[wanted]
+                    kept.write_bytes(pickle.dumps(known_costs))
+                one.best = known_costs[key]
+    return found
+
+
+def quantile(values: list[float], q: float) -> float:
+    return float(np.quantile(values, q)) if values else math.nan
+
+
+def table(found: list[Judged]) -> str:
+    lines = [
+        "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | not told | estimates judged | "
+        "within 3 times | least estimate / error | median asked / error |",
+        "|" + " --- |" * 10,
+    ]
+    kinds = defaultdict(list)
+    for one in found:
+        kinds["all"].append(one)
+        kinds[one.kind].append(one)
+    for kind, runs in sorted(kinds.items(), key=lambda item: (item[0] == "all", item[0])):
+        told = [one for one in runs if not one.reason]
+        over = [one.error / one.asked for one in told]
+        ratios = [one.estimate / one.error for one in told if one.error > SURE * one.known]
+        within = [1 / 3 <= ratio <= 3 for ratio in ratios]
+        lines.append(
+            f"| {kind} | {len(runs)} | {np.mean([o <= 1 for o in over]):.2%} | "
+            f"{np.mean([o <= 1.5 for o in over]):.2%} | {max(over):.2f} | "
+            f"{np.mean([bool(one.reason) for one in runs]):.1%} | {len(ratios)} | "
+            f"{np.mean(within):.1%} | {min(ratios, default=math.nan):.2f} | "
+            f"{1 / quantile(over, 0.5):.1f} |"
+        )
+    costs = [one.evaluations / one.best for one in found if math.isfinite(one.best)]
+    lines += [
+        "",
+        f"Cost of everything over the cheapest fixed choice, {len(costs)} runs: median "
+        f"{quantile(costs, 0.5):.2f}, 95 % {quantile(costs, 0.95):.2f}",
+    ]
+    return "\n".join(lines)
 
 
 def main() -> None:
-    print(
-        "| scene | asked / size | method | solution | all | best fixed | ratio | ratio of all | "
-        "error / asked | estimate / asked |"
+    warnings.simplefilter("ignore", cs.StabilityWarning)
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--stream", choices=STREAMS, default="judge")
+    parser.add_argument("--scenes", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene")
+    parser.add_argument("--no-cost", action="store_true", help="leave the search out")
+    parser.add_argument("--bad", action="store_true", help="list the runs that miss a figure")
+    parser.add_argument("--folder", type=Path, default=Path("/tmp/clothsim-error-control"))
+    chosen = parser.parse_args()
+    chosen.folder.mkdir(parents=True, exist_ok=True)
+    found = judged_runs(
+        chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost
     )
-    print("|" + " --- |" * 10)
-    for name, (scene, duration) in SCENES.items():
-        exact = fixed(scene, duration, 1000 if scene.cloth.rows > 16 else 300, "dop853")
-        choices = search(scene, duration, exact)
-        for exponent in EXPONENTS:
-            asked = 10.0**-exponent
-            run = cs.simulate(scene, duration, rtol=asked)
-            report = run.report
-            solution, spent = report["solution_evaluations"], report["force_evaluations"]
-            best, _, method = next(choice for choice in choices if choice[1] <= asked)
-            print(
-                f"| {name} | 1e-{exponent} | {report['integrator']}, {report['precision']} | "
-                f"{solution:,} | {spent:,} | {best:,} ({method}) | {solution / best:.2f} | "
-                f"{spent / best:.2f} | {rms(run.x[-1] - exact) / asked:.2f} | "
-                f"{report['error_estimate']['rms'] / asked:.2f} |",
-                flush=True,
-            )
+    print(table(found))
+    for one in found if chosen.bad else []:
+        ratio = one.estimate / max(one.error, 1e-300)
+        judged = one.error > SURE * one.known
+        if one.reason or one.error > one.asked or (judged and not 0.5 <= ratio <= 3):
+            print(one)
 
 
 if __name__ == "__main__":

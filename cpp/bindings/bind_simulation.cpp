@@ -153,18 +153,6 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
-void carry(SharedSimulation& shared, const Array<double>& x, const Array<double>& v, Array<double>& e,
-           Array<double>& w, double duration, int substeps, double damping_part, double displacement, int threads) {
-    auto simulation = shared.use();
-    const py::ssize_t size = py::ssize_t(simulation->member(0).raw_state().size() - 3) / 2;
-    if (simulation->size() != 1 || x.size() != size || v.size() != size || e.size() != size || w.size() != size)
-        throw std::invalid_argument("a perturbation is carried of one cloth, in arrays of its shape");
-    const double *px = x.data(), *pv = v.data();
-    double *pe = e.mutable_data(), *pw = w.mutable_data();
-    py::gil_scoped_release release;
-    simulation->carry(px, pv, pe, pw, {duration, substeps, damping_part, displacement, threads});
-}
-
 py::tuple snapshot(SharedSimulation& shared) {
     auto simulation = shared.use();
     py::list members;
@@ -231,8 +219,6 @@ void bind_simulation(py::module_& m) {
         })
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
-        .def("carry", &carry, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(),
-             py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
         .def_property_readonly("contacts", [](S& s) {
             auto simulation = s.use();
             std::vector<std::int64_t> contacts;

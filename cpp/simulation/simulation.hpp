@@ -109,17 +109,6 @@ public:
     // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step on.
     bool energy_told(std::size_t i) const { return watches_[i].begun() && !members_[i]->watched.in_contact(); }
 
-    // A small perturbation (e, w) of the state (x, v) carried on by `duration`, by the forces linearised there; for one
-    // member. The member's own state is lost. Each substep evaluates the forces once, and (x, v) does.
-    struct CarryRequest {
-        double duration;      // [s]
-        int substeps;
-        double damping_part;  // of the damping that is applied, 0 to 1
-        double displacement;  // root mean square by which points are moved to see the change of the forces [m]
-        int threads;
-    };
-    void carry(const double* x, const double* v, double* e, double* w, const CarryRequest& request);
-
 private:
     // Steps of all members, with what goes before and after them.
     struct Block {

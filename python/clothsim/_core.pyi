@@ -114,18 +114,6 @@ class Simulation:
         optional: bool,
     ) -> dict[str, Any]: ...
     def dense(self, t: float, x: Floats, v: Floats, threads: int) -> None: ...
-    def carry(
-        self,
-        x: Floats,
-        v: Floats,
-        e: Floats,
-        w: Floats,
-        duration: float,
-        substeps: int,
-        damping_part: float,
-        displacement: float,
-        threads: int,
-    ) -> None: ...
     @property
     def evaluations(self) -> list[int]: ...
     @property

@@ -4,62 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from .adaptive import Controlled
+from .adaptive import NOT_ASKED, Controlled, Estimate
 from .build import build_config
 from .measures import energy
-from .runs import Floats, Solution, rms
+from .runs import Solution
 from .scene import Scene
 
 Account = dict[str, Any]
 
 
-def of_nothing() -> Account:
+def of_nothing(reason: str = NOT_ASKED) -> Account:
     """No error was estimated."""
-    return _account(None, None, None, 0, 0.0)
+    return _account(Estimate.unknown(reason), {}, math.nan, 0, 0.0)
 
 
-def of_tolerance(scene: Scene, found: Controlled) -> Account:
-    """A run to a tolerance."""
-    tolerance = {
-        "asked": found.asked, "floor": found.floor, "growth": found.growth,
-        "below_floor": found.asked < found.floor,
-    }  # fmt: skip
-    error = None if found.error is None else _size(found.error)
-    outcomes = found.companion and compared(scene, found.solution, found.companion)
-    return _account(error, outcomes, tolerance, found.evaluations, found.wall_time)
-
-
-def of_companion(
-    scene: Scene, solution: Solution, companion: Solution, difference: Floats
-) -> Account:
-    """A run beside another one of the same method; `difference`: the error that tells of."""
-    spent = companion.evaluations, companion.wall_time
-    if solution.contacts or companion.contacts:
-        return _account(None, compared(scene, solution, companion), None, *spent)
-    return _account(_size(difference), None, None, *spent)
+def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
+    """A run whose error was estimated, to a tolerance or not."""
+    outcomes = compared(scene, found.solution, found.companion) if found.companion else {}
+    return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
 
 
 def _account(
-    error: dict[str, float] | None,
-    outcomes: dict[str, Any] | None,
-    tolerance: dict[str, Any] | None,
-    evaluations: int,
-    wall_time: float,
+    error: Estimate, outcomes: dict[str, Any], asked: float, evaluations: int, wall_time: float
 ) -> Account:
-    chaotic = None if error is None and outcomes is None else outcomes is not None
     return {
-        "error_estimate": error, "estimate_evaluations": evaluations,
-        "estimate_wall_time": wall_time, "tolerance": tolerance, "chaotic": chaotic,
+        "error_estimate": asdict(error),
+        "estimate_evaluations": evaluations,
+        "estimate_wall_time": wall_time,
+        "tolerance": {"asked": asked, "reached": bool(error.rms <= asked)},
+        "chaotic": bool(outcomes),
         "outcomes": outcomes,
-    }  # fmt: skip
-
-
-def _size(error: Floats) -> dict[str, float]:
-    return {"max": float(np.linalg.norm(error, axis=-1).max()), "rms": rms(error)}
+    }
 
 
 def compared(scene: Scene, solution: Solution, companion: Solution) -> dict[str, Any]:
@@ -84,9 +64,7 @@ def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
     }
 
 
-def _difference(a: Any, b: Any) -> float | None:
-    if a is None or b is None:
-        return None
+def _difference(a: Any, b: Any) -> float:
     return float(np.linalg.norm(np.subtract(a, b)))
 
 

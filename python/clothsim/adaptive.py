@@ -1,334 +1,374 @@
-"""Error control: from an error that is asked for to a run that has it, and the estimate of it.
+"""Error control: from the error that is asked for to a run that has it, and the estimate of it.
 
-What is asked is the error of the positions at the end of the run, as the root of the mean square
-over the mass points: ``atol + rtol * size`` with the longer side of the cloth as its size.
+Asked is the error of the positions at the end of the run, as the root of its mean square over the
+mass points: ``atol + rtol * size``, with the longer side of the cloth as its size.
 
-1. **Solution.** An adaptive method (or a fixed-step one at some time step) runs at a tolerance per
-   step that is proportional to what is asked.
-2. **Estimate.** The error of a cloth is carried along with the run (`carried`); if that comes out
-   too large, a companion at a tenth of the tolerance decides, as it does for scenes of few modes,
-   whose runs have few steps. If the error is above what is asked, the run is done again at a
-   smaller tolerance.
-3. **Few oscillations.** Where the method is not named, their runs go in equal steps (`refined`).
-4. **Floor.** Where the tolerance is so small that rounding may matter, a perturbed twin tells by
-   how much it is magnified (`growth`): the floor below which no method comes in that precision.
+The estimate is the distance of the run from a better run of the same scene, which starts from
+positions that differ by rounding. So the estimate holds what rounding adds.
 
-After a contact no error can be told. Then a companion at a tenth of the tolerance shows how far
-outcomes agree.
+**dop853 in double** ("auto" takes it): global extrapolation on refined grids (Shampine, Watts: Global
+error estimation for ordinary differential equations, ACM TOMS 2 (1976) 172). The first run chooses
+its steps by a tolerance in proportion to what is asked. The second run takes the same grid, refined
+by `_REFINEMENT`. With the order p = 8 and m = (steps of the first / steps of the second)^p, the
+difference d of both is 1 - m times the error of the first run. If that is small enough, the first
+run is returned. The error of the second run is m / (1 - m) d where tolerance proportionality holds:
+each run sums the method's own estimates of its steps' errors, and the sums of both are as m to 1.
+If that is small enough, the second run is returned. Else the next refinement has as many steps as
+the errors so far ask for.
+
+**Other methods**: the better run is one of dop853 at `_BETTER` times what is asked. The first run of
+the method tells how many steps the error asks for.
+
+After a contact no error can be told. Then the difference of two runs shows how far outcomes agree.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from .carried import DAMPING, CarriedError
 from .errors import UnstableError
-from .frames import Floats, Schedule
-from .growth import growth_of_perturbations
+from .frames import NEGLIGIBLE, Schedule
 from .integration import integrators
 from .plan import core_cloth
-from .recording import Watch
-from .refined import is_few, refine
-from .runs import Options, Solution, integrate, rms, run_fixed, size_of
+from .recording import Recording, Watch
+from .runs import Floats, Options, Solution, integrate, run_fixed, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
-from .stiffest import Stiffest
 
-# Tolerance per step over the error asked for. The estimate of a step's error is larger than the
-# error, most of all in dop853; measured on the scenes of `clothsim.scenes` (docs/integrators.md).
-_STEP_TOLERANCE = {"dop853": 15.0, "dopri5": 0.3}
-# ... divided by sqrt(1 + growth / this), or by that where the growth is not known.
-_HARMLESS_GROWTH = 3e4
-_UNKNOWN_GROWTH = 3.6
+# Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
+# docs/integrators.md has what half and twice of each do.
 
-# The largest tolerance per step, over the size, for a cloth of many modes. At larger ones stability
-# alone limits the steps: they become hardly longer, and errors of stiff motion come and go, which
-# makes the estimate several times too large.
-_LARGEST_TOLERANCE = {"dop853": 2e-7, "dopri5": math.inf}
+# Tolerance of a step over the error that is asked for.
+_TOLERANCE = 1.5
+# Steps of a run above which its tolerance falls with their square: an error of frequency moves
+# positions apart with the square of time.
+_STEPS_OF_GROWTH = 60.0
+# Part of the run that tells how many steps there will be.
+_PILOT = 0.05
+# Steps of a run over those of the run before it, at least.
+_REFINEMENT = 1.25
+# Estimates are taken times this, and proportional is what differs by less.
+_MARGIN = 1.4
+# Tolerance of a step of the better run, over the error that it is to tell.
+_BETTER = 1e-3
+# Runs of one method at most.
+_RUNS = 8
+# The smallest tolerance of a step, over the size: some fifty roundings of a position.
+_SMALLEST = 1e-14
+# Below this error over the size, rounding may be a part of a difference, and does not fall with m.
+_ROUNDING = 1e-9
 
-_MANY_OSCILLATIONS = 100.0  # of the fastest mode, in radians: the error is carried
+_ORDER = 8  # of dop853
 
-_FEW_STEPS = 80  # of a run: its carried error does not count
+CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
+NOT_ASKED = "no estimate was asked for"
+_LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
+_UNSTABLE = "a run with more steps is unstable"
+_NOT_REACHED = f"{_RUNS} runs did not reach the error that was asked for"
 
-# Of what a finer companion's error should be over the solution's, no less than this is believed.
-_CAUTIOUS = 0.25
 
-# Below this part of the size the floor of rounding may matter, and the growth is computed.
-_MAY_BE_FLOOR = 1e-9
+@dataclass
+class Estimate:
+    """An error of the last positions [m], over the mass points; NaN if it cannot be told.
 
-# Estimates are taken times this, for they may be too small: carried ones, and those of a finer
-# companion.
-_DOUBT, _DOUBT_OF_FINER = 1.4, 1.1
+    `reason`: why it cannot be told, or why it is larger than what was asked for.
+    """
 
-# The step of a fixed-step method over that which is stable about the start: frequencies and damping
-# grow as a cloth is pulled. That of order 1 is too wrong at its limit, unless errors are forgotten.
-_NEAR, _NEAR_OF_VERLET, _NEAR_OF_ORDER_1 = 0.95, 0.78, 0.75
+    max: float
+    rms: float
+    reason: str = ""
 
-# Damping that the carrying of a small error follows, over the highest frequency: with less of it
-# the estimate comes out up to five times too large.
-_DAMPING_OF_SMALL = 1.5
+    @classmethod
+    def of(cls, difference: Floats, factor: float = 1.0) -> Estimate:
+        distances = factor * np.linalg.norm(difference, axis=-1)
+        return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
-_ATTEMPTS = 8
+    @classmethod
+    def unknown(cls, reason: str) -> Estimate:
+        return cls(math.nan, math.nan, reason)
+
+    def because(self, reason: str) -> Estimate:
+        return Estimate(self.max, self.rms, reason)
 
 
 @dataclass
 class Controlled:
-    """A solution to a tolerance, with the account of how it was found."""
+    """A solution, its error, and what everything else has cost."""
 
     solution: Solution
+    error: Estimate
     companion: Solution | None  # after a contact
-    asked: float
-    floor: float
-    growth: float | None  # None: the error is not rounding, so it was not computed
-    error: Floats | None  # of the last positions; None: chaotic
-    evaluations: int  # spent on anything but the solution
-    wall_time: float  # of that [s]
+    evaluations: int
+    wall_time: float  # [s]
+
+
+class _Exhausted(Exception):
+    """The force evaluations that are left do not suffice; `run` is what they were enough for."""
+
+    def __init__(self, run: Solution) -> None:
+        self.run = run
+
+
+class _Runs:
+    """The runs of one call: what they cost, and how many force evaluations are left."""
+
+    def __init__(
+        self, scene: Scene, duration: float, options: Options, watch: Watch, most: float
+    ) -> None:
+        self.scene, self.duration, self.options = scene, duration, options
+        self._watch, self._most = watch, most
+        self._done: list[Solution] = []
+        self._finished: Recording | None = None
+
+    def adaptive(
+        self, tolerance: float, frames: Schedule | None = None, given: list[float] | None = None,
+        rounded: bool = False, options: Options | None = None,
+    ) -> Solution:  # fmt: skip
+        """A run with error control; without frames nobody follows it.
+
+        If it runs away at the tolerance, because stiff motion is let grow up to it, it is done
+        again at a smaller one.
+        """
+        smallest = _SMALLEST * size_of(self.scene)
+        tolerance = max(tolerance, smallest)
+        while True:
+            try:
+                return self._add(
+                    integrate(
+                        self.scene, self.duration, tolerance, options or self.options, frames,
+                        None if frames is None else self._watch, given=given, most=self._left,
+                        rounded=rounded,
+                    )
+                )  # fmt: skip
+            except UnstableError:
+                if given is not None or tolerance <= smallest:
+                    raise
+            tolerance = max(_BETTER * tolerance, smallest)
+
+    def steps_ahead(self, tolerance: float) -> float:
+        """Steps of a run with error control, from the first part of it."""
+        watch = Watch()
+        try:
+            run = integrate(
+                self.scene, _PILOT * self.duration, max(tolerance, _SMALLEST * size_of(self.scene)),
+                self.options, watch=watch, most=self._left,
+            )  # fmt: skip
+        except UnstableError:
+            return 0.0
+        except KeyboardInterrupt:
+            self._watch.recording = watch.recording
+            raise
+        self._done.append(run)
+        return run.steps / _PILOT
+
+    def fixed(self, dt: float, frames: Schedule, cost: int) -> Solution:
+        """A run at a time step that is not the caller's; each step takes `cost` evaluations."""
+        steps = math.ceil(self.duration / dt)
+        dt = self.duration / steps
+        enough = self._left >= steps * cost
+        duration = self.duration if enough else max(1, int(self._left / cost)) * dt
+        watch = self._watch if enough or not self._finished else None
+        return self._add(
+            run_fixed(self.scene, duration, dt, self.options, frames, watch, own_step=True)
+        )
+
+    def add(self, run: Solution) -> None:
+        self._done.append(run)
+
+    @property
+    def _left(self) -> float:
+        return self._most - sum(run.evaluations for run in self._done)
+
+    def _add(self, run: Solution) -> Solution:
+        self._done.append(run)
+        if run.t[-1] < self.options.start + self.duration * (1 - NEGLIGIBLE):
+            raise _Exhausted(run)
+        self._finished = self._watch.recording
+        return run
+
+    def hand_over(self) -> None:
+        """Let the last run that came to its end be what is handed over."""
+        if self._finished is not None:
+            self._watch.recording = self._finished
+
+    def close(
+        self, solution: Solution, error: Estimate, companion: Solution | None = None
+    ) -> Controlled:
+        others = [run for run in self._done if run is not solution]
+        return Controlled(
+            solution, error, companion, sum(run.evaluations for run in others),
+            sum(run.wall_time for run in others),
+        )  # fmt: skip
+
+    def exhausted(self) -> str:
+        return f"max_evaluations = {self._most:g} does not suffice"
 
 
 def solve(
     scene: Scene,
     duration: float,
     asked: float,
-    choices: Sequence[Options],
-    frames: Schedule,
-    watch: Watch | None = None,
-    named: bool = True,
-) -> Controlled:
-    """The run whose error is at most `asked` [m], rms, or at the floor of rounding.
-
-    Each of `choices` is tried once, and the last one at smaller tolerances until it does. `named`:
-    the caller named the method, so that its steps are its own.
-    """
-    size, rest = size_of(scene), list(choices)
-    growth, floor, spent, wall_time = None, 0.0, 0, 0.0
-    if asked < _MAY_BE_FLOOR * size * (1 - 1e-9):
-        growth = 1.0
-        if not _forgets(scene, duration, asked):
-            found = growth_of_perturbations(scene, duration, rest[-1])
-            growth, spent, wall_time = found.factor, found.evaluations, found.wall_time
-        rounding = np.finfo(np.float32 if rest[-1].precision == "single" else np.float64).eps
-        floor = float(rounding) * size * growth
-    goal = max(asked, floor)
-    # At the floor runs differ by rounding, whatever their tolerance.
-    enough = 10 * floor if asked <= floor else goal
-    equal_steps = not named and rest[0].integrator == "dop853" and not scene.spheres
-    if equal_steps and is_few(scene, duration):
-        refined = refine(scene, duration, enough, rest[0], frames, watch)
-        spent += refined.evaluations
-        wall_time += refined.wall_time
-        if refined.solution:
-            return Controlled(
-                refined.solution, None, asked, floor, growth, refined.error, spent, wall_time
-            )
-    damping = DAMPING if growth is None else _DAMPING_OF_SMALL
-    options = rest.pop(0)
-    stiffest = None
-    if _many_modes(scene, duration):
-        begin = time.perf_counter()
-        stiffest = Stiffest(scene, options)
-        spent += stiffest.evaluations
-        wall_time += time.perf_counter() - begin
-    method = _method(scene, duration, frames, goal, growth, options, stiffest)
-    parameter = method.first
-    for attempt in range(_ATTEMPTS):
-        carried = CarriedError(scene, duration, options, stiffest, damping) if stiffest else None
-        exact = options.replace(precision="double")
-        companion, error = None, math.inf
-        try:
-            solution = method.run(parameter, options, watch, carried)
-        except UnstableError as unstable:
-            # A step that is stable about the start need not be so later.
-            if parameter <= method.safe:
-                raise
-            spent += unstable.step * method.per_step + (carried.evaluations if carried else 0)
-            parameter = method.safe
-            continue
-        if carried:
-            spent += carried.evaluations
-            wall_time += carried.wall_time
-            difference = _DOUBT * carried.x
-            error = rms(difference)
-        # A carried error may be too large where stability limits the steps, and is too small where
-        # there are few, each with an error of its own: a companion decides.
-        few = solution.steps < _FEW_STEPS
-        if solution.contacts or not carried or few or (error > enough and not rest):
-            companion = method.run(parameter * method.finer, exact, None, None)
-            spent += companion.evaluations
-            wall_time += companion.wall_time
-            if solution.contacts or companion.contacts:
-                return Controlled(
-                    solution, companion, asked, floor, growth, None, spent, wall_time
-                )
-            difference = _DOUBT_OF_FINER * method.extrapolated(solution, companion)
-            error = rms(difference)
-        gain = max(method.gain, _CAUTIOUS)
-        if companion and error > goal >= 2 * gain * error:
-            # The finer companion is the solution.
-            spent += solution.evaluations - companion.evaluations
-            wall_time += solution.wall_time - companion.wall_time
-            solution, difference = companion, difference * gain
-            break
-        if error <= enough or attempt == _ATTEMPTS - 1:
-            break
-        spent += solution.evaluations
-        wall_time += solution.wall_time
-        if rest:
-            options = rest.pop(0)
-            method = _method(scene, duration, frames, goal, growth, options, stiffest)
-            parameter = method.first
-        else:
-            parameter = method.better(parameter, goal / error)
-            options = exact
-    return Controlled(solution, None, asked, floor, growth, difference, spent, wall_time)
-
-
-def _method(
-    scene: Scene,
-    duration: float,
-    frames: Schedule,
-    goal: float,
-    growth: float | None,
     options: Options,
-    stiffest: Stiffest | None,
-) -> _Adaptive | _Fixed:
-    if integrators()[options.integrator].adaptive:
-        many = stiffest is not None
-        return _Adaptive(scene, duration, frames, goal, growth, options.integrator, many)
-    return _Fixed(scene, duration, frames, goal, options.integrator, stiffest)
+    frames: Schedule,
+    watch: Watch,
+    most: float = math.inf,
+) -> Controlled:
+    """The run whose error is at most `asked` [m], rms, or the best one found."""
+    runs = _Runs(scene, duration, options, watch, most)
+    by_grids = options.integrator == "dop853" and options.precision == "double"
+    try:
+        return (_refined if by_grids else _compared)(runs, asked, frames)
+    except _Exhausted as exhausted:
+        return runs.close(exhausted.run, Estimate.unknown(runs.exhausted()))
+    except KeyboardInterrupt:
+        runs.hand_over()
+        raise
 
 
-def _many_modes(scene: Scene, duration: float) -> bool:
-    stiffness, _ = core_cloth(scene).mode_bounds
-    return math.sqrt(stiffness) * duration >= _MANY_OSCILLATIONS
+def _refined(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
+    size, start = size_of(runs.scene), runs.options.start
+    tolerance = _TOLERANCE * asked
+    tolerance /= 1 + (runs.steps_ahead(tolerance) / _STEPS_OF_GROWTH) ** 2
+    before = first = runs.adaptive(tolerance, frames)
+    best, error = first, Estimate.unknown(runs.exhausted())
+    ratio, least = _REFINEMENT, math.inf
+    # As many steps as the smallest tolerance makes.
+    finest = max(tolerance / (_SMALLEST * size), 1.0) ** (1 / _ORDER) * _REFINEMENT
+    for number in range(1, _RUNS):
+        given = first.grid.refined(start, ratio)
+        try:
+            after = runs.adaptive(tolerance, frames, given, rounded=bool(number % 2))
+        except _Exhausted:
+            return runs.close(best, error.because(runs.exhausted()))
+        except UnstableError:
+            return runs.close(best, error.because(_UNSTABLE))
+        if before.contacts or after.contacts:
+            return runs.close(before, Estimate.unknown(CONTACT), after)
+        pair = _Pair(before, after)
+        if pair.before.rms <= asked:
+            return runs.close(before, pair.before)
+        extrapolates = pair.proportional and asked >= _ROUNDING * size
+        if extrapolates and pair.after.rms <= asked:
+            return runs.close(after, pair.after)
+        stalled = pair.before.rms > least / 2
+        if pair.before.rms < least:
+            best, error, least = before, pair.before, pair.before.rms
+        if ratio >= finest:
+            return runs.close(best, error.because(_LEAST))
+        wanted = pair.after.rms if pair.proportional else pair.before.rms / 2
+        order = _ORDER if pair.proportional or number == 1 else _ORDER / 2
+        least_ratio = 2 * _REFINEMENT - 1 if stalled else _REFINEMENT
+        ratio = min(ratio * min(max((wanted / asked) ** (1 / order), least_ratio), 3.0), finest)
+        before = after
+    return runs.close(best, error.because(_NOT_REACHED))
 
 
-class _Adaptive:
-    """Runs of an adaptive method; the parameter is the tolerance of a step [m]."""
+class _Pair:
+    """Two runs, the second one on a finer grid: the errors of both."""
 
-    finer = gain = 0.1  # the parameter of a better run over that of another, and its error
-    safe, per_step = math.inf, 0
-
-    def __init__(
-        self,
-        scene: Scene,
-        duration: float,
-        frames: Schedule,
-        goal: float,
-        growth: float | None,
-        integrator: str,
-        many_modes: bool,
-    ) -> None:
-        self._scene, self._duration, self._frames = scene, duration, frames
-        factor = _STEP_TOLERANCE[integrator]
-        if growth is not None:
-            factor /= math.sqrt(1.0 + growth / _HARMLESS_GROWTH)
-        elif many_modes:
-            factor /= _UNKNOWN_GROWTH
-        largest = _LARGEST_TOLERANCE[integrator] * size_of(scene) if many_modes else math.inf
-        self.first = min(goal * factor, largest)
-
-    def run(
-        self, tolerance: float, options: Options, watch: Watch | None, error: CarriedError | None
-    ) -> Solution:
-        return integrate(
-            self._scene, self._duration, tolerance, options, self._frames, watch, error
-        )
-
-    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
-        """The error of the last positions, by a run at `finer` times the tolerance."""
-        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
-
-    def better(self, tolerance: float, ratio: float) -> float:
-        return tolerance * min(0.5, ratio / 2)
+    def __init__(self, before: Solution, after: Solution) -> None:
+        difference = after.x[-1] - before.x[-1]
+        m = (before.steps / after.steps) ** _ORDER
+        found = after.grid.local_error / max(before.grid.local_error, 1e-300)
+        self.proportional = 1 / _MARGIN <= found / m <= _MARGIN
+        self.before = Estimate.of(difference, _MARGIN / (1 - m))
+        m = min(max(found, m), 0.9)
+        self.after = Estimate.of(difference, _MARGIN * m / (1 - m))
 
 
-class _Fixed:
-    """Runs of a fixed-step method; the parameter is the time step [s]."""
-
-    finer = 0.5
-
-    def __init__(
-        self,
-        scene: Scene,
-        duration: float,
-        frames: Schedule,
-        goal: float,
-        integrator: str,
-        stiffest: Stiffest | None,
-    ) -> None:
-        method = integrators()[integrator]
-        self._order = method.order
-        self.gain = self.finer**self._order  # the error at that part of a step
-        self.per_step = method.evaluations_per_step(core_cloth(scene).mode_bounds[1] > 0)
-        near = _NEAR_OF_VERLET if integrator == "velocity_verlet" else _NEAR
-        guaranteed = guaranteed_dt(core_cloth(scene), integrator)
-        limit = stiffest.limit(integrator) if stiffest else guaranteed
-        if self._order == 1 and not _forgets(scene, duration, goal):
-            near, limit = _NEAR_OF_ORDER_1, guaranteed
-        self.first, self.safe = (self._divided(duration, near * dt) for dt in (limit, guaranteed))
-        self._scene, self._duration = scene, duration
-        # Frames counted in steps are those of the first run, so that all runs have the same frames.
-        self._frames = frames.in_seconds(self.first)
-
-    @staticmethod
-    def _divided(duration: float, longest: float) -> float:
-        return duration / max(4, math.ceil(duration / longest))
-
-    def run(
-        self, dt: float, options: Options, watch: Watch | None, error: CarriedError | None
-    ) -> Solution:
-        return run_fixed(
-            self._scene, self._duration, dt, options, self._frames, watch, own_step=True, error=error
-        )
-
-    def extrapolated(self, solution: Solution, companion: Solution) -> Floats:
-        """The error of the last positions, by a run at half the step."""
-        return (solution.x[-1] - companion.x[-1]) / (1 - self.gain)
-
-    def better(self, dt: float, ratio: float) -> float:
-        return dt * min(self.finer, (ratio / 2) ** (1 / self._order))
+def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
+    method = _method(runs, asked, frames)
+    setting, better = method.first, _Better(runs, _BETTER * asked)
+    run = method.run(setting)
+    best, error = run, Estimate.unknown(runs.exhausted())
+    for _ in range(_RUNS):
+        try:
+            if better.met(run):
+                return runs.close(run, Estimate.unknown(CONTACT), better.run)
+            found = better.error_of(run)
+            if not found.rms < error.rms / 2 and better.tightened(asked / found.rms):
+                found = better.error_of(run)
+            if not found.rms >= error.rms:
+                best, error = run, found
+            if found.rms <= asked:
+                return runs.close(run, found)
+            wanted = (asked / (_MARGIN * found.rms)) ** (1 / method.order)
+            setting *= min(max(wanted, 1e-4), 0.9)
+            run = method.run(setting)
+        except _Exhausted:
+            return runs.close(best, error.because(runs.exhausted()))
+    return runs.close(best, error.because(_NOT_REACHED))
 
 
-# Above this part of the size an undamped scene is cheapest with PEFRL, and a damped cloth of many
-# modes, whose step stability limits, with the Verlet method in single or that of Runge and Kutta.
-_PEFRL_ABOVE = 3e-5
-_VERLET_ABOVE, _RK4_ABOVE = 3e-4, 8e-6
-
-# Point damping of rate g (1/s) takes errors down with exp(-g t / 2), unless a mode is slower yet.
-# Where it takes the whole size down to this part of what is asked, all that was wrong on the way
-# is forgotten at the end, and the cheapest method that is stable may do.
-_FORGOTTEN = 1e-2
-
-
-def _forgets(scene: Scene, duration: float, asked: float) -> bool:
-    rate = scene.cloth.point_damping / scene.cloth.mass_per_point.max()
-    return math.exp(-rate * duration / 2) <= _FORGOTTEN * asked / size_of(scene)
+def estimate_of(scene: Scene, duration: float, run: Solution) -> Controlled:
+    """The error of a run that is done."""
+    runs = _Runs(scene, duration, run.options, Watch(), math.inf)
+    runs.add(run)
+    better = _Better(runs, _BETTER**2 * size_of(scene))
+    if better.met(run):
+        return runs.close(run, Estimate.unknown(CONTACT), better.run)
+    return runs.close(run, better.error_of(run))
 
 
-def automatic(scene: Scene, duration: float, asked: float, options: Options) -> list[Options]:
-    """Methods and precisions to try for an error [m], the most promising first.
+class _Better:
+    """The better run, which others are compared with."""
 
-    dop853 has the least cost at small errors, and at most twice the least where stability limits
-    the step, with the exceptions above (docs/integrators.md has the table).
-    """
-    part = asked / size_of(scene)
-    _, damping = core_cloth(scene).mode_bounds
-    order8 = options.replace(integrator="dop853", precision="double")
-    if damping == 0 and part >= _PEFRL_ABOVE:
-        return [order8.replace(integrator="pefrl"), order8]
-    if not _many_modes(scene, duration):
-        return [order8]
-    if _forgets(scene, duration, asked):
-        return [order8.replace(integrator="semi_implicit_euler"), order8]
-    if part >= _VERLET_ABOVE:
-        precision = "double" if options.strict else "single"
-        return [order8.replace(integrator="velocity_verlet", precision=precision), order8]
-    # With fixed steps the moment of a contact is not known.
-    if part >= _RK4_ABOVE and not scene.spheres:
-        return [order8.replace(integrator="rk4"), order8]
-    return [order8]
+    def __init__(self, runs: _Runs, tolerance: float) -> None:
+        self._runs, self._tolerance = runs, tolerance
+        self._run: Solution | None = None
+        self._smallest = _SMALLEST * size_of(runs.scene)
+
+    @property
+    def run(self) -> Solution:
+        if self._run is None:
+            best = self._runs.options.replace(
+                integrator="dop853", precision="double", backend="cpu"
+            )
+            self._run = self._runs.adaptive(self._tolerance, rounded=True, options=best)
+        return self._run
+
+    def met(self, run: Solution) -> bool:
+        """Whether a sphere responded in one of the two runs."""
+        return bool(run.contacts or self.run.contacts)
+
+    def error_of(self, run: Solution) -> Estimate:
+        """The distance from a better run whose own error does not matter."""
+        while True:
+            error = Estimate.of(run.x[-1] - self.run.x[-1], _MARGIN)
+            if not self._tighten(_BETTER * error.rms, 10 * _BETTER * error.rms):
+                return error
+
+    def tightened(self, part: float) -> bool:
+        """Compute a better run yet, if there is one: the error that was found may be its own."""
+        wanted = _BETTER * self._tolerance * min(part, 1.0)
+        return self._tighten(wanted, self._tolerance * (1 - NEGLIGIBLE))
+
+    def _tighten(self, wanted: float, largest: float) -> bool:
+        if self._tolerance <= max(largest, self._smallest):
+            return False
+        self._tolerance, self._run = max(wanted, self._smallest), None
+        return True
+
+
+@dataclass
+class _Method:
+    """Runs of a method at a setting, a time step [s] or a tolerance of a step [m]."""
+
+    first: float
+    order: float  # of the error in the setting
+    run: Callable[[float], Solution]
+
+
+def _method(runs: _Runs, asked: float, frames: Schedule) -> _Method:
+    integrator = integrators()[runs.options.integrator]
+    if integrator.adaptive:
+        return _Method(_TOLERANCE * asked, 1.0, lambda setting: runs.adaptive(setting, frames))
+    cloth = core_cloth(runs.scene)
+    order = integrator.order_of(runs.scene)
+    cost = integrator.evaluations_per_step(runs.scene.cloth.damped)
+    first = min(guaranteed_dt(cloth, runs.options.integrator), runs.duration / 4)
+    return _Method(first, order, lambda setting: runs.fixed(setting, frames, cost))

@@ -11,12 +11,11 @@ import numpy.typing as npt
 
 from . import _validate as check
 from ._keywords import suggests
-from .account import Account, of_companion, of_nothing, of_tolerance, report
-from .adaptive import automatic, solve
+from .account import Account, of_controlled, of_nothing, report
+from .adaptive import estimate_of, solve
 from .errors import ContactError, RunInterrupted, UnstableError
-from .frames import Schedule, schedule
-from .integration import integrator_name, integrators, warn_of_order
-from .measures import max_stable_dt
+from .frames import NEGLIGIBLE, Schedule, schedule
+from .integration import integrator_name, warn_of_order
 from .plan import BACKENDS, check_backend, check_options
 from .recording import StopRun, Watch, progress_bar
 from .run import Run
@@ -47,6 +46,7 @@ def simulate(
     backend: str = "cpu",
     estimate_error: bool | None = None,
     sampling: int = 32,
+    max_evaluations: int | None = None,
 ) -> Run:
     """Run a scene from its initial state for `duration` and store frames.
 
@@ -65,8 +65,7 @@ def simulate(
     rtol, atol : float, optional
         Error control: the error of the last positions, the root of its mean square over the mass
         points, is to be at most ``atol + rtol * max(scene.cloth.size)`` [m]; what is not given is
-        0. Without `dt`, `rtol` and `atol`, rtol is 1e-3 and the step at most half of the
-        guaranteed stable one.
+        0. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
     every : int, float or "step", optional
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
         at each step. At most one of `every`, `times` and `fps` is given; by default only the
@@ -88,8 +87,12 @@ def simulate(
         (rows, columns, 3). It returns True to stop the run there, else False or None. Where error
         control repeats a run, the calls begin again at the start.
     estimate_error : bool, optional
-        Whether a run with a given `dt` is compared with one of twice the time step, at half the
-        cost again. Default: no. Without `dt` the error is always estimated.
+        Whether a run with a given `dt` is compared with a better run. Default: no. Without `dt`
+        the error is always estimated.
+    max_evaluations : int, optional
+        Force evaluations that error control may spend, >= 1, exceeded by one step at most. Where
+        they do not suffice, the best run so far is returned, with the reason in its report.
+        Default: no limit. Not together with `dt`.
     sampling : int, default 32
         Depths of triangles and stretches are sampled at so many states of the run at least, evenly
         in time, if it has as many steps: after every n-th step, n = min(128, steps // sampling). A
@@ -107,7 +110,8 @@ def simulate(
         "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
         "end", see `energy`), "kernel", "integrator", "precision", "strict", "threads",
         "instruction_set" (the adapter with the backend "gpu"), "backend", "version" and "stopped"
-        ("" for a whole run, else "callback", "interrupted", "unstable" or "contact"). It also has
+        ("" for a whole run, else "callback", "interrupted", "unstable", "contact"
+        or "max_evaluations"). It also has
         extremes over the states of the run: the initial one and that at the end of each step, after
         the responses. Each is a mapping with a "reason": "" or why a number is NaN, as all are with
         the backend "gpu".
@@ -129,22 +133,20 @@ def simulate(
         About the error:
 
         "error_estimate"
-            None, or "max" and "rms" [m] of the last positions: with a tolerance, as it was
-            carried along with the run or by a run at a smaller tolerance (docs/integrators.md);
-            else by a run at twice the step (the difference / (2^order - 1)).
+            "max" and "rms" [m] of the last positions, over the mass points, and "reason". The
+            estimate is the distance from a better run (docs/integrators.md). If it cannot be told,
+            both are NaN, and the reason is not empty. If it is larger than what was asked for,
+            the reason says why error control came no further.
         "estimate_evaluations", "estimate_wall_time"
-            Force evaluations and seconds of everything but the run returned: the estimate, and
+            Force evaluations and seconds of everything but the run returned: better runs, and
             runs that turned out too coarse.
         "tolerance"
-            None, or "asked" [m, rms], "floor" [m] (rounding of the precision times the growth of
-            perturbations: no method comes below it), "growth" (by a perturbed twin run) and
-            "below_floor". From 1e-9 of the size up there is no twin: "growth" is None, and
-            "floor" 0.
+            "asked" [m, rms], NaN without error control, and "reached", whether the estimate is
+            at most that.
         "chaotic"
-            True if a mass point has met a sphere: after that, trajectories of nearby states part
-            until nothing but outcomes can be compared. "error_estimate" is None then, and
-            "outcomes" gives them with the difference from those of a companion run at a tenth of
-            the tolerance.
+            True if error control has met a contact: after that, trajectories of nearby states
+            part, until nothing but outcomes can be compared. "outcomes" then gives outcomes with
+            their difference from those of the better run; else it is empty.
 
     Raises
     ------
@@ -216,28 +218,30 @@ def simulate(
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
+    most = _checked_most(max_evaluations, dt)
 
-    def compute(watch: Watch) -> tuple[Solution, Account]:
+    def compute(watch: Watch) -> tuple[Solution, Account, str]:
         if dt is not None:
             solution = run_fixed(scene, duration, dt, options, frames, watch)
             if not estimate_error:
-                return solution, of_nothing()
-            return solution, _step_doubling(scene, duration, dt, solution)
-        if asked is None and integrator != "auto" and not integrators()[integrator].adaptive:
-            return _safe_step(scene, duration, options, frames, watch)
+                return solution, of_nothing(), ""
+            found = estimate_of(scene, duration, solution)
+            return solution, of_controlled(scene, found), ""
         error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
-        choices = [options]
+        method = options
         if integrator == "auto":
-            choices = automatic(scene, duration, error, options)
-        found = solve(scene, duration, error, choices, frames, watch, integrator != "auto")
-        return found.solution, of_tolerance(scene, found)
+            method = options.replace(integrator="dop853", precision="double")
+        found = solve(scene, duration, error, method, frames, watch, most)
+        whole = found.solution.t[-1] >= t + duration * (1 - NEGLIGIBLE)
+        stopped = "" if whole else "max_evaluations"
+        return found.solution, of_controlled(scene, found, error), stopped
 
     with progress_bar(progress, duration) as bar:
         return _followed(scene, compute, Watch(callback, bar.bar))
 
 
 def _followed(
-    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account]], watch: Watch
+    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account, str]], watch: Watch
 ) -> Run:
     """The run that `compute` finds, or as much of it as there is when it ends early."""
 
@@ -249,7 +253,11 @@ def _followed(
             recording.end_at_frame()
         else:
             recording.end_here()
-        return _run(scene, Solution.of(recording), of_nothing(), reason)
+        account = of_nothing(f"the run ended early: {reason}")
+        try:
+            return _run(scene, Solution.of(recording), account, reason)
+        except ValueError:  # Values are too large for a report.
+            return None
 
     try:
         return _run(scene, *compute(watch))
@@ -303,7 +311,7 @@ def resume(
     options = Options(**{name: snapshot.arguments[name] for name in names}, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
-    def compute(watch: Watch) -> tuple[Solution, Account]:
+    def compute(watch: Watch) -> tuple[Solution, Account, str]:
         if before.control is None:
             assert before.dt is not None
             solution = run_fixed(
@@ -327,16 +335,23 @@ def _check_end(t: float, duration: float) -> None:
         )
 
 
+def _checked_most(max_evaluations: int | None, dt: float | None) -> float:
+    if max_evaluations is None:
+        return math.inf
+    if dt is not None:
+        raise ValueError(
+            "max_evaluations must be None with dt, which tells the number of evaluations; got "
+            f"{max_evaluations!r}"
+        )
+    return check.integer("max_evaluations", max_evaluations, minimum=1)
+
+
 def _check_callback(callback: Any) -> None:
     if callback is not None and not callable(callback):
         raise TypeError(f"callback must be callable, got {check.shown(callback)}")
 
 
-# Where neither a step nor a tolerance is given: the error, and the part of the guaranteed stable
-# step that is taken at most, so that the run with twice the step is stable as well.
-_DEFAULT_RTOL = 1e-3
-_SAFETY = 0.5
-_ATTEMPTS = 8
+_DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 
 
 def _asked_error(
@@ -353,32 +368,3 @@ def _asked_error(
     if asked == 0:
         raise ValueError("rtol or atol must be > 0, got 0 for both")
     return asked
-
-
-def _safe_step(
-    scene: Scene, duration: float, options: Options, frames: Schedule, watch: Watch
-) -> tuple[Solution, Account]:
-    """A run at a stable step whose error, estimated by step doubling, meets the default rtol."""
-    dt = min(_SAFETY * max_stable_dt(scene, options.integrator), duration / 4)
-    goal, order = _DEFAULT_RTOL * size_of(scene), integrators()[options.integrator].order_of(scene)
-    spent, wall_time = 0, 0.0
-    for _ in range(_ATTEMPTS):
-        solution = run_fixed(scene, duration, dt, options, frames, watch)
-        account = _step_doubling(scene, duration, dt, solution)
-        account["estimate_evaluations"] += spent
-        account["estimate_wall_time"] += wall_time
-        error = account["error_estimate"]
-        if error is None or error["rms"] <= goal:
-            break
-        dt *= min(0.5, (goal / (2 * error["rms"])) ** (1 / order))
-        spent = account["estimate_evaluations"] + solution.evaluations
-        wall_time = account["estimate_wall_time"] + solution.wall_time
-    return solution, account
-
-
-def _step_doubling(scene: Scene, duration: float, dt: float, solution: Solution) -> Account:
-    """The error by comparison with a run of twice the step (Richardson)."""
-    coarse = run_fixed(scene, duration, 2 * dt, solution.options, own_step=True)
-    order = integrators()[solution.options.integrator].order_of(scene)
-    difference = (coarse.x[-1] - solution.x[-1]) / (2**order - 1)
-    return of_companion(scene, solution, coarse, difference)

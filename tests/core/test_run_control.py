@@ -163,6 +163,9 @@ def test_the_callback_sees_every_frame(options, same_bits):
         seen.append((t, x, v))
 
     run = cs.simulate(SMALL, 0.1, fps=50, callback=callback, **options)
+    # Error control repeats the run on a finer grid, and the calls begin again.
+    assert len(seen) == len(run.t) * (1 if "dt" in options else 2)
+    seen = seen[: len(run.t)]
     assert [t for t, _, _ in seen] == run.t.tolist()
     assert same_bits([x for _, x, _ in seen], run.x) and same_bits([v for _, _, v in seen], run.v)
     assert run.report["stopped"] == ""
@@ -178,7 +181,8 @@ def test_the_callback_sees_every_frame(options, same_bits):
 def test_the_callback_stops_the_run(options, same_bits):
     run = cs.simulate(SMALL, 0.1, fps=50, callback=lambda t, x, v: np.bool_(t > 0.05), **options)
     assert run.t.tolist() == [0.0, 0.02, 0.04, 0.06]
-    assert run.report["stopped"] == "callback" and run.report["error_estimate"] is None
+    assert run.report["stopped"] == "callback"
+    assert run.report["error_estimate"]["reason"] == "the run ended early: callback"
     whole = cs.simulate(SMALL, 0.1, fps=50, **options)
     assert abs(run.x - whole.x[:4]).max() < 1e-4
     assert 0 < run.report["steps"] < whole.report["steps"]
@@ -249,7 +253,7 @@ def test_ctrl_c_with_error_control_counts_its_steps():
     run = error.run
     assert late < 0.1
     assert run.t[0] == 0 < run.t[-1] and len(run.t) == 2
-    assert run.report["steps"] > 10
+    assert run.report["steps"] > 4
     assert 0 < run.report["dt"] < 0.1 and run.report["energy"]["end"]["kinetic"] > 0
 
 
@@ -259,7 +263,7 @@ def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulation, "_step_doubling", interrupt)
+    monkeypatch.setattr(simulation, "estimate_of", interrupt)
     with pytest.raises(cs.RunInterrupted) as raised:
         cs.simulate(SMALL, 0.1, dt=1e-3, estimate_error=True)
     assert raised.value.run.t.tolist() == [0.0, 0.1] and raised.value.run.report["steps"] == 100

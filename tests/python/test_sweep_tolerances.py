@@ -79,7 +79,7 @@ def test_what_is_watched_is_that_of_the_run():
     for scene, rtol in ((BALL, 1e-6), (undamped, 3e-4)):
         result = sweep(scene, rtol=rtol, metrics=WATCHED, sampling=300)
         report = cs.simulate(scene, 0.3, rtol=rtol, sampling=300).report
-        assert report["integrator"] == ("dop853" if scene is BALL else "pefrl")
+        assert report["integrator"] == "dop853"
         assert float(result.largest_stretch) == report["stretch"]["largest"] > 0.01
         assert float(result.penetration) == report["penetration"]["triangles"] > 1e-4
         assert float(result.penetration_points) == report["penetration"]["points"]
@@ -87,7 +87,8 @@ def test_what_is_watched_is_that_of_the_run():
         assert first == report["first_contact"]["time"]
         assert first == report["outcomes"]["first_contact"]["value"]
         fixed = sweep(scene, dt=1e-4, metrics="first_contact")
-        assert first == pytest.approx(float(fixed.first_contact), rel=0.05, abs=0)
+        # A contact is found at the end of the step in which it begins.
+        assert first == pytest.approx(float(fixed.first_contact), rel=0.1, abs=0)
 
 
 def test_no_contact_is_missing():

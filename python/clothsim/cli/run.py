@@ -27,7 +27,7 @@ FPS = 60  # frames a second that a run stores for pages, films and exports witho
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
     "wall_time": "s", "estimate_wall_time": "s", "dt": "s",
-    "error_estimate": "m", "asked": "m", "floor": "m", "energy": "J", "penetration": "m",
+    "error_estimate": "m", "asked": "m", "energy": "J", "penetration": "m",
     "first_contact": "s", "time": "s", "centre_of_mass": "m", "center_of_mass": "m",
     "kinetic_energy": "J", "total_energy": "J",
 }  # fmt: skip
