@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -231,9 +231,10 @@ class State:
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         from .gpu.simulation import Simulation
 
-        self.core = Simulation(self.scenes, t, precision, strict)
+        simulation = Simulation(self.scenes, t, precision, strict)
+        self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         self.threads, self.kernel = 1, "gather"
-        self.instruction_set = str(self.core.adapter)
+        self.instruction_set = str(simulation.adapter)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
@@ -254,7 +255,7 @@ class State:
         if outcome:
             self._go_on(outcome, steps, dt)
 
-    def _go_on(self, outcome: dict[str, Any], steps: int, dt: float) -> None:
+    def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
         """Judge what the core told, and do the steps that it has left to do for that."""
         done = 0
         while outcome:

@@ -15,7 +15,7 @@ import reprlib
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -192,6 +192,10 @@ def shape(value: Any, least: int = 1) -> tuple[int, int]:
     return rows, columns
 
 
+@overload
+def vector(name: str, value: Any) -> tuple[float, float, float]: ...
+@overload
+def vector(name: str, value: Any, length: Literal[2]) -> tuple[float, float]: ...
 def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
     """`value` as a tuple of `length` finite floats."""
     entries = items(name, value, length, "finite numbers")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from .typing import Every
 
 Floats = npt.NDArray[np.float64]
 Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
@@ -128,9 +129,9 @@ def checked_every(every: Any) -> int | float | None:
     return steps
 
 
-def as_every(every: int | float | None) -> int | float | str | None:
+def as_every(every: int | float | None) -> Every | None:
     """The argument that `checked_every` turns into `every`."""
-    return EVERY_STEP if isinstance(every, int) and every == 1 else every
+    return "step" if isinstance(every, int) and every == 1 else every
 
 
 def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ...]:

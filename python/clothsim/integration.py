@@ -365,7 +365,7 @@ def amplification_matrix(
     slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
     identity = np.broadcast_to(np.eye(2), slope.shape)
     if integrator == "implicit_midpoint":
-        return np.linalg.solve(identity - slope / 2, identity + slope / 2)
+        return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
     terms = [1 / math.factorial(k) for k in range(_INTEGRATORS[integrator].order + 1)]
     result = np.zeros_like(slope)
     for term in reversed((*terms, *_FURTHER_TERMS[integrator])):
@@ -397,7 +397,7 @@ def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayL
     half_trace = (matrix[..., 0, 0] + matrix[..., 1, 1]) / 2
     determinant = np.linalg.det(matrix)
     root = np.sqrt((half_trace**2 - determinant).astype(complex))
-    return np.maximum(abs(half_trace + root), abs(half_trace - root))
+    return np.asarray(np.maximum(abs(half_trace + root), abs(half_trace - root)))
 
 
 def _rates(name: str, value: npt.ArrayLike) -> Floats:

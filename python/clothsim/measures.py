@@ -14,6 +14,7 @@ from .plan import core_cloth
 from .scene import Scene
 from .sphere import Sphere
 from .stability.bound import guaranteed_dt
+from .typing import Integrator
 
 Value = float | npt.NDArray[np.float64]
 
@@ -218,7 +219,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
 @suggests
 def max_stable_dt(
     scene: Scene,
-    integrator: str = "rk4",
+    integrator: Integrator = "rk4",
     x: npt.ArrayLike | None = None,
     v: npt.ArrayLike | None = None,
 ) -> float:

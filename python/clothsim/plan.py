@@ -10,15 +10,16 @@ from . import _core
 from . import _validate as check
 from .integration import Integrator, integrator_name, integrators
 from .motion import Keyframes, Linear, Reciprocate
+from .typing import Backend, Kernel, Precision
 
 if TYPE_CHECKING:
     from .scene import Scene
     from .sphere import Sphere
 
-PRECISIONS = ("double", "single")
-KERNELS = ("auto", "gather", "edge")
+PRECISIONS: tuple[Precision, ...] = ("double", "single")
+KERNELS: tuple[Kernel, ...] = ("auto", "gather", "edge")
 INTEGRATORS = tuple(integrators())
-BACKENDS = ("cpu", "gpu")
+BACKENDS: tuple[Backend, ...] = ("cpu", "gpu")
 
 # Fewer mass points than this are stepped faster by one thread: that threads wait for each other in
 # each of a step's four stages costs more than the second one saves.

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,10 @@ from .recording import Continuation
 from .scene import Scene
 from .snapshot import Snapshot
 from .summary import run_lines
+from .typing import Every
+
+if TYPE_CHECKING:
+    import xarray
 
 Floats = npt.NDArray[np.float64]
 
@@ -76,7 +80,7 @@ class Run(DisplayedRun, ExportedRun):
         self,
         duration: float,
         *,
-        every: int | float | str | None = None,
+        every: Every | None = None,
         times: npt.ArrayLike | None = None,
         fps: float | None = None,
         callback: Callable[[float, Any, Any], Any] | None = None,
@@ -232,7 +236,7 @@ class Run(DisplayedRun, ExportedRun):
             texts["continuation"] = json.dumps(self.continuation.to_dict())
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xarray.Dataset:
         """The run as an `xarray.Dataset` with the dimensions time, row, column and component.
 
         Raises
@@ -240,9 +244,9 @@ class Run(DisplayedRun, ExportedRun):
         ImportError
             Without xarray, naming the extra that brings it.
         """
-        xarray = needed("xarray", "to_xarray")
+        xr = needed("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")
-        return xarray.Dataset(
+        dataset: xarray.Dataset = xr.Dataset(
             {
                 "position": (dimensions, self.x, {"units": "m"}),
                 "velocity": (dimensions, self.v, {"units": "m/s"}),
@@ -250,6 +254,7 @@ class Run(DisplayedRun, ExportedRun):
             {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
             {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
         )
+        return dataset
 
 
 @suggests

@@ -15,7 +15,7 @@ from ._keywords import suggesting
 from ._record import Record, frozen
 from .cloth import Cloth
 from .sphere import Sphere
-from .typing import Numbers
+from .typing import Integrator, Kernel, Numbers, Precision
 
 SCHEMA = 1
 """Version of the layout of ``Scene.to_dict``."""
@@ -115,11 +115,11 @@ class Scene(Record):
 
     def explain(
         self,
-        precision: str = "double",
-        kernel: str = "auto",
+        precision: Precision = "double",
+        kernel: Kernel = "auto",
         threads: int | None = None,
         strict: bool = False,
-        integrator: str = "rk4",
+        integrator: Integrator = "rk4",
     ) -> Any:
         """What this scene computes per step, what it leaves out, and what limits the step.
 

@@ -22,6 +22,7 @@ from .run import Run
 from .runs import Options, Resumed, Solution, integrate, run_fixed, size_of
 from .scene import Scene
 from .snapshot import take
+from .typing import Backend, Every, Integrator, Kernel, Precision
 
 
 @suggests
@@ -29,11 +30,11 @@ def simulate(
     scene: Scene,
     duration: float,
     dt: float | None = None,
-    integrator: str | None = None,
-    precision: str = "double",
+    integrator: Integrator | None = None,
+    precision: Precision = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: int | float | str | None = None,
+    every: Every | None = None,
     threads: int | None = None,
     progress: bool = False,
     *,
@@ -41,9 +42,9 @@ def simulate(
     times: npt.ArrayLike | None = None,
     fps: float | None = None,
     callback: Callable[[float, Any, Any], Any] | None = None,
-    kernel: str = "auto",
+    kernel: Kernel = "auto",
     strict: bool = False,
-    backend: str = "cpu",
+    backend: Backend = "cpu",
     estimate_error: bool | None = None,
     sampling: int = 32,
     max_evaluations: int | None = None,
@@ -286,7 +287,7 @@ def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") 
 def resume(
     run: Run,
     duration: float,
-    every: int | float | str | None,
+    every: Every | None,
     times: npt.ArrayLike | None,
     fps: float | None,
     callback: Callable[[float, Any, Any], Any] | None,

@@ -48,7 +48,8 @@ class Snapshot:
     @property
     def scene(self) -> Scene | Sequence[Scene]:
         """The scene, or the scenes of a batch."""
-        return self.arguments["scene"]
+        scene: Scene | Sequence[Scene] = self.arguments["scene"]
+        return scene
 
     @property
     def time(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from ._state import FloatArray, State, checked_state, scenes_of
 from .scene import Scene
 from .snapshot import Snapshot, take
 from .summary import stepper_lines
+from .typing import Backend, Integrator, Kernel, Precision
 
 
 @suggesting
@@ -62,12 +63,12 @@ class Stepper:
         v: npt.ArrayLike | None = None,
         *,
         t: float | None = None,
-        integrator: str = "rk4",
-        precision: str = "double",
+        integrator: Integrator = "rk4",
+        precision: Precision = "double",
         threads: int | None = None,
-        kernel: str = "auto",
+        kernel: Kernel = "auto",
         strict: bool = False,
-        backend: str = "cpu",
+        backend: Backend = "cpu",
         track_contact_energy: bool = False,
     ) -> None:
         self._options: dict[str, Any] = {
@@ -200,9 +201,9 @@ class Stepper:
         return self._state.threads
 
     @property
-    def kernel(self) -> str:
+    def kernel(self) -> Kernel:
         """Kernel used, "gather" or "edge"."""
-        return self._state.kernel
+        return cast("Kernel", self._state.kernel)
 
     @property
     def instruction_set(self) -> str:

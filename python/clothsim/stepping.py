@@ -11,6 +11,7 @@ from . import _validate as check
 from ._keywords import suggests
 from ._state import FloatArray, State, out_array, out_arrays, start_time, state_arrays
 from .scene import Scene
+from .typing import Backend, Integrator, Kernel, Precision
 
 
 @suggests
@@ -21,14 +22,14 @@ def step(
     dt: float,
     steps: int = 1,
     t: float | None = None,
-    integrator: str = "rk4",
-    precision: str = "double",
+    integrator: Integrator = "rk4",
+    precision: Precision = "double",
     threads: int | None = None,
     out: tuple[FloatArray, FloatArray] | None = None,
     *,
-    kernel: str = "auto",
+    kernel: Kernel = "auto",
     strict: bool = False,
-    backend: str = "cpu",
+    backend: Backend = "cpu",
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
@@ -126,11 +127,11 @@ def acceleration(
     x: npt.ArrayLike,
     v: npt.ArrayLike,
     t: float = 0.0,
-    precision: str = "double",
-    out: FloatArray | None = None,
+    precision: Precision = "double",
+    out: npt.NDArray[np.float64] | None = None,
     *,
     threads: int | None = None,
-    kernel: str = "auto",
+    kernel: Kernel = "auto",
     strict: bool = False,
 ) -> npt.NDArray[np.float64]:
     """Acceleration of every mass point: springs, damping and gravity. Spheres exert no force.

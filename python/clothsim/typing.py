@@ -36,8 +36,17 @@ Kernel: TypeAlias = Literal["auto", "gather", "edge"]
 Backend: TypeAlias = Literal["cpu", "gpu"]
 """Processors that step a scene."""
 
-FloatArray: TypeAlias = Union[npt.NDArray[np.float32], npt.NDArray[np.float64]]
-"""Arrays of states."""
+Integrator: TypeAlias = Union[
+    Literal[
+        "rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853",
+        "implicit_midpoint", "auto",
+    ],
+    str,
+]  # fmt: skip
+"""Names of integrators. Any str passes, as `clothsim.integrators` also knows other spellings."""
+
+Every: TypeAlias = Union[float, Literal["step"]]
+"""Time between stored frames [s], steps between them (an int), or each step."""
 
 Numbers: TypeAlias = Union[Sequence[float], npt.NDArray[Union[np.integer[Any], np.floating[Any]]]]
 """Real numbers in order: a list, a tuple or an array of one dimension."""

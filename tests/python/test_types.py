@@ -3,8 +3,10 @@
 import ast
 import inspect
 from pathlib import Path
+from typing import get_args
 
 import clothsim as cs
+import clothsim.typing
 import numpy as np
 import pytest
 from clothsim import _core
@@ -61,3 +63,9 @@ def test_constructors_take_lists_and_arrays_alike():
     ball = cs.Sphere(np.array((0, 1, 2)), motion=cs.Linear([1, 0, 0]))
     assert ball == cs.Sphere([0, 1, 2], motion=cs.Linear(np.array((1.0, 0, 0))))
     assert cs.Scene(cloth, ball, [0, -1, 0]) == cs.Scene(cloth, iter([ball]), np.array((0, -1, 0)))
+
+
+def test_editors_are_offered_the_names_of_the_integrators():
+    names, text = get_args(clothsim.typing.Integrator)
+    assert set(get_args(names)) == {*cs.integrators(), "auto"}
+    assert text is str

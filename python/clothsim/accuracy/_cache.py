@@ -119,7 +119,8 @@ def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
             part = file.name
-            np.savez_compressed(file, key=np.array(key), **arrays)
+            named: dict[str, Any] = {"key": np.array(key), **arrays}
+            np.savez_compressed(file, **named)
         os.replace(part, path)
     except OSError as error:
         if part is not None:

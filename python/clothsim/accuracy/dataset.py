@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from ..build import build_config
 from .bench import Bench, Measured
 from .methods import OWN, Method
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -40,7 +43,7 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         at = np.unravel_index(k, rms.shape)
         if np.isfinite(rms[at]) and np.isfinite(cost[at]) and rms[at] < best:
             front[at] = True
-            best = rms[at]
+            best = float(rms[at])
     return front
 
 
@@ -51,8 +54,8 @@ def label(method: Method) -> str:
 
 
 def dataset(
-    xarray: Any, bench: Bench, methods: list[Method], results: dict[tuple[int, int], Measured]
-) -> Any:
+    xr: Any, bench: Bench, methods: list[Method], results: dict[tuple[int, int], Measured]
+) -> xarray.Dataset:
     """What `work_precision` returns."""
     shape = len(methods), 1 + max(n for _, n in results)
     duration = bench.duration
@@ -80,7 +83,7 @@ def dataset(
         "pareto_all": (pareto(rms, wall_time), "on the front of all methods", ""),
     }
     solution = bench.solution
-    return xarray.Dataset(
+    found: xarray.Dataset = xr.Dataset(
         {
             name: (("solver", "level"), values, {"long_name": text, "units": unit})
             for name, (values, text, unit) in columns.items()
@@ -103,3 +106,4 @@ def dataset(
             "version": build_config()["version"],
         },
     )
+    return found

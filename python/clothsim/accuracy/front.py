@@ -14,6 +14,7 @@ from typing import Any
 from .. import _validate as check
 from .._progress import ProgressBar
 from ..scene import Scene
+from ..typing import Precision
 from .methods import OWN, Method, own_methods
 from .order import solution_for
 from .solution import Reference
@@ -147,7 +148,7 @@ def front(
     errors: Sequence[float] = ERRORS,
     *,
     methods: Sequence[str] | None = None,
-    precisions: Sequence[str] = ("double", "single"),
+    precisions: Sequence[Precision] = ("double", "single"),
     peers: bool = False,
     threads: int | None = None,
     windows: int = 7,

@@ -15,6 +15,7 @@ from ..measures import max_stable_dt
 from ..plan import PRECISIONS
 from ..scene import Scene
 from ..simulation import simulate
+from ..typing import Precision
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,11 +64,16 @@ class Method(Protocol):
         that part of the cloth's size.
     """
 
-    name: str
-    library: str
-    precision: str
-    threads: int | None
-    control: str
+    @property
+    def name(self) -> str: ...
+    @property
+    def library(self) -> str: ...
+    @property
+    def precision(self) -> Precision: ...
+    @property
+    def threads(self) -> int | None: ...
+    @property
+    def control(self) -> str: ...
 
     def settings(self, scene: Scene, duration: float) -> list[float]:
         """Settings to try by default, the coarsest first."""
@@ -87,7 +93,7 @@ class Own:
     """An integrator of this package."""
 
     integrator: str
-    precision: str = "double"
+    precision: Precision = "double"
     threads: int | None = None
     control: str = "dt"
     library: str = OWN
@@ -106,12 +112,10 @@ class Own:
         return [largest / 2**k for k in range(_HALVINGS)]
 
     def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
-        chosen = {"dt": setting}
-        if self.control == "rtol":
-            chosen = {"rtol": setting}
+        adaptive = self.control == "rtol"
         run = simulate(
             scene, duration, integrator=self.integrator, precision=self.precision,
-            threads=self.threads, **chosen,
+            threads=self.threads, dt=None if adaptive else setting, rtol=setting if adaptive else None,
         )  # fmt: skip
         report = run.report
         return Outcome(run.x[-1], run.v[-1], report["solution_evaluations"], report["wall_time"])
@@ -119,7 +123,7 @@ class Own:
 
 def own_methods(
     names: Sequence[str] | None = None,
-    precisions: Sequence[str] = PRECISIONS,
+    precisions: Sequence[Precision] = PRECISIONS,
     threads: int | None = None,
 ) -> list[Own]:
     """The integrators of this package as methods.

@@ -17,6 +17,7 @@ from ..errors import UnstableError
 from ..integration import integrator_name
 from ..scene import Scene
 from ..simulation import simulate
+from ..typing import Integrator, Precision
 from .methods import extent
 from .solution import Reference, reference
 
@@ -61,7 +62,7 @@ class Convergence(EqualByValue):
     """
 
     integrator: str
-    precision: str
+    precision: Precision
     dt: Floats
     steps: npt.NDArray[np.int64]
     force_evaluations: npt.NDArray[np.int64]
@@ -97,8 +98,8 @@ def convergence(
     scene: Scene,
     duration: float,
     dts: Sequence[float],
-    integrator: str = "rk4",
-    precision: str = "double",
+    integrator: Integrator = "rk4",
+    precision: Precision = "double",
     *,
     reference: Reference | None = None,
     **options: Any,
@@ -162,8 +163,8 @@ def convergence(
     rms = np.array([error["rms"] for error in errors])
     moved = solution.error_of(scene.initial_position)["rms"]
     floor = _floor(dt, rms, float(solution.error_estimate["rms"][-1]))
-    floor = np.maximum(floor, _rounding(precision, extent(scene), np.array(steps)))
-    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
+    floors = np.maximum(floor, _rounding(precision, extent(scene), np.array(steps)))
+    fitted = (rms >= floors / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
     order = math.nan
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
@@ -177,7 +178,7 @@ def convergence(
         np.array([error["max"] for error in errors]),
         order,
         fitted,
-        floor,
+        floors,
         solution,
     )
 
@@ -187,7 +188,7 @@ def _steps(duration: float, name: str, dt: Any) -> int:
     dt = check.number(name, dt, minimum=0, exclusive=True)
     if not duration / dt <= check.INT64_MAX:
         raise ValueError(f"{name} must be above duration / {check.INT64_MAX:.3g}, got {dt:g}")
-    return max(1, math.ceil(duration / dt - 1e-9))
+    return max(1, int(math.ceil(duration / dt - 1e-9)))
 
 
 def solution_for(scene: Scene, duration: float, given: Reference | None) -> Reference:

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..measures import max_stable_dt
 from ..scene import Scene
+from ..typing import Precision
 from .methods import RTOLS, Outcome, extent
 
 _SAFETY = 0.95
@@ -31,7 +32,7 @@ _HALVINGS = 7
 class NumbaRK4:
     """RK4 by the strong numba kernel."""
 
-    precision: str = "double"
+    precision: Precision = "double"
     threads: int = 1
     name: str = "rk4 (numba)"
     library: str = "numba"
@@ -62,7 +63,7 @@ class SciPy:
 
     method: str
     threads: int = 1
-    precision: str = "double"
+    precision: Precision = "double"
     library: str = "SciPy"
     control: str = "rtol"
 
@@ -98,7 +99,7 @@ class Diffrax:
     solver: str
     stages: int
     threads: int | None = None
-    precision: str = "double"
+    precision: Precision = "double"
     library: str = "diffrax"
     control: str = "rtol"
 

@@ -28,8 +28,8 @@ _FORMAT = 1
 
 # The extrapolation that is returned, and the looser one of other order that it is compared with.
 # The tolerances are per step and of the cloth's extent; long double has 5e-20.
-_TRUSTED = {"columns": 8, "tolerance": 1e-15}
-_CONTROL = {"columns": 7, "tolerance": 1e-14}
+_TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
+_CONTROL: dict[str, Any] = {"columns": 7, "tolerance": 1e-14}
 
 # The method in double starts with this part of RK4's stable step, well below its own, and halves
 # it.

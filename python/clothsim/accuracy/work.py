@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 from .. import _validate as check
 from .._extras import check_progress, needed
@@ -11,11 +11,15 @@ from .._keywords import suggests
 from .._progress import ProgressBar
 from ..plan import PRECISIONS
 from ..scene import Scene
+from ..typing import Precision
 from .bench import Bench, Measured
 from .dataset import dataset
 from .methods import Method, own_methods
 from .order import solution_for
 from .solution import Reference
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @suggests
@@ -24,7 +28,7 @@ def work_precision(
     duration: float,
     methods: Sequence[str | Method] | None = None,
     *,
-    precisions: Sequence[str] = PRECISIONS,
+    precisions: Sequence[Precision] = PRECISIONS,
     dts: Sequence[float] | None = None,
     rtols: Sequence[float] | None = None,
     peers: bool = False,
@@ -33,7 +37,7 @@ def work_precision(
     longest: float = 10.0,
     reference: Reference | None = None,
     progress: bool = False,
-) -> Any:
+) -> xarray.Dataset:
     """Error against cost: every integrator in every precision at every step or tolerance.
 
     Errors are distances from the trusted solution at the end. The time is the least over several
@@ -126,7 +130,7 @@ def work_precision(
 def _methods(
     scene: Scene,
     methods: Sequence[str | Method] | None,
-    precisions: Sequence[str],
+    precisions: Sequence[Precision],
     peers: bool,
     threads: int | None,
 ) -> list[Method]:

@@ -14,7 +14,7 @@ import clothsim as cs
 from . import works
 from .figures import Figure, Figures
 from .settings import PAPER_DT, Settings
-from .timing import measure
+from .timing import Work, measure
 from .works import Start
 
 DTYPES = {"single": np.float32, "double": np.float64}
@@ -149,8 +149,8 @@ def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -
         return []
     from . import numba_peer
 
-    make = {"numba gather": numba_peer.NumbaGather, "numba strided": numba_peer.NumbaStrided}[kind]
-    make = partial(make, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads)
+    work: Callable[..., Work] = numba_peer.NumbaGather if kind == "numba gather" else numba_peer.NumbaStrided
+    make = partial(work, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads)
     return [bench.peer(start, make, by=kind, precision=precision, threads=threads)]
 
 

@@ -60,6 +60,7 @@ def efficiency(measured: Measured) -> list[dict[str, Any]]:
 def _row(m: Measured, work: str, kernel: str, precision: str, threads: int) -> dict[str, Any]:
     share = share_of_peak(m, kernel, precision, work, threads)
     figure = m.figure(work, kernel, precision, threads)
+    assert figure.flops is not None  # counted for the kernels of the core
     rate = figure.flops / figure.minimum
     measured = figure.minimum / figure.points
     moved = traffic(kernel, precision)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -107,17 +107,17 @@ BORDER = 2
 class Strided(NamedTuple):
     """Compiled for one shape: steps of a cloth or of a batch, and right-hand sides dy/dt."""
 
-    serial: Callable
-    parallel: Callable
-    batch: Callable
-    serial_slopes: Callable
-    parallel_slopes: Callable
+    serial: Callable[..., Any]
+    parallel: Callable[..., Any]
+    batch: Callable[..., Any]
+    serial_slopes: Callable[..., Any]
+    parallel_slopes: Callable[..., Any]
 
 
 @lru_cache
 def strided(shape):
     """The kernels for cloths of `shape`."""
-    fast = {"fastmath": True, "error_model": "numpy"}
+    fast: dict[str, Any] = {"fastmath": True, "error_model": "numpy"}
     rows, columns = shape
     n, down, one, two = (np.uintp(i) for i in (columns, columns + 2 * BORDER, 1, 2))
     size, size2 = np.uintp(rows * columns), np.uintp(2 * rows * columns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from .timing import Work
 _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
-def import_kernels():
+def import_kernels() -> Any:
     """The module of kernels.
 
     Raises
@@ -58,16 +59,18 @@ class NumbaGather(Work):
     """The afternoon's kernel: per-point gather, parallel over rows, fastmath off."""
 
     def __init__(
-        self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type, threads: int
+        self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
     ) -> None:
         self.kernels = import_kernels()
         self.threads = threads
+        self.x: np.ndarray
+        self.v: np.ndarray
         self.x, self.v = np.array(x, dtype, order="C"), np.array(v, dtype, order="C")
         kinds = spring_kinds(scene)
         offsets = [(s * r, s * c) for r, c, *_ in kinds for s in (1, -1)]
         spring = [one[2:] for one in kinds for _ in (1, -1)]
         cloth = scene.cloth
-        self.arguments = (
+        self.arguments: tuple[Any, ...] = (
             tuple(np.empty_like(self.x) for _ in range(8)),
             np.array(offsets, np.int64),
             np.array(spring, dtype),
@@ -99,13 +102,13 @@ class NumbaStrided(Work):
         x: np.ndarray,
         v: np.ndarray,
         dt: float,
-        dtype: type,
+        dtype: type[Any],
         threads: int,
     ) -> None:
         self.kernels = kernels = import_kernels()
         self.threads = threads
+        scenes = [scene] if isinstance(scene, Scene) else list(scene)
         self.batched = not isinstance(scene, Scene)
-        scenes = list(scene) if self.batched else [scene]
         cloth = scenes[0].cloth
         rows, columns = cloth.shape
         border = kernels.BORDER
@@ -119,14 +122,14 @@ class NumbaStrided(Work):
         spring = np.stack([_strided_springs(one, dtype) for one in scenes])
         at = np.arange(columns)
         column = [at + 1 < columns, at >= 1, at + 2 < columns, at >= 2]
-        force = np.zeros((members, 3 * rows * columns), dtype)
+        force: np.ndarray = np.zeros((members, 3 * rows * columns), dtype)
         self.state = state if self.batched else state[0]
 
         def flat(array: np.ndarray) -> np.ndarray:
             array = array.reshape(members, -1)
             return array if self.batched else array[0]
 
-        self.arguments = (
+        self.arguments: tuple[Any, ...] = (
             flat(state),
             flat(state.copy()),
             flat(state.copy()),
@@ -186,9 +189,9 @@ class NumbaSlopes:
         return both[..., :3], both[..., 3:]
 
 
-def _strided_springs(scene: Scene, dtype: type) -> np.ndarray:
+def _strided_springs(scene: Scene, dtype: type[Any]) -> np.ndarray:
     """Stiffness, stiffness x rest length and damping per mass of the six kinds; 0 if left out."""
     mass = scene.cloth.mass_per_point[0, 0]
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
     every = [offset for offsets in OFFSETS.values() for offset in offsets]
-    return np.array([present.get(offset, (0, 0, 0)) for offset in every], dtype) / dtype(mass)
+    return np.asarray(np.array([present.get(offset, (0, 0, 0)) for offset in every], dtype) / dtype(mass))

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from ..scene import Scene
+from ..typing import Family
 from .timing import Work
 
+Slices = tuple[slice, slice, slice]
+
 # Per family, the (row, column) offset of each spring's far end.
-OFFSETS = {
+OFFSETS: dict[Family, tuple[tuple[int, int], ...]] = {
     "structural": ((0, 1), (1, 0)),
     "shear": ((1, 1), (1, -1)),
     "bend": ((0, 2), (2, 0)),
 }
 
 
-def spring_kinds(scene: Scene):
+def spring_kinds(scene: Scene) -> list[tuple[int, int, float, float, float]]:
     """(row offset, column offset, stiffness, rest length, damping) of each kind of spring."""
     cloth = scene.cloth
     row, column = cloth.spacing
@@ -32,7 +38,7 @@ def spring_kinds(scene: Scene):
     ]
 
 
-def spring_ends(r: int, c: int):
+def spring_ends(r: int, c: int) -> tuple[Slices, Slices]:
     """Slices of a (3, rows, columns) array that give the near and the far ends of a kind."""
     rows = slice(None, -r or None), slice(r, None)
     columns = slice(None, -c or None), slice(c, None)
@@ -44,14 +50,14 @@ def spring_ends(r: int, c: int):
 class NumpyPeer(Work):
     """A scene without spheres, of uniform mass; RK4 on (x, v), each (3, rows, columns)."""
 
-    def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type) -> None:
-        self.x = np.ascontiguousarray(np.moveaxis(x, -1, 0), dtype)
-        self.v = np.ascontiguousarray(np.moveaxis(v, -1, 0), dtype)
+    def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any]) -> None:
+        self.x: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(x, -1, 0), dtype)
+        self.v: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(v, -1, 0), dtype)
         self.dt = dtype(dt)
         self.half, self.sixth = dtype(dt / 2), dtype(dt / 6)
-        self.gravity = np.array(scene.gravity, dtype).reshape(3, 1, 1)
+        self.gravity: npt.NDArray[Any] = np.array(scene.gravity, dtype).reshape(3, 1, 1)
         self.inverse_mass = dtype(1 / scene.cloth.mass_per_point[0, 0])
-        self.free = (~scene.cloth.pinned).astype(dtype)
+        self.free: npt.NDArray[Any] = (~scene.cloth.pinned).astype(dtype)
         self.kinds = [
             (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping))
             for r, c, k, rest, damping in spring_kinds(scene)

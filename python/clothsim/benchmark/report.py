@@ -69,7 +69,7 @@ def _windows(settings: dict[str, Any]) -> list[str]:
 def _processor(about: dict[str, Any]) -> str:
     keys = (key for key in ("family", "model", "stepping") if about[key] is not None)
     told = [f"{key} {about[key]}" for key in keys]
-    return about["cpu"] + (f" ({', '.join(told)})" if told else "")
+    return str(about["cpu"]) + (f" ({', '.join(told)})" if told else "")
 
 
 # Of the peak of as many cores. A virtual machine's processors may be put on one and the same.

@@ -7,6 +7,7 @@ import difflib
 import inspect
 import tempfile
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ UNITS = {
 }  # fmt: skip
 
 
-def ready_scenes() -> dict[str, Any]:
+def ready_scenes() -> dict[str, Callable[..., cs.Scene]]:
     """The functions of `clothsim.scenes` that return a scene, by name."""
     return {
         name: function

@@ -99,9 +99,11 @@ def _map(args: argparse.Namespace) -> None:
     if folder:
         need_matplotlib()
     scene = ready_scenes()[args.scene]()
-    stiffness = np.geomspace(*args.stiffness, args.cells[0])
+    softest, stiffest = args.stiffness
+    shortest, longest = args.dt or _range(args, scene)
+    stiffness = np.geomspace(softest, stiffest, args.cells[0])
     found = measure_map(
-        scene, stiffness, np.geomspace(*(args.dt or _range(args, scene)), args.cells[1]),
+        scene, stiffness, np.geomspace(shortest, longest, args.cells[1]),
         args.integrator, args.precision, args.steps, args.threads,
         progress=wanted_by_command(),
     )  # fmt: skip

@@ -12,6 +12,7 @@ from clothsim import _validate as check
 
 from .._json import as_json
 from .._progress import wanted_by_command
+from ..plan import PRECISIONS
 from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 
@@ -77,7 +78,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    precisions = args.precision or ("double", "single")
+    precisions = args.precision or PRECISIONS
     progress = wanted_by_command()
     if args.targets or args.fastest:
         _fastest(args, precisions, progress)

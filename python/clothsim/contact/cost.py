@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Precision
 
 
 # A variant's own step without a sphere, where it is not the one named first.
 _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
 
 
-def _steppers(precision: str) -> dict[str, cs.Stepper]:
+def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
     cloth = cs.Cloth(pins=())
     # Under the whole cloth, all 1,024 points on it.
     under = cs.Sphere(

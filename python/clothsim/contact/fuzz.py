@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Precision, Response
 
 _POINTS = (250, 200)
 _STEPS = 4  # with each sphere radius; a step starts where the one before ended
@@ -15,7 +16,7 @@ _ULP = np.finfo(np.float64).eps
 
 def _directions(rng: np.random.Generator, count: int) -> np.ndarray:
     n = rng.normal(size=(count, 3))
-    return n / np.linalg.norm(n, axis=1, keepdims=True)
+    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
 
 
 def _aimed(rng: np.random.Generator, p0: np.ndarray, radius: float) -> np.ndarray:
@@ -42,14 +43,14 @@ def _closest(p0: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Least distance from the origin on the segments from p0 along q."""
     a = (q * q).sum(axis=-1)
     s = np.clip(-(p0 * q).sum(axis=-1) / np.where(a > 0, a, 1), 0, 1)
-    return np.sqrt(((p0 + s[..., None] * q) ** 2).sum(axis=-1))
+    return np.asarray(np.sqrt(((p0 + s[..., None] * q) ** 2).sum(axis=-1)))
 
 
 def crossings(
     point_steps: int = 10**8,
     seed: int = 1,
-    response: str = "continuous",
-    precision: str = "double",
+    response: Response = "continuous",
+    precision: Precision = "double",
 ) -> dict[str, Any]:
     """Fire free mass points at spheres that jump; count those that end inside or pass through.
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Precision
 
 GRAVITY = 9.80665
 
@@ -79,7 +80,7 @@ def on_sphere(cloth: cs.Cloth, center: Any, radius: float, slope: float) -> np.n
     x = np.sin(angle) * sideways + np.cos(angle) * np.array((0.0, 1.0, 0.0))
     c, s = math.cos(slope), math.sin(slope)
     turned = x @ np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-    return np.asarray(center) + radius * (1 + 1e-12) * turned
+    return np.asarray(np.asarray(center) + radius * (1 + 1e-12) * turned)
 
 
 def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float = 1e-4) -> dict[str, Any]:
@@ -126,7 +127,7 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
     }
 
 
-def resting(steps: int = 10**6, dt: float = 5e-6, precision: str = "double") -> dict[str, Any]:
+def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double") -> dict[str, Any]:
     """How quietly a cloth lies on a sphere at restitution 0.
 
     A cloth of 0.1 m x 0.1 m, 8 x 8 mass points, lies on the top of the paper's sphere with
@@ -146,11 +147,11 @@ def resting(steps: int = 10**6, dt: float = 5e-6, precision: str = "double") -> 
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)
     stepper.advance(20_000, 5e-5)
     first = stepper.positions
-    heights = [np.linalg.norm(first - np.array(sphere.center), axis=-1)]
+    distances = [np.linalg.norm(first - np.array(sphere.center), axis=-1)]
     for _ in range(100):
         stepper.advance(steps // 100, dt)
-        heights.append(np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1))
-    heights = np.array(heights)
+        distances.append(np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1))
+    heights = np.array(distances)
     return {
         "steps": steps // 100 * 100,
         "touching": int((heights[-1] < sphere.radius + 1e-6).sum()),

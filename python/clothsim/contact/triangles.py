@@ -21,7 +21,7 @@ def _polynomial_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a . b for vectors (n, 3, coefficients)."""
-    return _polynomial_product(a, b).sum(axis=-2)
+    return np.asarray(_polynomial_product(a, b).sum(axis=-2))
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -51,7 +51,7 @@ def _roots(polynomial: np.ndarray) -> np.ndarray:
     companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1
     with np.errstate(over="ignore"):
         companion[:, :, -1] = -p[:, :-1] / p[:, -1:]
-    usable = np.isfinite(companion).all(axis=(1, 2))
+    usable = np.asarray(np.isfinite(companion).all(axis=(1, 2)))
     companion[~usable] = 0
     roots = np.linalg.eigvals(companion)
     real = (np.abs(roots.imag) < 1e-3) & (roots.real > 0) & (roots.real < 1)
@@ -102,7 +102,7 @@ def nearest_approach(p0: np.ndarray, p1: np.ndarray, radius: float) -> np.ndarra
     t = np.sort(np.concatenate([*times, uniform], axis=1), axis=1)
     t = np.concatenate([t, (t[:, 1:] + t[:, :-1]) / 2], axis=1)
     corners = p0[:, None] + t[..., None, None] * (p1 - p0)[:, None]
-    return distance(corners).min(axis=1)
+    return np.asarray(distance(corners).min(axis=1))
 
 
 def _cases(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -18,11 +18,12 @@ import numpy as np
 
 import clothsim as cs
 from clothsim._step_timer import StepTimer
+from clothsim.typing import Precision, Response
 
 from .device import Adapter, adapters, using
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
-METHODS = {1: "reflect", 2: "ray"}
+METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
 PAPER_DT = 5e-6  # s
 PAPER_SIZE = 32  # points along a side
 
@@ -58,7 +59,7 @@ class Settings:
     batches: tuple[int, ...] = (4, 16, 64, 256, 1024)
     batch_size: int = 32
     methods: tuple[int, ...] = (1, 2)
-    precisions: tuple[str, ...] = ("single", "double")
+    precisions: tuple[Precision, ...] = ("single", "double")
     frame_steps: int = 320
     window_frames: int = 200
     runs: int = 10
@@ -122,7 +123,7 @@ def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Targ
     return result
 
 
-def _stepping(target: Target, scene: cs.Scene, members: int, precision: str, dt: float) -> Callable:
+def _stepping(target: Target, scene: cs.Scene, members: int, precision: Precision, dt: float) -> Callable[..., Any]:
     """A function that does a number of steps."""
     x, v = scene.initial_position, scene.initial_velocity
     if target.kind == SCALAR:
@@ -135,7 +136,7 @@ def _stepping(target: Target, scene: cs.Scene, members: int, precision: str, dt:
         return advance
     if members > 1:
         x, v = np.stack([x] * members), np.stack([v] * members)
-    where = {"backend": "gpu"} if target.kind == GPU else {"threads": target.threads}
+    where: dict[str, Any] = {"backend": "gpu"} if target.kind == GPU else {"threads": target.threads}
     stepper = cs.Stepper(scene, x, v, precision=precision, **where)
     return lambda steps: stepper.advance(steps, dt)
 
@@ -149,7 +150,8 @@ def measure(
         start = perf_counter()
         advance = _stepping(m.target, scene, m.members, m.precision, dt)
         m.setup.append(perf_counter() - start)
-        timer, first, spent = StepTimer(advance), [], 0.0
+        timer, spent = StepTimer(advance), 0.0
+        first: list[float] = []
         while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:
             done, elapsed = timer.timed(settings.frame_steps, settings.first_seconds)
             spent += elapsed if first else 0.0  # the first one may be compiling for seconds

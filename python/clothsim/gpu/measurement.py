@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..typing import Precision
 from .device import Adapter
 
 SCALAR, SIMD, GPU = "scalar", "SIMD", "GPU"
@@ -32,7 +33,7 @@ class Measurement:
 
     target: Target
     method: int
-    precision: str
+    precision: Precision
     size: int
     members: int
     setup: list[float] = field(default_factory=list)  # s, per run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +58,7 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
         return np.concatenate([numbers, weights]).astype(dtype)
 
 
-def step_constants(dt: float, dtype: npt.DTypeLike) -> npt.NDArray:
+def step_constants(dt: float, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """h/2, h, h^2/6 and h/6 of a time step."""
     return np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(dtype)
 

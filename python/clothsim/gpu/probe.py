@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ _COUNT = 1 << 14
 _RESULTS = 8
 
 # What each probe computes from a and b, here and in WGSL; `z` is a zero that no compiler knows.
-_OPERATIONS = {
+_OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "product": ("a * b", lambda a, b: a * b),
     "quotient": ("a / b", lambda a, b: a / b),
     "root": ("sqrt(a)", lambda a, b: np.sqrt(a)),

@@ -54,7 +54,7 @@ class Features:
 
     def constants(self, strict: bool) -> dict[str, float]:
         """Values of the shader's override constants."""
-        switches = {family: family in self.families for family in FAMILIES}
+        switches: dict[str, bool] = {family: family in self.families for family in FAMILIES}
         for name in ("spring_damping", "point_damping", "mass_per_point", "pinned", "moving"):
             switches[name] = getattr(self, name)
         return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
@@ -174,4 +174,5 @@ def pipelines(device: Device, features: Features, precision: str, strict: bool) 
     key = (features, precision, strict)
     if key not in device.pipelines:
         device.pipelines[key] = Pipelines(device, features, precision, strict)
-    return device.pipelines[key]
+    found: Pipelines = device.pipelines[key]
+    return found

@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import clothsim as cs
 from clothsim import _validate as check
@@ -27,14 +29,14 @@ EXPERIMENTS = (1, 2, 3, 4, 5)
 
 
 def reproduce(
-    out: str | os.PathLike = "report",
+    out: str | os.PathLike[str] = "report",
     *,
     quick: bool = False,
     settings: Settings | None = None,
     experiments: Collection[int] = EXPERIMENTS,
     threads: int | None = None,
     progress: bool = False,
-) -> dict:
+) -> dict[str, Any]:
     """Run the paper's experiments and write the report folder.
 
     Parameters
@@ -80,7 +82,7 @@ def reproduce(
     folder = check.folder("out", out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
 
-    report = {
+    report: dict[str, Any] = {
         "schema": SCHEMA,
         "paper": paper.CITATION,
         "settings": {
@@ -111,7 +113,9 @@ def reproduce(
     return report
 
 
-def _contact(number, settings, threads, progress, folder):
+def _contact(
+    number: str, settings: Settings, threads: int, progress: bool, folder: Path
+) -> tuple[tuple[contact.Experiment, list[contact.Case]], dict[str, Any]]:
     experiment = contact.experiment(number, settings)
     total = len(paper.METHODS) * len(paper.VARIANTS) * max(experiment.frames)
     with _bar(progress, number, total, "frame") as bar:
@@ -147,7 +151,7 @@ def _contact(number, settings, threads, progress, folder):
     return (experiment, cases), entry
 
 
-def _comparison(settings, progress):
+def _comparison(settings: Settings, progress: bool) -> dict[str, Any]:
     from clothsim.contact import comparison
     from clothsim.contact.table import RESPONSES, SCENES
 
@@ -168,7 +172,7 @@ def _comparison(settings, progress):
     }
 
 
-def _performance(number, settings, threads, progress, folder):
+def _performance(number: str, settings: Settings, threads: int, progress: bool, folder: Path) -> dict[str, Any]:
     frame = settings.steps_per_frame(PAPER_DT)
     dt = settings.timing_dt
     if number == "3":

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from threading import Event
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Case:
 
     method: int
     variant: str
-    cells: list[dict] = field(default_factory=list)
+    cells: list[dict[str, Any]] = field(default_factory=list)
     states: dict[int, tuple[np.ndarray, float]] = field(default_factory=dict)
     history: dict[str, list[float]] = field(default_factory=dict)
     played: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -72,7 +73,7 @@ def experiment(number: str, settings: Settings) -> Experiment:
         "2",
         "Moving sphere, method 1 against method 2",
         "table4",
-        partial(cs.scenes.paper_moving, **MOTION),
+        partial(cs.scenes.paper_moving, period=MOTION["period"], deceleration=MOTION["deceleration"]),
         settings.moving_frames,
         settings.moving_dt,
     )
@@ -120,7 +121,7 @@ def run(
     return cases
 
 
-def _run(experiment: Experiment, settings: Settings, case: Case, advance, stop: Event) -> None:
+def _run(experiment: Experiment, settings: Settings, case: Case, advance: Callable[[int], object], stop: Event) -> None:
     scene = scene_of(experiment, case.method, case.variant)
     sphere = scene.spheres[0]
     steps = settings.steps_per_frame(experiment.dt)
@@ -174,7 +175,7 @@ def _advance(stepper: cs.Stepper, steps: int, dt: float) -> str | None:
     return None
 
 
-def _touching(positions, scene, time) -> int:
+def _touching(positions: np.ndarray, scene: cs.Scene, time: float) -> int:
     sphere = scene.spheres[0]
     distance = np.linalg.norm(positions - sphere.center_at(time), axis=-1)
     return int(np.sum(distance < sphere.contact_radius(scene.cloth) + NEAR))
@@ -187,7 +188,7 @@ def impact_speed(scene: cs.Scene) -> float:
     return float(np.sqrt(2 * np.linalg.norm(scene.gravity) * height))
 
 
-def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) -> list[dict]:
+def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) -> list[dict[str, Any]]:
     """Both methods as printed, at each of `settings.study_dts`; "penetration" frame by frame."""
     rows = []
     for dt in settings.study_dts:
@@ -205,7 +206,7 @@ def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) 
     return rows
 
 
-def _thinned(record) -> dict[str, list[float]]:
+def _thinned(record: list[tuple[Any, ...]]) -> dict[str, list[float]]:
     """At most HISTORY_POINTS entries: the deepest of each stretch of frames, the last energy."""
     names = ("frame", "points", "triangles", "contact_energy")
     if not record:

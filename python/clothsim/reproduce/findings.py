@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 from .paper import FRAMES_PER_SECOND, VARIANTS
 from .performance import CORE, SHADER
 from .settings import PAPER_DT
@@ -12,21 +15,21 @@ DEEP = 2.0  # mm; more is deeper than the cloth's triangles cut into the sphere 
 MILLIMETRE = 1e3
 
 
-def of(experiment: str, entry: dict) -> list[str]:
+def of(experiment: str, entry: dict[str, Any]) -> list[str]:
     """The findings of experiment "1" to "5"."""
     made = {"1": _static, "2": _moving, "3": _methods, "4": _speedup, "5": _comparison}
     return made[experiment](entry)
 
 
-def _cells(entry: dict, method: int, variant: str) -> list[dict]:
+def _cells(entry: dict[str, Any], method: int, variant: str) -> list[dict[str, Any]]:
     return [c for c in entry["cells"] if (c["method"], c["variant"]) == (method, variant)]
 
 
-def _depths(cells: list[dict], part: str = "triangles") -> list[float]:
+def _depths(cells: list[dict[str, Any]], part: str = "triangles") -> list[float]:
     return [MILLIMETRE * cell["penetration"][part] for cell in cells]
 
 
-def _listed(values) -> str:
+def _listed(values: Iterable[float]) -> str:
     return " / ".join(number(value) for value in values)
 
 
@@ -34,7 +37,7 @@ def _alike(a: float, b: float) -> bool:
     return abs(a - b) <= SAME * max(abs(a), abs(b))
 
 
-def _depth_lines(entry: dict) -> list[str]:
+def _depth_lines(entry: dict[str, Any]) -> list[str]:
     frames = " / ".join(map(str, entry["frames"]))
     lines = []
     for variant in VARIANTS:
@@ -46,7 +49,7 @@ def _depth_lines(entry: dict) -> list[str]:
     return lines
 
 
-def _failures(entry: dict) -> list[str]:
+def _failures(entry: dict[str, Any]) -> list[str]:
     return [
         f"Method {h['method']}, {h['variant']}, ended early: {h['failure']}."
         for h in entry["histories"]
@@ -54,7 +57,7 @@ def _failures(entry: dict) -> list[str]:
     ]
 
 
-def _static(entry: dict) -> list[str]:
+def _static(entry: dict[str, Any]) -> list[str]:
     if failures := _failures(entry):
         return failures
     lines = _depth_lines(entry)
@@ -95,9 +98,9 @@ def _static(entry: dict) -> list[str]:
     return [*lines, *_study(entry), *_static_energy(entry)]
 
 
-def _study(entry: dict) -> list[str]:
+def _study(entry: dict[str, Any]) -> list[str]:
     """What the coarsest step that both methods survive shows."""
-    by_dt: dict[float, dict[int, list[dict]]] = {}
+    by_dt: dict[float, dict[int, list[dict[str, Any]]]] = {}
     for row in entry["step_study"]:
         by_dt.setdefault(row["dt"], {})[row["method"]] = row["penetration"]
     shared = [dt for dt, rows in by_dt.items() if len(rows) == 2]
@@ -118,7 +121,7 @@ def _study(entry: dict) -> list[str]:
     return [f"A step of {max(shared):g} s does not bring the paper's difference out: {numbers}."]
 
 
-def _static_energy(entry: dict) -> list[str]:
+def _static_energy(entry: dict[str, Any]) -> list[str]:
     last = {m: _cells(entry, m, "mended")[-1] for m in (1, 2)}
     made = {m: cell["contact_energy"] for m, cell in last.items()}
     return [
@@ -128,7 +131,7 @@ def _static_energy(entry: dict) -> list[str]:
     ]
 
 
-def _moving(entry: dict) -> list[str]:
+def _moving(entry: dict[str, Any]) -> list[str]:
     if failures := _failures(entry):
         return failures
     lines = _depth_lines(entry)
@@ -149,7 +152,7 @@ def _moving(entry: dict) -> list[str]:
     return lines
 
 
-def _moving_first(entry: dict) -> list[str]:
+def _moving_first(entry: dict[str, Any]) -> list[str]:
     cells = _cells(entry, 1, "literal")
     inside = [c["frame"] for c in cells if MILLIMETRE * c["penetration"]["points"] > DEEP]
     outside = [c for c in cells if c["frame"] not in inside]
@@ -175,7 +178,7 @@ def _moving_first(entry: dict) -> list[str]:
     return lines
 
 
-def _moving_second(entry: dict) -> list[str]:
+def _moving_second(entry: dict[str, Any]) -> list[str]:
     literal, mended = (_cells(entry, 2, variant)[-1] for variant in VARIANTS)
     made, usual = literal["contact_energy"], mended["contact_energy"]
     depth = MILLIMETRE * literal["deepest_so_far"]["triangles"]
@@ -192,7 +195,7 @@ def _moving_second(entry: dict) -> list[str]:
     return [f"Agrees with the paper: method 2 as printed stays quiet, {numbers}."]
 
 
-def _methods(entry: dict) -> list[str]:
+def _methods(entry: dict[str, Any]) -> list[str]:
     first, second = entry["rows"]
     change = second["microseconds_per_step"] / first["microseconds_per_step"] - 1
     spread = max(row["upper_quartile"] / row["lower_quartile"] - 1 for row in entry["rows"])
@@ -228,7 +231,7 @@ def _methods(entry: dict) -> list[str]:
     return lines
 
 
-def _speedup(entry: dict) -> list[str]:
+def _speedup(entry: dict[str, Any]) -> list[str]:
     reference, *others = entry["rows"]
     core = [row for row in others if row["kind"] == CORE]
     lines = [
@@ -266,7 +269,7 @@ def _speedup(entry: dict) -> list[str]:
     return [*lines, *_shader(others), *_over_sizes(entry)]
 
 
-def _shader(rows: list[dict]) -> list[str]:
+def _shader(rows: list[dict[str, Any]]) -> list[str]:
     lines = []
     for row in rows:
         if not row["kind"].startswith(SHADER):
@@ -284,13 +287,13 @@ def _shader(rows: list[dict]) -> list[str]:
     return lines
 
 
-def _over_sizes(entry: dict) -> list[str]:
+def _over_sizes(entry: dict[str, Any]) -> list[str]:
     if "gpu" not in entry:
         return []
     return [*entry["gpu"]["warnings"], *entry["gpu"]["crossovers"]]
 
 
-def _comparison(entry: dict) -> list[str]:
+def _comparison(entry: dict[str, Any]) -> list[str]:
     lines = []
     for scene in dict.fromkeys(row["scene"] for row in entry["rows"]):
         rows = {row["response"]: row for row in entry["rows"] if row["scene"] == scene}
@@ -315,5 +318,5 @@ def _comparison(entry: dict) -> list[str]:
     return lines
 
 
-def _and(values) -> str:
+def _and(values: Iterable[Any]) -> str:
     return " and ".join(map(str, values))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from clothsim.gpu import adapters, comparison, experiment, report
 from clothsim.gpu.device import Adapter
 
+from ..typing import Precision
 from .settings import Settings
 
-PRECISION = "single"
+PRECISION: Precision = "single"
 
 
 def available() -> tuple[list[Adapter], str]:
@@ -38,8 +40,8 @@ def settings_of(settings: Settings) -> experiment.Settings:
 
 
 def over_sizes(
-    settings: Settings, found: list[Adapter], folder: Path, *, advance: Callable = lambda runs: None
-) -> dict:
+    settings: Settings, found: list[Adapter], folder: Path, *, advance: Callable[..., Any] = lambda runs: None
+) -> dict[str, Any]:
     """CPU against GPU over cloth sizes and batches, in compensated single precision.
 
     Returns

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Iterable
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from . import paper
 from .report import headline
@@ -37,7 +39,7 @@ img { max-width: 100%; display: block; }
 """
 
 
-def write(report: dict, folder: Path) -> None:
+def write(report: dict[str, Any], folder: Path) -> None:
     """Write index.html into `folder`, which holds the report's pictures."""
     parts = [
         "<h1>The experiments of Kim et al., run by clothsim</h1>",
@@ -63,7 +65,7 @@ def write(report: dict, folder: Path) -> None:
     (folder / "index.html").write_text(page, encoding="utf-8")
 
 
-def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
+def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]:
     parts = [
         f"<h2>Experiment {key}: {escape(experiment['title'])}</h2>",
         f"<p>{escape(experiment['setting'])}</p>",
@@ -90,7 +92,7 @@ def _experiment(key: str, experiment: dict, folder: Path) -> list[str]:
     return parts
 
 
-def _cells(experiment: dict, folder: Path) -> list[str]:
+def _cells(experiment: dict[str, Any], folder: Path) -> list[str]:
     parts = []
     for frame in experiment["frames"]:
         cells = [cell for cell in experiment["cells"] if cell["frame"] == frame]
@@ -114,7 +116,7 @@ def _image(folder: Path, name: str, caption: str) -> str:
     return f'<img src="data:image/png;base64,{data}" alt="{alt}">{below}'
 
 
-def _list(entries) -> str:
+def _list(entries: Iterable[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(entry)}</li>" for entry in entries) + "</ul>"
 
 

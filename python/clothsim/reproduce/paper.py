@@ -1,8 +1,10 @@
 """What Kim et al. report, in our words, for the tables to stand beside."""
 
+from clothsim.typing import Response
+
 CITATION = "Kim et al., Real-time collision response between cloth and sphere object in Unity"
 
-METHODS = {
+METHODS: dict[int, tuple[Response, str]] = {
     1: ("reflect", "method 1: reflect the velocity (eq 7)"),
     2: ("ray", "method 2: ray back to the surface, then reflect (eq 8-12)"),
 }

@@ -10,6 +10,7 @@ import numpy as np
 
 import clothsim as cs
 from clothsim._step_timer import StepTimer
+from clothsim.typing import Backend, Precision
 
 from .paper import METHODS
 from .settings import PAPER_DT, Settings
@@ -20,6 +21,8 @@ SHADER = "shader"
 WARM_UP = 0.5  # s stepped before experiment 4 is timed, so that the cloth lies on the sphere
 WARM_UP_DT = 5e-5  # s
 AGREEMENT_STEPS = 100
+PRECISIONS: tuple[Precision, ...] = ("double", "single")
+Measure = Callable[[], tuple[float, float]]  # set-up time [s] and steps/s
 
 
 def shader_name(adapter: Any) -> str:
@@ -27,7 +30,7 @@ def shader_name(adapter: Any) -> str:
     return f"{SHADER}, {adapter.name}{' [a CPU]' if adapter.software else ''}"
 
 
-def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict:
+def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict[str, Any]:
     """Median and quartiles over runs, as rates: one disturbed run moves neither."""
     upper, middle, lower = 1.0 / np.quantile(seconds_per_step, (0.25, 0.5, 0.75))
     return {
@@ -39,7 +42,7 @@ def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict:
     }
 
 
-def methods(settings: Settings, *, advance: Callable = lambda runs: None) -> dict:
+def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: None) -> dict[str, Any]:
     """Experiment 3: both methods on the falling cloth, each run in windows of frames.
 
     On one thread, the quietest way to compare two methods; experiment 4 shows what threads add.
@@ -84,8 +87,8 @@ def speedup(
     *,
     threads: int,
     adapters: Sequence[Any] = (),
-    advance: Callable = lambda runs: None,
-) -> dict:
+    advance: Callable[..., Any] = lambda runs: None,
+) -> dict[str, Any]:
     """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference and the shader.
 
     Parameters
@@ -111,22 +114,22 @@ def speedup(
     x, v, t = stepper.positions.copy(), stepper.velocities.copy(), stepper.time
     dt, steps = settings.timing_dt, settings.speedup_steps
 
-    def timed(advance):
+    def timed(advance: Callable[[int], Any]) -> float:
         """Steps/s; ends early where threads wait for a busy processor and hardly get on."""
         done, elapsed = StepTimer(advance).timed(steps, settings.speedup_seconds)
         return done / elapsed
 
-    def core(precision, threads, **where):
-        def measure():
+    def core(precision: Precision, threads: int | None, backend: Backend = "cpu") -> Measure:
+        def measure() -> tuple[float, float]:
             start = perf_counter()
-            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, **where)
+            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, backend=backend)
             stepper.advance(1, dt)
             return perf_counter() - start, timed(lambda part: stepper.advance(part, dt))
 
         return measure
 
-    def shader(precision, adapter):
-        def measure():
+    def shader(precision: Precision, adapter: Any) -> Measure:
+        def measure() -> tuple[float, float]:
             from clothsim.gpu.device import using
 
             with using(adapter):
@@ -134,32 +137,32 @@ def speedup(
 
         return measure
 
-    def reference():
+    def reference() -> tuple[float, float]:
         start = perf_counter()
         cs.reference_step(scene, x, v, dt, steps=1, t=t)
         return perf_counter() - start, timed(
             lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t)
         )
 
-    variants = {(REFERENCE, "double", 1): reference}
-    for precision in ("double", "single"):
+    variants: dict[tuple[str, Precision, int], Measure] = {(REFERENCE, "double", 1): reference}
+    for precision in PRECISIONS:
         for count in sorted({1, threads}):
             variants[CORE, precision, count] = core(precision, count)
     for adapter in adapters:
-        for precision in ("double", "single") if adapter.float64 else ("single",):
+        for precision in PRECISIONS if adapter.float64 else PRECISIONS[1:]:
             variants[shader_name(adapter), precision, 1] = shader(precision, adapter)
 
-    measured = {key: [] for key in variants}
+    measured: dict[tuple[str, Precision, int], list[tuple[float, float]]] = {key: [] for key in variants}
     for _ in range(settings.runs):
         for key, measure in variants.items():
             measured[key].append(measure())
             advance(1)
 
     frame_steps = settings.steps_per_frame(PAPER_DT)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for (kind, precision, count), pairs in measured.items():
         setup, rates = np.array(pairs).T
-        row = {"kind": kind, "precision": precision, "threads": count}
+        row: dict[str, Any] = {"kind": kind, "precision": precision, "threads": count}
         row |= _statistics(1.0 / rates, frame_steps)
         row["speedup"] = row["steps_per_second"] / (rows or [row])[0]["steps_per_second"]
         row["setup_seconds"] = float(np.median(setup))

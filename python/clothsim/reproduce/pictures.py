@@ -39,7 +39,9 @@ def draw_cells(
     (folder / experiment.table).mkdir(parents=True, exist_ok=True)
     for frame in experiment.frames:
         reached = [case for case in cases if frame in case.states]
-        camera = _camera(experiment, reached, frame) if reached else None
+        if not reached:
+            continue
+        camera = _camera(experiment, reached, frame)
         for case in reached:
             cell = next(cell for cell in case.cells if cell["frame"] == frame)
             name = f"frame{frame}_method{case.method}_{case.variant}.png"
@@ -48,11 +50,11 @@ def draw_cells(
             imsave(folder / cell["picture"], picture)
 
 
-def _direction(experiment, frame):
+def _direction(experiment: Experiment, frame: int) -> tuple[float, float, float]:
     return BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
 
 
-def _camera(experiment, cases, frame) -> cs.Camera:
+def _camera(experiment: Experiment, cases: Sequence[Case], frame: int) -> cs.Camera:
     direction = _direction(experiment, frame)
     axes = cs.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     points = []
@@ -66,7 +68,9 @@ def _camera(experiment, cases, frame) -> cs.Camera:
     return cs.Camera.around(direction, np.concatenate(points))
 
 
-def _draw(experiment, case, frame, camera, width) -> np.ndarray:
+def _draw(
+    experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int
+) -> np.ndarray:
     positions, time = case.states[frame]
     scene = contact.scene_of(experiment, case.method, case.variant)
     return draw(scene, positions, time, camera, width).pixels

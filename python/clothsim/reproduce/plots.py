@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ LINEAR_ENERGY = 100.0  # J; above it the energy axis is logarithmic
 SHALLOWEST = 1e-3  # mm; the bottom of the depth axis, where no penetration is drawn
 
 
-def _figure(width: float, height: float, panels: int = 1):
+def _figure(width: float, height: float, panels: int = 1) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -53,7 +54,7 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
     return name
 
 
-def methods(result: dict, folder: Path) -> str:
+def methods(result: dict[str, Any], folder: Path) -> str:
     """Experiment 3 as Figure 9: frames/s of each window, the spread over runs as bars."""
     figure, (panel,) = _figure(8, 3.8)
     for row in result["rows"]:
@@ -93,7 +94,7 @@ def methods(result: dict, folder: Path) -> str:
     return "figure9.png"
 
 
-def speedup(result: dict, folder: Path) -> str:
+def speedup(result: dict[str, Any], folder: Path) -> str:
     """Experiment 4 as the CPU side of Figure 10: steps/s of each run."""
     figure, (panel,) = _figure(8, 3.8)
     for row in result["rows"]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from . import paper
 from .tables import Table, tables
@@ -12,7 +14,7 @@ from .tables import Table, tables
 WIDTH = 100
 
 
-def headline(report: dict) -> list[str]:
+def headline(report: dict[str, Any]) -> list[str]:
     """Version, machine and date, a line each."""
     origin = report["provenance"]
     build, machine = origin["build"], origin["machine"]
@@ -23,7 +25,7 @@ def headline(report: dict) -> list[str]:
     ]
 
 
-def text(report: dict) -> str:
+def text(report: dict[str, Any]) -> str:
     """The whole report as plain text."""
     lines = ["The experiments of Kim et al., run by clothsim", "=" * 46, *headline(report), ""]
     if report["reductions"]:
@@ -45,7 +47,7 @@ def _wrapped(paragraph: str) -> list[str]:
     return textwrap.wrap(paragraph, WIDTH)
 
 
-def _items(entries) -> list[str]:
+def _items(entries: Iterable[str]) -> list[str]:
     lines = []
     for entry in entries:
         lines += textwrap.wrap(entry, WIDTH, initial_indent="- ", subsequent_indent="  ")
@@ -66,7 +68,7 @@ def _aligned(table: Table) -> list[str]:
     return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
 
 
-def write(report: dict, folder: Path) -> None:
+def write(report: dict[str, Any], folder: Path) -> None:
     """Write report.txt and report.json into `folder`."""
     (folder / "report.txt").write_text(text(report), encoding="utf-8")
     (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -11,7 +12,7 @@ class Column:
     """One column: its heading, and how a row of the report is written in it."""
 
     heading: str
-    write: Callable[[dict], str]
+    write: Callable[[dict[str, Any]], str]
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -22,7 +23,7 @@ def number(value: float, digits: int = 3) -> str:
     return "0" if text == "-0" else text
 
 
-def per_frame(penetration: list[dict], part: str) -> str:
+def per_frame(penetration: list[dict[str, Any]], part: str) -> str:
     """Depths in mm, frame after frame."""
     return " / ".join(number(1e3 * depth[part]) for depth in penetration)
 
@@ -109,7 +110,7 @@ class Table:
     rows: list[list[str]]
 
 
-def tables(number: str, experiment: dict) -> list[Table]:
+def tables(number: str, experiment: dict[str, Any]) -> list[Table]:
     """The tables of experiment `number`."""
     if number in ("1", "2"):
         made = [_table("", CONTACT, sorted(experiment["cells"], key=lambda cell: cell["frame"]))]
@@ -133,6 +134,6 @@ def tables(number: str, experiment: dict) -> list[Table]:
     return [_table("", METHODS, rows)]
 
 
-def _table(caption: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
+def _table(caption: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> Table:
     body = [[column.write(row) for column in columns] for row in rows]
     return Table(caption, [column.heading for column in columns], body)

@@ -19,8 +19,9 @@ from ..plan import PRECISIONS
 from ..scene import Scene
 from ..stepper import SilentStepper, Stepper
 from ..stepping import reference_step
+from ..typing import Precision
 
-Floats = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class End:
     x: Floats
     v: Floats
     error: UnstableError | None
-    precision: str
+    precision: Precision
     stepper: Stepper
 
 
@@ -106,10 +107,10 @@ class HardCase:
     why: str
     expected: str
     judges: tuple[Judge, ...] = field(repr=False)
-    precisions: tuple[str, ...] = PRECISIONS
+    precisions: tuple[Precision, ...] = PRECISIONS
     unstable: bool = False
 
-    def run(self, precision: str = "double", **options: Any) -> HardCaseResult:
+    def run(self, precision: Precision = "double", **options: Any) -> HardCaseResult:
         """Run the case and measure its figures.
 
         Parameters
@@ -190,9 +191,9 @@ def gains_energy(double: float, single: float, loss: float = np.inf) -> Judge:
         first = energy(scene, scene.initial_position, scene.initial_velocity)
         last = energy(scene, end.x, end.v)
         scale = max(e["kinetic"] + e["elastic"] for e in (first, last))
-        gain = (last["total"] - first["total"]) / scale if scale > 0 else 0.0
+        gain = float(last["total"] - first["total"]) / scale if scale > 0 else 0.0
         bound = {"double": double, "single": single}[end.precision]
-        return [Figure("energy gained / energy", gain, -loss, bound)]
+        return [Figure("energy gained / energy", float(gain), -loss, bound)]
 
     return judge
 
@@ -204,6 +205,7 @@ def blows_up(within: int) -> Judge:
         error = end.error
         if error is None:
             return []
+        assert error.x is not None and error.v is not None
         told = (
             error.dt == case.dt
             and error.max_stable_dt is not None
@@ -224,10 +226,11 @@ def blows_up(within: int) -> Judge:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
-def sheet(shape: tuple[int, int] = (8, 8), **changes: object) -> Cloth:
+def sheet(shape: tuple[int, int] = (8, 8), **changes: Any) -> Cloth:
     """Half a kilogram a point, undamped, pinned at two corners, unless `changes` say otherwise."""
     mass = 0.5 * shape[0] * shape[1]
-    return Cloth(**{"shape": shape, "mass": mass, "damping": 0.0, **changes})
+    arguments: dict[str, Any] = {"shape": shape, "mass": mass, "damping": 0.0, **changes}
+    return Cloth(**arguments)
 
 
 def noise(cloth: Cloth, size: float) -> Floats:

@@ -9,7 +9,7 @@ from ..motion import Linear
 from ..scene import Scene
 from ..sphere import Sphere
 from .hard_case import (
-    NO_GRAVITY, End, Figure, Floats, HardCase, ends_at, moves_like_the_reference, sheet,
+    NO_GRAVITY, End, Figure, Floats, HardCase, Judge, ends_at, moves_like_the_reference, sheet,
 )  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def _pins_stay(case: HardCase, end: End) -> list[Figure]:
     return [Figure("m that pins moved", float(moved), 0, 0)]
 
 
-def _free_points_out(depth: float):
+def _free_points_out(depth: float) -> Judge:
     def judge(case: HardCase, end: End) -> list[Figure]:
         (sphere,) = case.scene.spheres
         free = end.x[~case.scene.cloth.pinned]
@@ -82,7 +82,7 @@ def _free_points_out(depth: float):
     return judge
 
 
-def _speeds(least: float, most: float):
+def _speeds(least: float, most: float) -> Judge:
     def judge(case: HardCase, end: End) -> list[Figure]:
         fastest = float(np.linalg.norm(end.v, axis=-1).max())
         return [Figure("fastest point [m/s]", fastest, least, most)]

@@ -10,8 +10,9 @@ import numpy as np
 from ..measures import max_stable_dt
 from ..scene import Scene
 from ..stepping import step
+from ..typing import Precision
 from .hard_case import (
-    NO_GRAVITY, End, Figure, HardCase, blows_up, gains_energy, moves_like_the_reference, noise, sheet,
+    NO_GRAVITY, End, Figure, HardCase, Judge, blows_up, gains_energy, moves_like_the_reference, noise, sheet,
 )  # fmt: skip
 from .spectrum import spectral_limit
 
@@ -95,10 +96,10 @@ def drum(shape: tuple[int, int], damping: float = 100.0) -> Scene:
     return Scene(cloth, position=1.1 * cloth.rest_positions)
 
 
-def _ends_like_double(bound: float):
+def _ends_like_double(bound: float) -> Judge:
     def judge(case: HardCase, end: End) -> list[Figure]:
         start = case.scene.initial_position, case.scene.initial_velocity
-        other = "double" if end.precision == "single" else "single"
+        other: Precision = "double" if end.precision == "single" else "single"
         expected, _ = step(
             case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1,
             kernel=end.stepper.kernel,
@@ -122,7 +123,8 @@ def masses_and_speeds() -> dict[str, HardCase]:
             "the reference's motion; energy is kept",
             (moves_like_the_reference(2e-13, 1e-4), gains_energy(1e-12, 1e-6, 1e-7)),
         )  # fmt: skip
-    for precision, speed in (("double", 1e-310), ("single", 1e-40)):
+    slow: dict[Precision, float] = {"double": 1e-310, "single": 1e-40}
+    for precision, speed in slow.items():
         cloth = sheet((4, 4), stiffness=0.0, pins=())
         scene = Scene(
             cloth, gravity=NO_GRAVITY, position=np.zeros((4, 4, 3)),
@@ -138,7 +140,7 @@ def masses_and_speeds() -> dict[str, HardCase]:
     return cases
 
 
-def _drifts(speed: float):
+def _drifts(speed: float) -> Judge:
     def judge(case: HardCase, end: End) -> list[Figure]:
         way = speed * case.steps * case.dt
         return [

@@ -15,8 +15,8 @@ from .hard_case import (
 
 def geometry() -> dict[str, HardCase]:
     """Points that coincide, springs without length, narrow cloths, far places."""
-    linear = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
-    linear = Scene(linear, gravity=NO_GRAVITY, position=noise(linear, 1.0))
+    tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
+    linear = Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
     cloth = sheet(stiffness=1000.0, damping=1.0)
     coincident = cloth.rest_positions.copy()
     coincident[3, 3] = coincident[3, 4]
@@ -103,4 +103,4 @@ def _normal_modes(case: HardCase) -> Floats:
     squares, modes = np.linalg.eigh(laplacian / cloth.mass_per_point[0, 0])
     phase = np.cos(np.sqrt(squares.clip(0)) * case.steps * case.dt)
     start = case.scene.initial_position.reshape(-1, 3)
-    return (modes @ (phase[:, None] * (modes.T @ start))).reshape(*cloth.shape, 3)
+    return np.reshape(modes @ (phase[:, None] * (modes.T @ start)), (*cloth.shape, 3))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,12 @@ from .._progress import ProgressBar
 from ..measures import max_stable_dt
 from ..plan import check_options
 from ..scene import Scene
+from ..typing import Integrator, Precision
 from .measure import STEPS, is_stable
 from .spectrum import spectral_limit
+
+if TYPE_CHECKING:
+    import xarray
 
 Floats = npt.NDArray[np.float64]
 
@@ -47,7 +51,7 @@ class StabilityMap:
     limit: Floats
     guarantee: Floats
     integrator: str
-    precision: str
+    precision: Precision
     steps: int
 
     @property
@@ -55,7 +59,7 @@ class StabilityMap:
         """Whether dt is within the predicted limit, shape (K, D)."""
         return self.dt <= self.limit[:, None]
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xarray.Dataset:
         """See `clothsim.stability_map`.
 
         Raises
@@ -63,9 +67,9 @@ class StabilityMap:
         ImportError
             Without xarray, naming the extra that brings it.
         """
-        xarray = needed("xarray", "stability_map")
+        xr = needed("xarray", "stability_map")
         both = ("stiffness", "dt")
-        return xarray.Dataset(
+        dataset: xarray.Dataset = xr.Dataset(
             {
                 "stable": (both, self.stable),
                 "predicted": (both, self.predicted),
@@ -78,6 +82,7 @@ class StabilityMap:
             },
             {"integrator": self.integrator, "precision": self.precision, "steps": self.steps},
         )
+        return dataset
 
 
 @suggests
@@ -85,8 +90,8 @@ def measure_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
     dt: npt.ArrayLike,
-    integrator: str = "rk4",
-    precision: str = "double",
+    integrator: Integrator = "rk4",
+    precision: Precision = "double",
     steps: int = STEPS,
     threads: int | None = None,
     progress: bool = False,
@@ -137,12 +142,12 @@ def stability_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
     dt: npt.ArrayLike,
-    integrator: str = "rk4",
-    precision: str = "double",
+    integrator: Integrator = "rk4",
+    precision: Precision = "double",
     steps: int = STEPS,
     threads: int | None = None,
     progress: bool = False,
-) -> Any:
+) -> xarray.Dataset:
     """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
     Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. It is

@@ -94,7 +94,7 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
         rays, place = np.unique(ray[~steady], return_inverse=True)
         exits[~steady] = _exit_radii(integrator, rays)[place.ravel()]
     with np.errstate(divide="ignore"):
-        return exits.reshape(size.shape) / size
+        return np.asarray(exits.reshape(size.shape) / size)
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:

@@ -70,11 +70,11 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
     def to_points(force: Floats) -> Floats:
         """Forces of shape (n, springs, 3) summed up at the points."""
         signed = np.concatenate([force, -force, np.zeros((len(force), 1, 3))], axis=1)
-        return (signed[:, gather].sum(axis=2) * scale).reshape(len(force), -1)
+        return np.reshape(signed[:, gather].sum(axis=2) * scale, (len(force), -1))
 
     def apart(y: Floats) -> Floats:
         y = y.reshape(len(y), -1, 3) * scale
-        return y[:, j] - y[:, i]
+        return np.subtract(y[:, j], y[:, i])
 
     def stiffness(y: Floats) -> Floats:
         u = apart(y)
@@ -83,9 +83,8 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
 
     def damping_(y: Floats) -> Floats:
         radial = damping * (apart(y) * n).sum(axis=2)
-        return -to_points(radial[..., None] * n) + cloth.point_damping * (
-            y.reshape(len(y), -1, 3) * scale**2
-        ).reshape(y.shape)
+        at_points = (y.reshape(len(y), -1, 3) * scale**2).reshape(y.shape)
+        return np.asarray(cloth.point_damping * at_points - to_points(radial[..., None] * n))
 
     return stiffness, damping_
 

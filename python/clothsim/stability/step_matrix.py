@@ -132,11 +132,11 @@ def faulty(integrator: str, k: Floats, c: Floats, h: float, flow: npt.NDArray[An
     flow = flow[np.abs(flow.imag) > 1e-9 * np.abs(flow)]
     exact = np.exp((flow * h).real.clip(max=50.0) + 1j * (flow * h).imag)
     for sign, growth in _GROWTH.items():
-        grown = [
+        more, fewer = (
             np.count_nonzero((np.abs(found) > 1 + least) & (sign * found.real >= 0))
             for found, least in ((values[~real | (values.real < 0)], growth), (exact, growth / 2))
-        ]
-        if grown[0] > grown[1]:
+        )
+        if more > fewer:
             return True
     return False
 

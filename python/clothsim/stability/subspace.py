@@ -21,12 +21,12 @@ class Subspace:
 
     def __init__(self, stiffness: Operator, damping: Operator) -> None:
         self.stiffness, self.damping = stiffness, damping
-        self.basis: Floats | None = None
+        self.basis = np.empty((0, 0))
         self.products = 0
 
     def extend(self, vectors: Floats) -> int:
         """Add what the vectors (in rows) add to the space; how many rows that is."""
-        if self.basis is None:
+        if not self.basis.shape[1]:
             empty = np.empty((0, vectors.shape[1]))
             self.basis, self._k_basis, self._c_basis = empty, empty, empty
         new = orthonormal(vectors, self.basis)
@@ -80,11 +80,11 @@ class Subspace:
 # einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each other
 # where processors are busy.
 def dots(a: Floats, b: Floats) -> Floats:
-    return np.einsum("ik,jk->ij", a, b)
+    return np.asarray(np.einsum("ik,jk->ij", a, b))
 
 
 def sums(weights: Floats, vectors: Floats) -> Floats:
-    return np.einsum("ij,jk->ik", weights, vectors)
+    return np.asarray(np.einsum("ij,jk->ik", weights, vectors))
 
 
 def orthonormal(vectors: Floats, basis: Floats) -> Floats:

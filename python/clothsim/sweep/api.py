@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._keywords import suggests
 from ..scene import Scene
+from ..typing import Every, Integrator, Kernel, Precision
+
+if TYPE_CHECKING:
+    import xarray
 
 DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 
@@ -20,22 +24,22 @@ def sweep(
     duration: float = 1.0,
     metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any] = DEFAULT_METRICS,
     dt: float | None = None,
-    integrator: str | None = None,
-    precision: str = "double",
+    integrator: Integrator | None = None,
+    precision: Precision = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: int | float | str | None = None,
+    every: Every | None = None,
     frames: bool = False,
     store: str | os.PathLike[str] | None = None,
     resume: bool = True,
     executor: Any = None,
     threads: int | None = None,
     progress: bool = True,
-    kernel: str = "auto",
+    kernel: Kernel = "auto",
     strict: bool = False,
     sampling: int = 32,
     task_seconds: float | None = None,
-) -> Any:
+) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label what comes out.
 
     A member's result has the same bits as `simulate` gives for it alone. One that diverges is

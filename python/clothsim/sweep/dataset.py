@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,12 +15,15 @@ from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
 from .results import Results
 from .store import read_attrs
 
+if TYPE_CHECKING:
+    import xarray
 
-def to_dataset(results: Results, attrs: dict[str, Any]) -> Any:
+
+def to_dataset(results: Results, attrs: dict[str, Any]) -> xarray.Dataset:
     """The Dataset of results that are in memory."""
-    xarray = needed("xarray", "sweep")
+    xr = needed("xarray", "sweep")
     dims = results.grid.dimensions
-    return xarray.Dataset(
+    dataset: xarray.Dataset = xr.Dataset(
         {
             name: ((*dims, *variable.more), variable.values, variable.attrs)
             for name, variable in results.variables.items()
@@ -28,10 +31,11 @@ def to_dataset(results: Results, attrs: dict[str, Any]) -> Any:
         {c.name: (c.dimension, c.values, c.attrs) for c in results.coordinates},
         {ATTRIBUTE: json.dumps(attrs)},
     )
+    return dataset
 
 
 @suggests
-def open_sweep(path: str | os.PathLike[str]) -> Any:
+def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Open the store of a sweep, finished or not.
 
     Parameters
@@ -61,7 +65,7 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     >>> bool(again.stable.all())
     True
     """
-    xarray = needed("xarray", "open_sweep")
+    xr = needed("xarray", "open_sweep")
     path = check.path("path", path)
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")
@@ -69,7 +73,7 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     variables = attrs.pop("variables", None)
     if variables is None:
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
-    dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
+    dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False)
     labels = [name for name in dataset.variables if name in _coordinate_names(attrs)]
     dataset = dataset.set_coords(labels)[variables]
     # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.

@@ -54,7 +54,7 @@ class Workers:
             )
 
     def _cluster_threads(self) -> int:
-        return max(1, sum(self._client.nthreads().values()))
+        return max(1, int(sum(self._client.nthreads().values())))
 
     @property
     def shortest_task(self) -> float:

@@ -183,7 +183,7 @@ def _samples(over: Any) -> Axis:
     """Rows of names and values: mappings, or what has them as ``to_dict("records")``."""
     if hasattr(over, "to_dict") and not isinstance(over, Record):
         over = over.to_dict("records")
-    places = []
+    places: list[dict[str, Any]] = []
     for k, sample in enumerate(_values("over", over)):
         if not isinstance(sample, Mapping) or not sample:
             raise TypeError(

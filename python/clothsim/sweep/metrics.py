@@ -45,7 +45,7 @@ def _error(outcome: Outcome) -> dict[str, float]:
 
 def _energy_drift(outcome: Outcome) -> dict[str, float]:
     states = ([outcome.x[0], outcome.x[-1]], [outcome.v[0], outcome.v[-1]])
-    start, end = energy(outcome.scene, *states)["total"]
+    start, end = np.asarray(energy(outcome.scene, *states)["total"])
     return {"energy_drift": float(end - start)}
 
 

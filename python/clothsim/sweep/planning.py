@@ -85,7 +85,7 @@ class Planner:
         if self.references:
             shared = np.bincount(self.grid.physics)[self.grid.physics]
             steps = steps + 1.5 * reference_steps(settings.duration, limit) / shared
-        return np.maximum(steps, 1.0)
+        return np.asarray(np.maximum(steps, 1.0))
 
     def _try_out(self) -> float:
         """Seconds per unit of weight, of the first member that can be made."""

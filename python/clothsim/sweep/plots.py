@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
     """Draw a sweep: `convergence`, `stability` or `heatmap`, or what fits it best."""
     if kind is None:
         kind = suggested(dataset)
-    draw = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
+    draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
     return draw[check.choice("kind", kind, KINDS)](dataset, **options)
 
 
@@ -280,7 +281,7 @@ def _edges(values: np.ndarray) -> np.ndarray:
     else:
         middle = (places[1:] + places[:-1]) / 2
         edges = np.concatenate([[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]])
-    return np.exp(edges) if logarithmic else edges
+    return np.asarray(np.exp(edges) if logarithmic else edges)
 
 
 def _scale(ax: Any, which: str, coordinate: Any) -> None:

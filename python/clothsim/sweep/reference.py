@@ -18,8 +18,10 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import UnstableError
 from ..measures import max_stable_dt
@@ -91,7 +93,7 @@ def _end(
     steps: int,
     threads: int | None,
     stopped: Callable[[], bool],
-) -> tuple[Floats, bool]:
+) -> tuple[npt.NDArray[np.floating[Any]], bool]:
     stepper = SilentStepper(scene, threads=threads)
     for done in range(0, steps, _STEPS_BETWEEN_LOOKS):
         if stopped():

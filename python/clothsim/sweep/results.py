@@ -152,7 +152,8 @@ class Results:
 
     def _set_frames(self, name: str, place: tuple[int, ...], frames: np.ndarray) -> None:
         rows, columns = frames.shape[1:3]
-        self.variables[name].values[(*place, slice(None), slice(rows), slice(columns))] = frames
+        inside: Any = (*place, slice(None), slice(rows), slice(columns))
+        self.variables[name].values[inside] = frames
 
     def prepare(self) -> None:
         """Make what is needed before the first result comes, while the first are computed."""

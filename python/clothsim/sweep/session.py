@@ -6,7 +6,7 @@ import os
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import _validate as check
 from .._extras import check_installed, needed
@@ -27,6 +27,9 @@ from .results import Results
 from .store import SCHEMA, Store
 from .task import TaskResult
 
+if TYPE_CHECKING:
+    import xarray
+
 _CHECKED = 2048  # members that are made before anything is run, to find what cannot be
 
 
@@ -41,7 +44,7 @@ def run_sweep(
     progress: bool,
     task_seconds: float | None,
     **settings_given: Any,
-) -> Any:
+) -> xarray.Dataset:
     """As `sweep`; `settings_given` are those of `Settings`."""
     _check_packages(store, progress)
     if not isinstance(scene, Scene):
@@ -158,7 +161,7 @@ def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
     refused."""
     members = Members(scene, grid, settings)
     if grid.size <= _CHECKED:
-        indices = range(grid.size)
+        indices: Sequence[int] = range(grid.size)
     else:
         first = {k: 0 for k in range(len(grid.axes))}
         places = [{**first, k: p} for k, axis in enumerate(grid.axes) for p in range(len(axis))]

@@ -78,7 +78,7 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
     needs = frozenset(need for metric in settings.metrics for need in metric.needs)
     if settings.frames:
         needs |= {"frames"}
-    options = {
+    options: dict[str, Any] = {
         "every": settings.every, "sampling": settings.sampling, "threads": task.threads,
         "stopped": stopped,
     }  # fmt: skip

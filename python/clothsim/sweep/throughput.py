@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,24 @@ import numpy as np
 
 from ..benchmark import works
 from ..benchmark.settings import PAPER_DT
+from ..scene import Scene
 from ..stepper import SilentStepper
 from ..stepping import step
+from ..typing import Precision
 from .api import sweep
 
 
 class Pair:
     """The batch and the sweep of the same cloths."""
 
-    def __init__(self, precision: str, threads: int | None, steps: int) -> None:
+    def __init__(self, precision: Precision, threads: int | None, steps: int) -> None:
         self.start = works.batch()
+        assert not isinstance(self.start.scene, Scene)
+        self.scenes = self.start.scene
         self.precision, self.threads, self.steps = precision, threads, steps
         first = self.start.one
         self.scene = first.replace(position=self.start.x[0], velocity=_free(first, self.start.v[0]))
-        self.stiffness = [scene.cloth.stiffness for scene in self.start.scene]
+        self.stiffness = [scene.cloth.stiffness for scene in self.scenes]
 
     @property
     def member_steps(self) -> int:
@@ -47,11 +52,11 @@ class Pair:
         return self.stepper.positions
 
     def prepare(self) -> None:
-        scenes = [self.scene.replace(cloth=s.cloth) for s in self.start.scene]
-        options = {"precision": self.precision, "threads": self.threads}
-        self.stepper = SilentStepper(scenes, **options)  # type: ignore[arg-type]
+        scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
+        options: dict[str, Any] = {"precision": self.precision, "threads": self.threads}
+        self.stepper = SilentStepper(scenes, **options)
         self.stepper.advance(20, PAPER_DT)  # wakes threads and fills caches
-        self.stepper = SilentStepper(scenes, **options)  # type: ignore[arg-type]
+        self.stepper = SilentStepper(scenes, **options)
 
     def sweep(self, **options: Any) -> Any:
         return sweep(
@@ -64,14 +69,14 @@ class Pair:
         """Largest distance [m] of the ends from those of RK4 in double with half the step."""
         self.prepare()
         ends = {"batch": self.batch(), "sweep": self.sweep(frames=True).position.values[:, -1]}
-        scenes = [self.scene.replace(cloth=s.cloth) for s in self.start.scene]
+        scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
         x = np.stack([self.scene.initial_position] * len(scenes))
         v = np.stack([self.scene.initial_velocity] * len(scenes))
         exact, _ = step(scenes, x, v, PAPER_DT / 2, 2 * self.steps)
         return {n: float(np.linalg.norm(e - exact, axis=-1).max()) for n, e in ends.items()}
 
 
-def measure(precision: str, threads: int | None, steps: int, windows: int) -> dict[str, Any]:
+def measure(precision: Precision, threads: int | None, steps: int, windows: int) -> dict[str, Any]:
     """Member-steps per second of both, their ratio, and their errors.
 
     Parameters
@@ -97,7 +102,7 @@ def measure(precision: str, threads: int | None, steps: int, windows: int) -> di
             pair.prepare()
             seconds["batch"].append(_seconds(lambda: pair.stepper.advance(steps, PAPER_DT)))
             store = Path(folder) / f"{window}.zarr"
-            seconds["sweep"].append(_seconds(lambda store=store: pair.sweep(store=store)))
+            seconds["sweep"].append(_seconds(partial(pair.sweep, store=store)))
     rates = {n: pair.member_steps / min(wall for wall, _ in t) for n, t in seconds.items()}
     work = {n: min(processor for _, processor in t) for n, t in seconds.items()}
     return {
@@ -149,11 +154,11 @@ def _dask_task(tasks: int = 2000) -> float:
     except ImportError:
         return float("nan")
     with (
-        LocalCluster(  # type: ignore[no-untyped-call]
+        LocalCluster(
             n_workers=1, threads_per_worker=1, dashboard_address=None
         ) as cluster,
         Client(cluster) as client,
-    ):  # type: ignore[no-untyped-call]
+    ):
         executor = client.get_executor(pure=False)
         executor.submit(int).result()
 

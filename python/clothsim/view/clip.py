@@ -61,7 +61,7 @@ class Clip:
         self._run = run
         gaps, inside = _gaps(run.t, self.times + run.t[0])
         self._gaps, self._inside = gaps, inside
-        if ((inside > 0) & (inside < 1)).any():
+        if fps is not None and ((inside > 0) & (inside < 1)).any():
             _check_interpolation(run, fps)
 
     @property
@@ -186,7 +186,7 @@ def interpolation_error(run: Any) -> float:
     return worst
 
 
-def _check_interpolation(run: Any, fps: float | None) -> None:
+def _check_interpolation(run: Any, fps: float) -> None:
     """Refuse stored frames that are too far apart for the frames asked for, or warn of them."""
     cure = f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
     if len(run.t) < 3:

@@ -190,8 +190,8 @@ def _cloth_color(
     front = normal @ towards_eye >= 0
     color = np.where(front[:, None], CLOTH_FRONT, CLOTH_BACK)
     cell = _blend(weights, np.stack(np.divmod(np.arange(len(normals)), columns), -1), corners)
-    on_line = (np.abs(cell - np.round(cell)) < GRID_LINE).any(axis=-1)
-    color = np.where(on_line[:, None], 0.72 * color, color)
+    on_line = np.any(np.abs(cell - np.round(cell)) < GRID_LINE, axis=-1, keepdims=True)
+    color = np.where(on_line, 0.72 * color, color)
     return _shade(color, np.where(front[:, None], normal, -normal), towards_eye)
 
 

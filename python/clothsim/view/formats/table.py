@@ -26,12 +26,12 @@ def measures(run: Any) -> np.ndarray:
     for sphere in run.scene.spheres:
         for k, t in enumerate(run.t):
             found = penetration(run.x[k], sphere, float(t))
-            depths[k] = np.maximum(depths[k], [found["points"], found["triangles"]])
+            depths[k] = np.maximum(depths[k], [float(found["points"]), float(found["triangles"])])
     return np.column_stack(
         [
             run.t,
-            *(energies[name] for name in ("kinetic", "elastic", "gravity", "total")),
-            largest_stretch(run.scene, run.x),
+            *(np.asarray(energies[name]) for name in ("kinetic", "elastic", "gravity", "total")),
+            np.asarray(largest_stretch(run.scene, run.x)),
             depths,
         ]
     )

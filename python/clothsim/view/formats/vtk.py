@@ -44,6 +44,7 @@ def _write_series(clip: Clip, path: Path) -> list[Path]:
     index = path.with_suffix(".pvd")
     entries, files = [], []
     for frame in clip.frames():
+        meshes: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]
         meshes = [(path.stem, frame.positions, clip.triangles, _point_data(clip, frame))]
         vertices, corners = unit_ball()
         meshes += [
@@ -51,9 +52,9 @@ def _write_series(clip: Clip, path: Path) -> list[Path]:
              {"Normals": vertices.astype("<f4")})
             for k, (sphere, center) in enumerate(zip(clip.spheres, frame.centers))
         ]  # fmt: skip
-        for part, (name, *mesh) in enumerate(meshes):
+        for part, (name, positions, triangles, data) in enumerate(meshes):
             file = numbered(path.with_name(name + ".vtp"), frame.number)
-            file.write_bytes(_vtp(*mesh))
+            file.write_bytes(_vtp(positions, triangles, data))
             files.append(file)
             entries.append(
                 f'    <DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(file.name)}/>'
