@@ -40,7 +40,7 @@ from .scene import Scene
 from .stability.bound import guaranteed_dt
 
 # Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
-# docs/integrators.md has what half and twice of each do.
+# docs/dev/error-control.md has the effect of half and twice of each.
 
 # Tolerance of a step over the error that is asked for.
 _TOLERANCE = 1.5
