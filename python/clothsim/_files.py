@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -42,6 +41,8 @@ def read_npz(
     path: str | os.PathLike[str], what: str, needed: Collection[str]
 ) -> dict[str, np.ndarray]:
     """The arrays of a file that `write_npz` wrote, or a ValueError that says it is no `what`."""
+    from zipfile import BadZipFile  # takes longer than the rest of this module
+
     path = check.path("path", path)
     try:
         data = np.load(path, allow_pickle=False)
@@ -52,7 +53,7 @@ def read_npz(
             if missing:
                 raise ValueError(f"it lacks {', '.join(missing)}")
             return {name: data[name] for name in data.files}
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except (ValueError, EOFError, KeyError, BadZipFile) as error:
         # NumPy takes any other file for a pickle.
         reason = "it is no NumPy archive" if "pickle" in str(error) else error
         raise ValueError(f"{path} is no {what} of clothsim: {reason}") from None

@@ -84,8 +84,10 @@ def report(
         "dt": solution.step,
         "stopped": stopped,
         **account,
-        "energy": {"start": energy(scene, x[0], v[0]), "end": energy(scene, x[-1], v[-1])}
-        | _gained(solution.watched),
+        "energy": {
+            **_gained(solution.watched), **_energy("start", scene, x[0], v[0]),
+            **_energy("end", scene, x[-1], v[-1]),
+        },
         **_extremes(solution.watched),
         "kernel": state.kernel,
         "integrator": options.integrator,
@@ -111,6 +113,15 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
         "stretch": {"largest": watched["stretch"], "reason": untold},
         "first_contact": {"time": time, "reason": (none or untold) if math.isnan(time) else ""},
     }  # fmt: skip
+
+
+def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
+    """The energy at a moment, NaN with the reason where it is no finite number."""
+    try:
+        return {moment: energy(scene, x, v)}
+    except ValueError as error:
+        names = ("kinetic", "elastic", "gravity", "total")
+        return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
 
 
 def _gained(watched: Mapping[str, Any]) -> dict[str, Any]:

@@ -88,7 +88,7 @@ class Sphere(Record):
 
     >>> fast = cs.Sphere((0.5, -2, 0.5), 0.05, cs.Linear((0, 300, 0)), "continuous", "face")
     >>> scene = cs.Scene(cs.Cloth(), fast)
-    >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, steps=70)
+    >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, 70, t=0.0)
     >>> cs.penetration(x, fast, t=0.007)["triangles"], bool(x[..., 1].max() > 0.1)
     (0.0, True)
     """
