@@ -205,12 +205,13 @@ def integrate(
                 state.threads_optional,
             )  # fmt: skip
             state.judge(outcome, controller.h)
-            if outcome["steps"]:
-                steps.ends.append(state.core.time)
-                steps.local_error += unit * outcome["error"]
+            if not outcome["steps"]:
+                break  # what is left is rounding of the clock
+            steps.ends.append(state.core.time)
+            steps.local_error += unit * outcome["error"]
             if count and state.core.time < until and (before + run.steps) % count == 0:
                 run.store(state.core.time - start, state.core.time)
-        if state.core.time < until:
+        if state.core.time < until and state.core.evaluations[0] >= most:
             run.end_here()
             break
         if state.core.time > until:

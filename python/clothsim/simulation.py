@@ -242,7 +242,7 @@ def simulate(
 
 
 def _followed(
-    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account, str]], watch: Watch
+    scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch
 ) -> Run:
     """The run that `compute` finds, or as much of it as there is when it ends early."""
 
@@ -255,10 +255,7 @@ def _followed(
         else:
             recording.end_here()
         account = of_nothing(f"the run ended early: {reason}")
-        try:
-            return _run(scene, Solution.of(recording), account, reason)
-        except ValueError:  # Values are too large for a report.
-            return None
+        return _run(scene, Solution.of(recording), account, reason)
 
     try:
         return _run(scene, *compute(watch))
@@ -312,7 +309,7 @@ def resume(
     options = Options(**{name: snapshot.arguments[name] for name in names}, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
-    def compute(watch: Watch) -> tuple[Solution, Account, str]:
+    def compute(watch: Watch) -> tuple[Solution, Account]:
         if before.control is None:
             assert before.dt is not None
             solution = run_fixed(
@@ -322,17 +319,22 @@ def resume(
             solution = integrate(
                 scene, duration, before.control[0], options, frames, watch, resumed=resumed
             )
-        return solution, of_nothing()
+        return solution, of_nothing("the error of a resumed run is not estimated")
 
     with progress_bar(progress, duration) as bar:
         return _followed(run.scene, compute, Watch(callback, bar.bar))
 
 
+# A duration over the time of its end that is above the rounding of the clock by a thousand times.
+_SHORTEST = 1e-12
+
+
 def _check_end(t: float, duration: float) -> None:
-    if not t < t + duration < math.inf:
+    end = t + duration
+    if not (end < math.inf and duration > _SHORTEST * max(abs(t), abs(end))):
         raise ValueError(
-            f"duration must be long enough to change the time t = {t:g} s, and t + duration "
-            f"finite, got duration = {duration:g} s"
+            f"duration must be more than {_SHORTEST:g} of the time t = {t:g} s, whose rounding is "
+            f"of that size, and t + duration finite, got duration = {duration:g} s"
         )
 
 
