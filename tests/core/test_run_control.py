@@ -369,3 +369,14 @@ def test_the_steps_between_shows_grow_with_their_speed():
         if time.perf_counter() - start > 0.5:
             break
     assert 5 < calls < 60
+
+
+def test_a_run_that_nobody_observes_shows_its_bar_too():
+    """With error control, steps are single only where the error is observed."""
+    from clothsim.recording import Watch
+    from clothsim.runs import Options, integrate
+
+    bar = Bar()
+    options = Options("dop853", "double", 1, "auto", False)
+    integrate(SMALL, 0.4, 1e-12, options, watch=Watch(bar=bar))
+    assert len(bar.updates) > 3 and abs(bar.n - 0.4) < 1e-9
