@@ -18,7 +18,7 @@ def run_lines(run: Run) -> list[str]:
     report = run.report
     steps, dt = report.get("steps"), report.get("dt")
     how = " in ".join(str(report[k]) for k in ("integrator", "precision") if k in report)
-    adaptive = report.get("rejected_steps") or report.get("tolerance")
+    adaptive = run.continuation is not None and run.continuation.dt is None
     step = "" if dt is None else f" of {'about ' if adaptive else ''}{_number(dt, 's')}"
     stopped = report.get("stopped")
     end = f", stopped early ({stopped})" if stopped else ""

@@ -142,6 +142,9 @@ def test_a_run_is_six_short_lines(run):
     change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
     assert f"({change:+.4g} J)" in text
     assert f"points {report['penetration']['points']:.4g} m" in text
+    free = SCENE.replace(spheres=())
+    mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
+    assert "steps of about 0.0" in mean and "dopri5 in double" in mean
     assert "stopped early (callback)" in repr(
         cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
     )
