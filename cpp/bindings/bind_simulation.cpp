@@ -50,6 +50,17 @@ void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
     }
 }
 
+// Another state in place of the last, at another time; whether it is finite.
+template <class T>
+bool begin(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v, bool input_kept) {
+    shared.use()->begin(time, input_kept);
+    load(shared, x, v);
+    auto simulation = shared.use();
+    for (std::size_t i = 0; i < simulation->size(); ++i)
+        if (simulation->member(i).first_bad_point(std::numeric_limits<double>::infinity()) >= 0) return false;
+    return true;
+}
+
 template <class T>
 void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Array<T>> v) {
     auto simulation = shared.use();
@@ -67,6 +78,7 @@ void tell(const Outcome& outcome, py::dict& result) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;
     }
+    if (outcome.again) result["again"] = true;
     const auto& unstable = outcome.unstable;
     if (!unstable) return;
     result["member"] = unstable->member;
@@ -85,7 +97,7 @@ std::optional<py::dict> advance(SharedSimulation& shared, std::int64_t steps, do
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
     if (outcome.interrupted) throw py::error_already_set();
-    if (!outcome.unstable && !outcome.pinned_inside && !outcome.grown) return std::nullopt;
+    if (!outcome.unstable && !outcome.again && !outcome.pinned_inside && !outcome.grown) return std::nullopt;
     py::dict result;
     tell(outcome, result);
     return result;
@@ -201,6 +213,8 @@ void bind_simulation(py::module_& m) {
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
+        .def("begin", &begin<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("begin", &begin<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
         .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)

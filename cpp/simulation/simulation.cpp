@@ -100,6 +100,18 @@ void Simulation::restart(std::size_t i) {
     steps_kept_ = none_kept;
 }
 
+void Simulation::begin(double time, bool input_kept) {
+    clock = {time, 0, 0};
+    input_kept_ = input_kept;
+    std::fill(frozen_.begin(), frozen_.end(), 0);
+    for (auto& member : members_) {
+        member->contact_energy = 0;
+        member->contacts_answered = 0;
+        member->evaluations = 0;
+        member->contact_report = {};
+    }
+}
+
 void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
@@ -271,16 +283,21 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
-    if (steps > 0) begin_watches();
     const std::int64_t energy_period = this->energy_period();
+    // A call that ends before energies are compared, and whose first state the caller still has, needs no copy of it.
+    const bool from_input = std::exchange(input_kept_, false) && !above_stable_dt() && sample_every_ == 0 &&
+                            steps < energy_period && steps <= most_steps_unchecked &&
+                            std::none_of(members_.begin(), members_.end(), [](const auto& member) { return member->has_continuous(); });
+    if (steps > 0 && !from_input) begin_watches();
     if (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls) steps_kept_ = none_kept;
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
-        const bool keep = steps_kept_ == none_kept;
+        const bool keep = steps_kept_ == none_kept && !from_input;
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
         const std::int64_t to_energies = energy_period - age_ % energy_period;
         const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
-        const std::int64_t to_look = std::min({keep ? most_steps_unchecked : most_steps_unchecked - steps_kept_, to_energies,
+        const std::int64_t unchecked = keep || from_input ? 0 : steps_kept_;
+        const std::int64_t to_look = std::min({most_steps_unchecked - unchecked, to_energies,
                                                to_sample, steps - outcome.steps});
         const bool choose = optional && threads > 1;
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
@@ -302,6 +319,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
         if (poll) outcome.interrupted = interrupted();
         if (outcome.interrupted && n < to_look) look();
+        if (first_bad_member() >= 0 && from_input) {
+            outcome.again = true;
+            return outcome;
+        }
         if (first_bad_member() >= 0) {
             rewind_to_last_good(outcome, threads, interrupted);
             return outcome;
@@ -313,6 +334,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();
     }
+    if (from_input) steps_kept_ = none_kept;
     return outcome;
 }
 

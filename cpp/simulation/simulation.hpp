@@ -26,6 +26,7 @@ struct Outcome {
     // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to do, so that the
     // caller may look at the state where it was found.
     std::optional<std::int64_t> grown;
+    bool again = false;  // a state went bad after `begin`: the caller begins with the same state again, without `input_kept`
 };
 
 // Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
@@ -66,6 +67,10 @@ public:
     const Engine& member(std::size_t i) const { return *members_[i]; }
 
     Clock clock;
+
+    // Start anew at a time, before the state of every member is loaded. `input_kept`: the caller keeps that state, so that a
+    // short call of `advance` takes no checkpoint.
+    void begin(double time, bool input_kept);
 
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
@@ -151,6 +156,7 @@ private:
     double seconds_kept_ = 0;              // that they took
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
+    bool input_kept_ = false;
     std::int64_t age_ = 0;           // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
     double sample_interval_ = 0;     // [s]

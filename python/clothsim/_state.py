@@ -21,7 +21,7 @@ from .errors import (
     warn_of_dt,
     warn_of_growth,
 )  # fmt: skip
-from .integration import warn_of_order
+from .integration import integrators, warn_of_order
 from .plan import (
     check_backend,
     check_options,
@@ -114,13 +114,17 @@ def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     arrays = check.items("out", out, 2, "arrays (x, v)")
     for name, array in zip(("out[0]", "out[1]"), arrays):
         out_array(name, array, x)
-    if np.shares_memory(*arrays):
+    if np.may_share_memory(*arrays) and np.shares_memory(*arrays):
         raise ValueError("out must be two arrays that share no memory")
     return arrays[0], arrays[1]
 
 
 def out_array(name: str, array: Any, like: FloatArray) -> None:
     """Check that `array` can be written to in place of a new array like `like`."""
+    if type(array) is np.ndarray and array.dtype == like.dtype and array.shape == like.shape:
+        flags = array.flags
+        if flags.c_contiguous and flags.writeable and flags.aligned:
+            return
     accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
     if not isinstance(array, np.ndarray) or check.is_masked(array):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
@@ -202,6 +206,8 @@ class State:
         self.scenes = scenes * members if not batched else scenes
         self.shape, self.dtype = x.shape, x.dtype
         self.integrator = integrator
+        method = integrators()[integrator]
+        self._may_lose_order = method.order_damped < method.order
         self.threads_optional = threads is None
         self.backend = backend
         if backend == "gpu":
@@ -224,9 +230,31 @@ class State:
         self.steps_before = 0  # earlier calls of the run; errors count steps from its start
         self.core.load(x, v)
         self._warned_of_pins = False
-        for member, one in enumerate(x if self.batched else x[None]):
-            if inspect:
+        self.waiting: list[State] | None = None  # where it waits between calls, see `_calls`
+        self._input: tuple[Any, ...] = ()
+        spheres = [sphere for one in scenes for sphere in one.spheres]
+        self._moves = any(sphere.motion is not None for sphere in spheres)
+        self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
+        self._warn_of_start(x, t)
+
+    def _warn_of_start(self, x: FloatArray, t: float) -> None:
+        if self._inspected:
+            for member, one in enumerate(x if self.batched else x[None]):
                 warn_of_start(self.scenes[member], one, t, member if self.batched else None)
+
+    def begin(self, x: FloatArray, v: FloatArray, t: float | None) -> bool:
+        """Take another state, of arrays like the last ones; False if it is none that the core can take."""
+        t = start_time(t, self.scenes if self._moves else ())
+        try:
+            if not self.core.begin(t, x, v, True):
+                return False
+        except TypeError:  # not contiguous
+            return False
+        self._input = t, x, v
+        self._options["t"] = t
+        self.warned = self.warned_of_growth = self.announced = self._warned_of_pins = False
+        self._warn_of_start(x, t)
+        return True
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         from .gpu.simulation import Simulation
@@ -259,6 +287,10 @@ class State:
         """Judge what the core told, and do the steps that it has left to do for that."""
         done = 0
         while outcome:
+            if "again" in outcome:
+                self.core.begin(*self._input, False)
+                outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+                continue
             if "point" in outcome:
                 outcome["step"] += done
             self.judge(outcome, dt)
@@ -302,7 +334,8 @@ class State:
 
     def warn_of_order(self) -> None:
         """Give an `OrderWarning` for the first scene for which the integrator loses order."""
-        any(warn_of_order(self.integrator, scene) for scene in self.scenes)
+        if self._may_lose_order:
+            any(warn_of_order(self.integrator, scene) for scene in self.scenes)
 
     def announce(self, steps: float, dt: float) -> None:
         """Give a `LongRunWarning`, once, before so many steps of dt where they are too many."""

@@ -110,6 +110,11 @@ class Scene(Record):
         return self.cloth.rest_positions if self.position is None else self.position
 
     @cached_property
+    def engines(self) -> dict[Any, Any]:
+        """Engines of the core that wait for a call with this scene; see `clothsim._calls`."""
+        return {}
+
+    @cached_property
     def initial_velocity(self) -> npt.NDArray[np.float64]:
         return frozen(np.zeros((*self.cloth.shape, 3))) if self.velocity is None else self.velocity
 

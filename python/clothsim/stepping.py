@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
+from ._calls import borrow, give_back
 from ._keywords import suggests
-from ._state import FloatArray, State, out_array, out_arrays, start_time, state_arrays
+from ._state import FloatArray, out_array, out_arrays, start_time, state_arrays
 from .scene import Scene
 from .typing import Backend, Integrator, Kernel, Precision
 
@@ -109,15 +110,15 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    state = State(
+    state = borrow(
         scene, x, v, t=t, integrator=integrator, precision=precision, threads=threads,
         kernel=kernel, strict=strict, backend=backend,
     )
-    like = np.empty(state.shape, state.dtype)
-    results = out_arrays(out, like)
+    results = out_arrays(out, np.empty(state.shape, state.dtype))
     state.warn_of_order()
     state.advance(steps, dt)
     state.store(*results)
+    give_back(state)
     return results
 
 
@@ -163,7 +164,7 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state = State(
+    state = borrow(
         scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel,
         strict=strict,
     )
@@ -173,6 +174,7 @@ def acceleration(
     else:
         out_array("out", out, like)
     state.core.accelerations(out, state.threads)
+    give_back(state)
     return out
 
 
