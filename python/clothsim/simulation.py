@@ -14,7 +14,7 @@ from ._keywords import suggests
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
 from .errors import ContactError, RunInterrupted, UnstableError
-from .frames import NEGLIGIBLE, Schedule, schedule
+from .frames import NEGLIGIBLE, schedule
 from .integration import integrator_name, warn_of_order
 from .plan import BACKENDS, check_backend, check_options
 from .recording import StopRun, Watch, progress_bar

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from random_cloths import Model, draw, truth  # noqa: E402
+from random_cloths import Model, draw, truth
 
 DURATIONS = {"swing": 0.5, "swing with bend": 0.5, "hanging": 1.0, "oscillator": 1.0, "damped": 1.0}
 
