@@ -182,7 +182,7 @@ void restore(SharedSimulation& shared, double origin, std::int64_t steps, double
     auto simulation = shared.use();
     if (members.size() != simulation->size()) throw std::invalid_argument("snapshot is of another batch");
     for (std::size_t i = 0; i < members.size(); ++i)
-        if (members[i].first.size() != simulation->member(i).raw_state().size())
+        if (!simulation->member(i).fits(members[i].first.size()))
             throw std::invalid_argument("snapshot is of another shape or precision");
     simulation->clock = {origin, steps, dt};
     for (std::size_t i = 0; i < members.size(); ++i) {

@@ -8,6 +8,7 @@
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
 #pragma once
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <vector>
 

@@ -71,13 +71,24 @@ struct TriangleTouch {
 };
 
 // The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
+//
+// A triangle that turns on the sphere lowers a corner all the time, and a plane that stands still lets it go no further than
+// the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a while later, lets it leap: on the
+// way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if its three Bernstein coefficients are. The first and
+// the last are for any corner c; the middle one is (n0.c(1) + n1.c(0)) / 2.
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
-    constexpr int most_advances = 200;  // then it grazes at this distance all along: called a touch
-    TriangleTouch t;
-    for (int k = 0; k < most_advances; ++k) {
+    constexpr double shortest_leap = 1e-12;
+    constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
+    const auto at = [&](double time) {
         Corners now;
-        for (std::size_t i = 0; i < 3; ++i) now[i] = p0[i] + t.time * (p1[i] - p0[i]);
-        t.foot = nearest_to_origin(now);
+        for (std::size_t i = 0; i < 3; ++i) now[i] = p0[i] + time * (p1[i] - p0[i]);
+        return now;
+    };
+    TriangleTouch t;
+    Corners now = p0;
+    t.foot = nearest_to_origin(now);
+    double leap = 0;
+    for (int k = 0; k < most_advances; ++k) {
         const double distance = t.foot.point.norm();
         t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
         t.hit = distance <= reach + tolerance;
@@ -85,17 +96,36 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
         double advance = 2;
         for (std::size_t i = 0; i < 3; ++i) {
             const double rate = t.normal.dot(p1[i] - p0[i]);
-            const double gap = t.normal.dot(now[i]) - reach;
+            const double gap = std::max(t.normal.dot(now[i]) - reach, 0.0);
             if (rate < 0) advance = std::min(advance, gap / -rate);
         }
         if (t.time + advance >= 1) {
-            if (advance < 2 && t.time < 1) {
-                t.time = 1;  // the end itself is looked at once
-                continue;
-            }
-            return t;
+            if (advance == 2 || t.time >= 1) return t;
+            advance = 1 - t.time;  // the end itself is looked at once
         }
-        t.time += advance;
+        leap = std::max(2 * leap, 4 * advance);
+        bool leapt = false;
+        while (k >= 4 && !leapt && leap > std::max(2 * advance, shortest_leap)) {
+            const double time = std::min(t.time + leap, 1.0);
+            const Corners then = at(time);
+            const Foot foot = nearest_to_origin(then);
+            const double far = foot.point.norm();
+            leapt = far > reach + tolerance;
+            const Vec3 normal = foot.point / (far > 0 ? far : 1);
+            for (std::size_t i = 0; i < 3; ++i) leapt = leapt && normal.dot(now[i]) + t.normal.dot(then[i]) > 2 * reach;
+            if (leapt) {
+                t.time = time;
+                t.foot = foot;
+                now = then;
+            } else {
+                leap /= 2;
+            }
+        }
+        if (leapt) continue;
+        leap = advance;
+        t.time = std::min(t.time + advance, 1.0);
+        now = at(t.time);
+        t.foot = nearest_to_origin(now);
     }
     t.hit = true;
     return t;

@@ -1,5 +1,6 @@
 #include "reference/reference.hpp"
 
+#include <algorithm>
 #include <limits>
 
 #include "collision/exact.hpp"
@@ -69,7 +70,6 @@ struct BothEnds {
 
     PointState before(int i) const { return {x0.row(i), v0.row(i)}; }
     PointState now(int i) const { return {x.row(i), v.row(i)}; }
-    Vec3 before_position(int i) const { return x0.row(i); }
     Vec3 position(int i) const { return x.row(i); }
     void set(int i, const PointState& state) {
         x.row(i) = state.position;
@@ -86,16 +86,28 @@ struct BothEnds {
 // Continuous contact from (x0, v0) at t0 to the free end (x, v) at t1.
 void meet_spheres(const Plan& plan, const Points& x0, const Points& v0, Points& x, Points& v, double t0, double t1,
                   double dt) {
-    std::vector<const Sphere*> spheres;
     std::vector<SweptSphere> all;
-    bool faces = false;
+    std::vector<bool> faces;
     for (const Sphere& sphere : plan.spheres) {
         if (sphere.response != Response::continuous) continue;
-        spheres.push_back(&sphere);
         all.push_back(swept(sphere, t0, t1, dt, std::numeric_limits<double>::epsilon()));
-        faces |= sphere.faces;
+        faces.push_back(sphere.faces);
     }
     if (all.empty()) return;
+    if (std::find(faces.begin(), faces.end(), true) != faces.end()) {
+        const auto whole = make_face_pass(plan.cloth, plan.gravity, faces);
+        FacePass& pass = *whole;
+        for (int i = 0; i < plan.cloth.points(); ++i) {
+            const std::size_t k = std::size_t(i);
+            pass.x0[k] = x0.row(i), pass.v0[k] = v0.row(i), pass.x[k] = x.row(i), pass.v[k] = v.row(i);
+        }
+        pass.run(all);
+        for (int i = 0; i < plan.cloth.points(); ++i) {
+            x.row(i) = pass.x[std::size_t(i)];
+            v.row(i) = pass.v[std::size_t(i)];
+        }
+        return;
+    }
     BothEnds points{plan, x0, v0, x, v};
     // With one sphere what does not fly is answered first: a bounce looks at its neighbours.
     std::vector<int> left_over;
@@ -110,9 +122,6 @@ void meet_spheres(const Plan& plan, const Points& x0, const Points& v0, Points& 
             points.set(i, end);
     }
     for (const int i : left_over) exact::resolve(points, i, all);
-    ContactReport report;
-    SeparatingPlanes planes;
-    if (faces) keep_faces_out(points, plan.cloth, spheres, all, planes, report);
 }
 
 void hold_pinned(const Cloth& cloth, Points& v) {

@@ -5,11 +5,13 @@
 //      step. Points do not look at each other here, so any number of threads gives the same bits.
 //   2. Point by point in the cloth's order: bounces, whose energy depends on the neighbours as they are now, and
 //      points near several spheres.
-//   3. Triangles, for spheres that keep faces out (simulation/face_pass.hpp).
+//
+// Where a sphere keeps faces out, triangles and points of all spheres are one problem: simulation/face_pass.hpp.
 #pragma once
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 
 #include "collision/exact.hpp"
 #include "kernels/contact_kernels.hpp"
@@ -26,12 +28,18 @@ class ContactPass {
 public:
     ContactPass(const Plan& plan, const Layout& layout)
         : plan_(plan), layout_(layout), kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
+        std::vector<bool> faces;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);
+                faces.push_back(sphere.faces);
                 faces_ |= sphere.faces;
             }
         if (spheres_.empty()) return;
+        if (faces_) {
+            face_pass_ = make_face_pass(plan.cloth, plan.gravity, faces);
+            for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(place(i, 0));
+        }
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
         geometry_ = layout.geometry(lanes);
         const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
@@ -51,10 +59,14 @@ public:
 
     bool needed() const { return !spheres_.empty(); }
     const std::vector<const Sphere*>& spheres() const { return spheres_; }
-    void forget() { current_ = false; }
+    void forget() {
+        current_ = false;
+        set_lasting({});
+    }
 
     // Before a step: the state it starts from.
     void keep(const AlignedVector<Real>& memory) {
+        kept_ = current_;
         if (!current_) before_ = memory;
     }
 
@@ -64,6 +76,11 @@ public:
         swept_.clear();
         for (const Sphere* sphere : spheres_)
             swept_.push_back(swept(*sphere, t0, t1, dt, double(std::numeric_limits<Real>::epsilon())));
+        current_ = true;
+        if (faces_) {
+            answer_faces();
+            return report_;
+        }
         report_ = {};
         find(threads);
         for (int r = 0; r < geometry_.rows; ++r)
@@ -71,27 +88,29 @@ public:
                 report_.changed |= (open_[index(r, j)] & vector_answered) != 0;
                 finish_vector(r, j);
             }
-        faces_moved_ = false;
-        if (faces_) {
-            faces_moved_ = keep_faces_out(*this, plan_.cloth, spheres_, swept_, planes_, report_);
-            report_.changed |= faces_moved_;
-            before_ = memory;
-        } else {
-            for (int r = 0; r < geometry_.rows; ++r)
-                for (int j = 0; j < geometry_.vectors; ++j)
-                    if (open_[index(r, j)] & vector_left_over) copy(r, j);
-        }
-        current_ = true;
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors; ++j)
+                if (open_[index(r, j)] & vector_left_over) copy(r, j);
         return report_;
     }
 
     // Whether the pass has looked closer at a mass point of the row: any other is outside the spheres.
     bool touched(int row) const {
+        if (faces_) return face_pass_->touched;
         const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
-        return faces_moved_ || std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
+        return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
     }
 
-    // What collision/exact.hpp and the face pass ask for.
+    // What the next step begins with beside the state.
+    const std::vector<FacePass::Lasting>& lasting() const {
+        static const std::vector<FacePass::Lasting> none;
+        return faces_ ? face_pass_->lasting : none;
+    }
+    void set_lasting(const std::vector<FacePass::Lasting>& lasting) {
+        if (faces_) face_pass_->lasting = lasting;
+    }
+
+    // What collision/exact.hpp asks for.
     PointState before(int i) const { return read(before_, i); }
     PointState now(int i) const { return read(*memory_, i); }
     void set(int i, const PointState& state) {
@@ -110,7 +129,6 @@ public:
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }
     Vec3 position(int i) const { return {read(*memory_, i, 0), read(*memory_, i, 1), read(*memory_, i, 2)}; }
-    Vec3 before_position(int i) const { return {read(before_, i, 0), read(before_, i, 1), read(before_, i, 2)}; }
 
 private:
     static constexpr bool compensated = sizeof(Real) == 4;
@@ -119,11 +137,11 @@ private:
 
     std::size_t index(int row, int vector) const { return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector); }
     std::ptrdiff_t place(int i, int k) const { return layout_.at(i / plan_.cloth.columns, i % plan_.cloth.columns, k); }
-    double read(const AlignedVector<Real>& from, int i, int k) const {
-        const std::ptrdiff_t at = place(i, k);
+    double read(const AlignedVector<Real>& from, std::ptrdiff_t at) const {
         if constexpr (compensated) return double(from[std::size_t(at)]) + double(from[std::size_t(at + layout_.compensation())]);
         else return from[std::size_t(at)];
     }
+    double read(const AlignedVector<Real>& from, int i, int k) const { return read(from, place(i, k)); }
     PointState read(const AlignedVector<Real>& from, int i) const {
         PointState s;
         for (int k = 0; k < 3; ++k) {
@@ -131,6 +149,33 @@ private:
             s.velocity[k] = read(from, i, k + 3);
         }
         return s;
+    }
+
+    void answer_faces() {
+        FacePass& pass = *face_pass_;
+        const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
+            for (std::size_t i = 0; i < places_.size(); ++i)
+                for (int k = 0; k < 3; ++k) to[i][k] = read(from, places_[i] + (first + k) * geometry_.component);
+        };
+        if (kept_) {
+            pass.x0.swap(pass.x);
+            pass.v0.swap(pass.v);
+        } else {
+            take(before_, pass.x0, 0);
+            take(before_, pass.v0, 3);
+        }
+        take(*memory_, pass.x, 0);
+        take(*memory_, pass.v, 3);
+        report_ = pass.run(swept_);
+        for (std::size_t i = 0; i < places_.size(); ++i) {
+            if (!pass.changed[i]) continue;
+            report_.changed = true;
+            set(int(i), {pass.x[i], pass.v[i]});
+            if constexpr (!compensated) continue;
+            const PointState rounded = now(int(i));
+            pass.x[i] = rounded.position;
+            pass.v[i] = rounded.velocity;
+        }
     }
 
     void find(int threads) {
@@ -142,7 +187,7 @@ private:
         a.open = open_.data();
         a.spheres = swept_.data();
         a.sphere_count = int(swept_.size());
-        a.copy = !faces_;
+        a.copy = true;
         a.left_over = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
             pass->left_over_[pass->index(row, vector)] |= lanes;
@@ -194,16 +239,18 @@ private:
     Layout layout_;
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
-    bool faces_ = false, faces_moved_ = false;
+    bool faces_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;
     AlignedVector<Real> before_;
-    bool current_ = false;  // whether `before_` is the state
+    bool current_ = false;  // whether `before_`, or what the face pass holds, is the state
+    bool kept_ = false;     // the state before the step is that after the newest pass
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_;
     std::vector<std::uint64_t> left_over_, free_;
     std::vector<SweptSphere> swept_;
-    SeparatingPlanes planes_;
+    std::unique_ptr<FacePass> face_pass_;
+    std::vector<std::ptrdiff_t> places_;  // of the points' x
     ContactReport report_;
 };
 

@@ -36,11 +36,11 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         const ContactReport report = answer_contacts(now.at(0), now.at(1), now.dt, threads);
         if (track_contact_energy) contact_energy += total_energy() - before;
         if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
+        if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
         if (report.shut_in >= 0) {
             contact_report.note_shut_in(report.shut_in);
             break;
         }
-        if (report.changed) lower(watched.first_contact, now.at(1));
         if (depths_watched_) note_depths(now.at(1));
     }
     return true;

@@ -77,6 +77,10 @@ public:
     // The whole state including what compensation holds; restoring it continues bit for bit.
     virtual std::vector<double> raw_state() const = 0;
     virtual void set_raw_state(const std::vector<double>& raw) = 0;
+    // Values of the state alone, without what spheres left for the next step.
+    virtual std::size_t raw_values() const = 0;
+    // Whether a raw state of so many values may be one of this cloth.
+    virtual bool fits(std::size_t size) const = 0;
 
     // The same for the core's own use, without copies through double.
     virtual void save_checkpoint() = 0;

@@ -64,17 +64,30 @@ public:
     }
 
     std::vector<double> raw_state() const final {
-        std::vector<double> raw(std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3);
+        std::vector<double> raw(raw_values());
         double* next = raw.data();
         for_each_place([&](std::ptrdiff_t place) { *next++ = double(memory_[std::size_t(place)]); });
         std::copy(origin_.begin(), origin_.end(), next);
+        for (const FacePass::Lasting& l : contact_pass_.lasting()) {
+            raw.push_back(double(l.feature));
+            raw.insert(raw.end(), l.place.begin(), l.place.end());
+            raw.insert(raw.end(), l.speed.begin(), l.speed.end());
+        }
         return raw;
+    }
+    std::size_t raw_values() const final { return std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3; }
+    bool fits(std::size_t size) const final {
+        return size >= raw_values() && (size - raw_values()) % FacePass::Lasting::values == 0;
     }
     void set_raw_state(const std::vector<double>& raw) final {
         auto next = raw.begin();
         for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
         set_origin({next[0], next[1], next[2]});
         state_replaced();
+        std::vector<FacePass::Lasting> lasting;
+        for (next += 3; next != raw.end(); next += FacePass::Lasting::values)
+            lasting.push_back({std::size_t(next[0]), {next[1], next[2], next[3]}, {next[4], next[5], next[6]}});
+        contact_pass_.set_lasting(lasting);
     }
 
     void save_checkpoint() final {
@@ -85,6 +98,7 @@ public:
         energy_at_checkpoint_ = contact_energy;
         contacts_at_checkpoint_ = contacts_answered;
         watched_at_checkpoint_ = watched;
+        lasting_at_checkpoint_ = contact_pass_.lasting();
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
@@ -92,6 +106,7 @@ public:
         contacts_answered = contacts_at_checkpoint_;
         watched = watched_at_checkpoint_;
         state_replaced();
+        contact_pass_.set_lasting(lasting_at_checkpoint_);
     }
     void note_all_depths(double t) final {
         std::fill(touched_rows_.begin(), touched_rows_.end(), true);
@@ -428,6 +443,7 @@ private:
     double energy_at_checkpoint_ = 0;
     std::int64_t contacts_at_checkpoint_ = 0;
     Watched watched_at_checkpoint_;
+    std::vector<FacePass::Lasting> lasting_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
     Vec3 origin_ = Vec3::Zero();
 };

@@ -55,7 +55,9 @@ class Sphere(Record):
         middle of an unstretched structural spring out of the sphere; "none" nothing; a number
         that length [m], >= 0. "face" keeps every triangle of the cloth out, as large as it is at
         that moment, with what its corners need for that and no more; it also catches spheres
-        that are smaller than a cell. It needs the response "continuous".
+        that are smaller than a cell. It needs the response "continuous" and the CPU. Far from
+        spheres it costs nothing; a step of the paper's cloth with all its triangles in contact
+        takes about 14 times a step without spheres.
     restitution : float, default 1.0
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. With
         "continuous" a bounce that would be over within a step is not flown: the point stays at

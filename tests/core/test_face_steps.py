@@ -80,7 +80,7 @@ def test_a_sphere_between_pinned_points_warns_when_it_touches(pins):
 def test_a_link_turns_between_two_spheres(way):
     """One comes from below at a quarter, one from above at three quarters; there is a place.
 
-    It is found in rounds from one sphere to the other, each of which leaves a third of the way: the
+    Velocities are judged where the link touches first, within 1e-3 of where it ends. The
     link turns by the angle q, 0.25 sin q + (0.1 - way/2) cos q = 0.1, and touches them at a part
     0.25 + 0.1 sin q of its length, so that its ends go at a little more than twice their speed.
     """
@@ -97,7 +97,7 @@ def test_a_link_turns_between_two_spheres(way):
     stepper.advance(1, DT)
     y, u = stepper.positions[0, :, 1], stepper.velocities[0, :, 1] * DT
     np.testing.assert_allclose(y, np.tan(angle) / 2 * np.array((1, -1)), rtol=1e-4, atol=2e-7)
-    np.testing.assert_allclose(u, (speed, -speed), rtol=1e-4, atol=3e-7)
+    np.testing.assert_allclose(u, (speed, -speed), rtol=1e-3, atol=3e-7)
     x = stepper.positions[0]
     for sphere in spheres:
         assert distance(x[[0, 1, 1]] - sphere.center_at(DT)) >= sphere.radius

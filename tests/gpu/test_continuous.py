@@ -113,3 +113,10 @@ def test_a_pinned_point_in_a_sphere_is_told():
     scene = falling(ball)
     with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
         cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, t=0.0, backend="gpu")
+
+
+def test_the_offset_face_is_refused():
+    """Whole triangles are kept out by the core alone."""
+    spheres = [cs.Sphere((9.0, 9.0, 9.0), 0.1, None, "continuous", offset) for offset in ("none", "face")]
+    with pytest.raises(ValueError, match=r"^offset of spheres\[1\] must be .*, got 'face'; backend='cpu' has it$"):
+        cs.Stepper(cs.Scene(cs.Cloth(), spheres), backend="gpu")

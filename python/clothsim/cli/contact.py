@@ -29,6 +29,12 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "under": ("energy made under the whole cloth", {}, {}),
     "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
     "cone": ("friction below and above tan(slope)", {}, {}),
+    "stick": ("friction of faces at rest and sliding", {}, {"more": True}),
+    "impact": ("energy after an impact of a face", {"phases": 10}, {"phases": 40}),
+    "bounce": ("energy of a bouncing sheet of faces", {}, {"more": True}),
+    "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
+    "shots": ("spheres shot at sheets", {"count": 300}, {"count": 100_000}),
+    "squeezes": ("spheres that close on sheets", {"count": 60}, {"count": 10_000}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }  # fmt: skip
@@ -40,6 +46,9 @@ def add_parser(subparsers: Any) -> None:
     )
     command.add_argument(
         "figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)"
+    )
+    command.add_argument(
+        "--count", type=int, metavar="N", help="how many shots or squeezes, whatever the size"
     )
     command.add_argument(
         "--full", action="store_true", help="the sizes that are claimed; many minutes"
@@ -57,6 +66,26 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "under": contact.under_whole_cloth,
         "resting": contact.resting,
         "cone": lambda: [contact.cone(part * SLOPE) for part in (0.0, 0.97, 1.03)],
+        "stick": lambda more=False: [
+            {"part": part, "dt": dt, "radius": radius, **contact.stick(part, dt, radius)}
+            for part in (1.05, 0.95)
+            for dt in ((1e-4, 2e-5, 5e-6, 1e-6) if more else (1e-4, 2e-5))
+            for radius in ((0.1, 0.25, 1.0, 10.0) if more else (0.25, 10.0))
+        ],
+        "impact": lambda phases: [
+            {"speed": speed, "dt": dt, "precision": precision,
+             **contact.impact(speed, dt, phases=phases, precision=precision)}
+            for precision in ("double", "single")
+            for dt in (1e-4, 2e-5, 5e-6, 1e-6)
+            for speed in (1e-3, 0.1, 1.0, 30.0, 300.0)
+        ],
+        "bounce": lambda more=False: [
+            {"dt": dt, **contact.face_drop(dt)}
+            for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
+        ],
+        "lying": contact.lying,
+        "shots": contact.shots,
+        "squeezes": contact.squeezes,
         "cost": contact.cost,
         "table": contact.comparison,
     }
@@ -72,7 +101,10 @@ def run(args: argparse.Namespace) -> None:
         for name in names:
             title, short, full = FIGURES[name]
             bar.say(name)
-            results[name] = functions[name](**(full if args.full else short))
+            sizes = full if args.full else short
+            if args.count is not None and "count" in sizes:
+                sizes = {"count": args.count}
+            results[name] = functions[name](**sizes)
             if not args.json:
                 bar.print(f"{name}: {title}\n{_text(results[name])}")
             bar.advance()

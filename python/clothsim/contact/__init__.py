@@ -7,11 +7,13 @@ command's ``--full`` the ones that are claimed.
 
 from .cost import cost
 from .fuzz import crossings
+from .law import face_drop, impact, lying, stick
 from .physics import cone, drop, resting, under_whole_cloth
+from .shots import shots, squeezes
 from .table import comparison, faces
 from .triangles import triangle_cases
 
 __all__ = [
-    "comparison", "cone", "cost", "crossings", "drop", "faces", "resting", "triangle_cases",
-    "under_whole_cloth",
+    "comparison", "cone", "cost", "crossings", "drop", "face_drop", "faces", "impact", "lying",
+    "resting", "shots", "squeezes", "stick", "triangle_cases", "under_whole_cloth",
 ]  # fmt: skip

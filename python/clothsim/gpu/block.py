@@ -90,6 +90,11 @@ class Block:
     def _check_responses(self) -> None:
         for scene in self.scenes:
             for k, sphere in enumerate(scene.spheres):
+                if sphere.offset == "face" and self.wide == np.float64:
+                    raise ValueError(
+                        f"offset of spheres[{k}] must be 'edge', 'none' or a length on the graphics "
+                        f"adapter {self.device.adapter.name}, got 'face'; backend='cpu' has it"
+                    )
                 if sphere.response == "continuous" and self.wide != np.float64:
                     raise ValueError(
                         f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics "
@@ -124,9 +129,6 @@ class Block:
         words = math.ceil(self.points / 32) if self.features.continuous else 0
         self._results = np.zeros(self._told + words * len(self.members), np.uint32)
         self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
-        if self.features.faces:  # the cells that may touch, and how far points were pushed
-            faces = np.full((len(self.members), 4 + 3 * self.points), NONE_BAD, np.uint32)
-            self._results = np.concatenate([self._results, faces.ravel()])
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
@@ -219,11 +221,6 @@ class Block:
                 work.dispatch_workgroups(*self.groups)
             if self.pipelines.settle:
                 work.set_pipeline(self.pipelines.settle)
-                work.dispatch_workgroups(1, 1, self.groups[2])
-            if self.pipelines.keep_faces_out:
-                work.set_pipeline(self.pipelines.find_faces)
-                work.dispatch_workgroups(*self.groups)
-                work.set_pipeline(self.pipelines.keep_faces_out)
                 work.dispatch_workgroups(1, 1, self.groups[2])
 
     def check(self, work: Any) -> None:

@@ -21,7 +21,6 @@ class SphereFeatures:
     response: str
     literal: bool
     rough: bool
-    faces: bool
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Features:
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
             spheres=tuple(
-                SphereFeatures(s.response, s.literal, s.friction > 0, s.offset == "face")
+                SphereFeatures(s.response, s.literal, s.friction > 0)
                 for s in scene.spheres
             ),
         )
@@ -63,11 +62,6 @@ class Features:
     def continuous(self) -> tuple[int, ...]:
         """Places of the spheres whose response is continuous."""
         return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
-
-    @property
-    def faces(self) -> tuple[int, ...]:
-        """Places of the spheres that keep whole triangles out; continuous ones all of them."""
-        return tuple(k for k, s in enumerate(self.spheres) if s.faces)
 
     def after_contacts(self) -> str:
         """The shader's function that meets the spheres: those at the step's end in their order,
@@ -91,10 +85,7 @@ class Features:
             lines.append("    result = after_continuous(result, before, id);")
         lines += ["    return result;", "}"]
         if self.continuous:
-            lines.append(f"const keeps_faces_out = {word(bool(self.faces))};")
             lines += _choice("continuous_spheres", "swept_sphere", self.continuous)
-        if self.faces:
-            lines += _choice("face_spheres", "face_sphere", self.faces)
         return "\n".join(lines)
 
 
@@ -130,8 +121,6 @@ def source(features: Features, precision: str, float64: bool) -> str:
     names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
     if features.continuous:
         names.append("continuous")
-    if features.faces:
-        names += ["triangle", "faces"]
     return "\n".join([*map(shader_text, names), features.after_contacts()])
 
 
@@ -160,13 +149,9 @@ class Pipelines:
             constants = features.constants(strict)
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
             self.check = pipeline("check", {})
-            self.settle = self.find_faces = self.keep_faces_out = None
-            last = {**constants, "stage": 4}
+            self.settle = None
             if features.continuous:
-                self.settle = pipeline("settle", last)
-            if features.faces:
-                self.find_faces = pipeline("find_faces", last)
-                self.keep_faces_out = pipeline("keep_faces_out", last)
+                self.settle = pipeline("settle", {**constants, "stage": 4})
 
 
 def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:

@@ -180,9 +180,6 @@ fn may_touch(s: Swept, x: vec3<real>, x0: vec3<real>) -> bool {
 // The fourth stage's own part: the body after the step, from where it was before.
 fn after_continuous(body: Body, before: Body, id: vec3<u32>) -> Body {
     let member = id.z;
-    if (keeps_faces_out) {
-        keep_before(before, place(id));
-    }
     var near = 0u;
     var only = swept_sphere(member, 0u);
     let at_index = id.y * constants.columns + id.x;

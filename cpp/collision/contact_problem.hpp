@@ -1,0 +1,104 @@
+// The contact problem: impulses that keep places of the cloth outside spheres, within Coulomb's cone, all at once.
+//
+// A row is a place of the cloth, a weighted mean of up to three corners, against one sphere with the normal n. With z the
+// positions or the velocities of the corners, y = sum(w z) at the place and an impulse P of the sphere there,
+//
+//     z_i = z_i(free) + w_i/m_i P        n.(y - target) >= 0,  n.P >= 0,  one of the two 0
+//     |P_t| <= mu n.P, and P_t is what leaves y_t = target_t if the cone holds it, else opposed to y_t - target_t
+//
+// Block Gauss-Seidel with projection on the cone solves it: sum(w^2/m) times the unit matrix is the block of a row, so that a
+// block is solved exactly (Jean 1999, nonsmooth contact dynamics; Moreau 1988 for the law). It starts from impulses that would
+// be right if all rows that share corners were alike.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "model/sphere.hpp"
+
+namespace clothsim {
+
+struct ContactRow {
+    std::array<int, 3> corner;
+    std::array<double, 3> weight, share;  // share: weight / mass, 0 if the corner is pinned [1/kg]
+    double mobility;                      // sum of weight * share [1/kg]
+    double friction;
+    Vec3 normal;
+    struct Side {
+        Vec3 target = Vec3::Zero();   // n.target: the bound; the rest: where a place that sticks is
+        Vec3 impulse = Vec3::Zero();
+    };
+    Side place;  // of positions [m], impulses in kg m
+    Side speed;  // of velocities [m/s], impulses in N s
+
+    Vec3 at(const std::vector<Vec3>& z) const {
+        return weight[0] * z[std::size_t(corner[0])] + weight[1] * z[std::size_t(corner[1])] + weight[2] * z[std::size_t(corner[2])];
+    }
+    void push(std::vector<Vec3>& z, const Vec3& impulse) const {
+        for (std::size_t i = 0; i < 3; ++i)
+            if (share[i] != 0) z[std::size_t(corner[i])] += share[i] * impulse;
+    }
+};
+
+using ContactSide = ContactRow::Side ContactRow::*;
+
+// Impulses to begin with where there is none yet, of the rows from `first` on.
+inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std::vector<Vec3>& z, std::vector<double>& sum,
+                           ContactSide side) {
+    const auto none = [&](const ContactRow& row) { return ((row.*side).impulse.array() == 0).all(); };
+    for (std::size_t k = first; k < rows.size(); ++k)
+        for (const int i : rows[k].corner) sum[std::size_t(i)] = 0;
+    for (std::size_t k = first; k < rows.size(); ++k)
+        if (none(rows[k]))
+            for (std::size_t i = 0; i < 3; ++i) sum[std::size_t(rows[k].corner[i])] += rows[k].weight[i];
+    std::vector<std::size_t> begun;
+    for (std::size_t k = first; k < rows.size(); ++k) {
+        ContactRow& row = rows[k];
+        const double lacks = none(row) ? row.normal.dot((row.*side).target - row.at(z)) : 0;
+        if (lacks <= 0) continue;
+        double mobility = 0;
+        for (std::size_t i = 0; i < 3; ++i) mobility += row.share[i] * sum[std::size_t(row.corner[i])];
+        (row.*side).impulse = lacks / mobility * row.normal;
+        begun.push_back(k);
+    }
+    for (const std::size_t k : begun) rows[k].push(z, (rows[k].*side).impulse);
+}
+
+// One row; by how much its place or its velocity changed.
+inline double solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side) {
+    ContactRow::Side& s = row.*side;
+    Vec3 next = s.impulse + (s.target - row.at(z)) / row.mobility;
+    const double along = next.dot(row.normal);
+    if (along <= 0) {
+        next.setZero();
+    } else if (row.friction == 0) {
+        next = along * row.normal;
+    } else {
+        const Vec3 across = next - along * row.normal;
+        const double most = row.friction * along, length = across.norm();
+        if (length > most) next = along * row.normal + (most / length) * across;
+    }
+    const Vec3 change = next - s.impulse;
+    const double size = change.cwiseAbs().maxCoeff() * row.mobility;
+    if (size == 0) return 0;
+    s.impulse = next;
+    row.push(z, change);
+    return size;
+}
+
+// Sweeps to and fro until none changes more than `tolerance`, at most so many; how many it took.
+inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side, double tolerance, int most) {
+    for (int sweep = 0; sweep < most; ++sweep) {
+        double changed = 0;
+        if (sweep % 2 == 0)
+            for (auto row = rows.begin(); row != rows.end(); ++row) changed = std::max(changed, solve_block(*row, z, side));
+        else
+            for (auto row = rows.rbegin(); row != rows.rend(); ++row) changed = std::max(changed, solve_block(*row, z, side));
+        if (changed <= tolerance) return sweep + 1;
+    }
+    return most;
+}
+
+}  // namespace clothsim

@@ -1,0 +1,182 @@
+"""Spheres shot at sheets, and spheres that close on sheets, judged by the oracle."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+import clothsim as cs
+
+from .oracle import corner_indices, deepest_on_the_way, nearest_places
+
+_STEPS = 4  # of a shot
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    n = rng.normal(size=3)
+    return n / np.linalg.norm(n)
+
+
+def _shot(rng: np.random.Generator, several: bool) -> tuple[cs.Scene, float] | None:
+    """A sheet with some pins and spheres on their way to it, and a time step; None: one starts inside."""
+    points = int(rng.integers(2, 9))
+    count = int(rng.integers(0, 3)) if rng.random() < 0.4 else 0
+    pins = [(int(a), int(b)) for a, b in rng.integers(0, points, (count, 2))]
+    cloth = cs.Cloth(
+        (points, points), mass=float(0.2 * points**2 * 10 ** rng.uniform(-1, 1)),
+        stiffness=float(10 ** rng.uniform(0, 3)), damping=0.1, pins=pins,
+    )  # fmt: skip
+    cell = cloth.spacing[0]
+    dt = min(10 ** rng.uniform(-5, -3.3), 0.5 * cs.max_stable_dt(cs.Scene(cloth)))
+    corners = cloth.rest_positions.reshape(-1, 3)[corner_indices(cloth.shape)]
+    spheres: list[cs.Sphere] = []
+    for k in range(int(rng.integers(2, 4)) if several else 1):
+        small = rng.random() < 0.5
+        radius = float(cell * 10 ** rng.uniform(-1, 0) if small else 10 ** rng.uniform(-1, 0.5))
+        speed = radius * 10 ** rng.uniform(-2, 3) / dt
+        if rng.random() < 0.5:
+            speed = min(speed, 10 ** rng.uniform(0, 2.5))
+        aim, way = rng.uniform(-0.05, 1.05, 3) * (1, 0, 1), _direction(rng)
+        back = radius * 1.001 / max(abs(way[1]), 0.1) + rng.uniform(0, 2) * min(speed * dt, 5.0)
+        center = aim - way * back
+        sphere = cs.Sphere(
+            center, radius, cs.Linear(way * speed), "continuous",
+            "face" if k == 0 or rng.random() < 0.6 else str(rng.choice(("edge", "none"))),
+            float(rng.choice((0.0, 0.5, 1.0))), float(rng.choice((0.0, 0.3))),
+        )  # fmt: skip
+        outer = sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
+        if nearest_places(corners - center)[1].min() < 1.001 * outer:
+            return None
+        spheres.append(sphere)
+    return cs.Scene(cloth, spheres), dt
+
+
+def _passed(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) -> bool:
+    """Whether a step let a triangle of free corners, or a free point, into a sphere that keeps it out."""
+    corners = corner_indices(scene.cloth.shape)
+    corners = corners[~scene.cloth.pinned.ravel()[corners].any(axis=1)]
+    free = ~scene.cloth.pinned.ravel()
+    for sphere in scene.spheres:
+        before = x.reshape(-1, 3) - sphere.center_at(t)
+        after = y.reshape(-1, 3) - sphere.center_at(t + dt)
+        if sphere.offset == "face":
+            if not len(corners):
+                continue
+            deepest = deepest_on_the_way(before[corners], after[corners], sphere.radius)
+        else:
+            points = np.stack([np.repeat(p[free][:, None], 3, axis=1) for p in (before, after)])
+            deepest = sphere.radius - np.linalg.norm(points[1][:, 0], axis=1).min(initial=np.inf)
+        if deepest > 1e-9 * max(sphere.radius, 1.0):
+            return True
+    return False
+
+
+def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
+    """Shoot spheres at sheets and judge every step.
+
+    Steps go up to 1,000 radii. Spheres are from a tenth of a cell to three sheets large, one to
+    three at a time, with the offsets "face", "edge" and "none", restitution and friction; some
+    corners are pinned. In each of four steps the oracle looks whether a sphere crossed a triangle
+    of free corners or left one inside.
+
+    Parameters
+    ----------
+    count : int
+        Shots.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    dict
+        "shots", "hits" (shots in which a sphere changed the sheet), "passed" (with a triangle or a
+        point crossed or inside) and "refused" (that ended with a `ContactError`).
+    """
+    rng = np.random.default_rng(seed)
+    total = {"shots": 0, "hits": 0, "passed": 0, "refused": 0}
+    while total["shots"] < count:
+        drawn = _shot(rng, several=total["shots"] % 2 == 1)
+        if drawn is None:
+            continue
+        scene, dt = drawn
+        total["shots"] += 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cs.ContactWarning)
+            stepper = cs.Stepper(scene, threads=1)
+            x, passed = stepper.positions, False
+            for _ in range(_STEPS):
+                t = stepper.time
+                try:
+                    stepper.advance(1, dt)
+                except cs.ContactError:
+                    total["refused"] += 1
+                    break
+                y = stepper.positions
+                passed |= _passed(scene, x, y, t, dt)
+                x = y
+        total["passed"] += passed
+        total["hits"] += bool(np.abs(stepper.velocities).max() > 0.1)
+    return total
+
+
+def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
+    """Let two spheres close on a sheet until a gap of 1 mm to 0.01 mm is left between them.
+
+    The flat sheet between the two spheres is a place at any time, but for its slope against their
+    line, at which it can turn or bend. So no step may be refused.
+
+    Parameters
+    ----------
+    count : int
+        Scenes.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    dict
+        "squeezes", "refused" (`ContactError`) and "inside" (a triangle of the sheet in a sphere).
+    """
+    rng = np.random.default_rng(seed)
+    total = {"squeezes": 0, "refused": 0, "inside": 0}
+    while total["squeezes"] < count:
+        points, radius = int(rng.integers(3, 10)), 0.2
+        cloth = cs.Cloth((points, points), mass=0.02 * points**2, stiffness=100.0, damping=0.1, pins=())
+        axis = rng.normal(size=3) * (0.1, 0, 0.1) + (0, 1, 0)
+        axis /= np.linalg.norm(axis)
+        middle = np.array((rng.uniform(0.2, 0.8), 0.0, rng.uniform(0.2, 0.8)))
+        start, gap, dt = 0.02, 10 ** rng.uniform(-5, -3), float(rng.choice((1e-3, 2e-4)))
+        offsets = ("face", str(rng.choice(("face", "edge", "none"))))
+        spheres = [
+            cs.Sphere(
+                middle + sign * axis * (radius + start), radius, cs.Linear(-sign * axis),
+                "continuous", offset, 0.0, float(rng.choice((0.0, 0.5))),
+            )
+            for sign, offset in zip((1, -1), offsets, strict=True)
+        ]  # fmt: skip
+        corners = corner_indices(cloth.shape)
+        flat = cloth.rest_positions.reshape(-1, 3)[corners]
+        outer = [s.radius if s.offset == "face" else s.contact_radius(cloth) for s in spheres]
+        # What the outer radii leave is the gap; the flat sheet is outside both when they start.
+        duration = start - gap / 2 - (sum(outer) - 2 * radius) / 2
+        if any(
+            nearest_places(flat - s.center_at(0.0))[1].min() < r
+            for s, r in zip(spheres, outer, strict=True)
+        ):
+            continue
+        total["squeezes"] += 1
+        stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)), threads=1)
+        try:
+            stepper.advance(int(duration / dt), dt)
+        except cs.ContactError:
+            total["refused"] += 1
+            continue
+        total["inside"] += any(
+            nearest_places(stepper.positions.reshape(-1, 3)[corners] - s.center_at(stepper.time))[1].min()
+            < s.radius * (1 - 1e-12)
+            for s in spheres
+            if s.offset == "face"
+        )
+    return total
