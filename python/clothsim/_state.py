@@ -288,7 +288,8 @@ class State:
         done = 0
         while outcome:
             if "again" in outcome:
-                self.core.begin(*self._input, False)
+                t, x, v = self._input
+                self.core.begin(t, x, v, False)
                 outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
                 continue
             if "point" in outcome:

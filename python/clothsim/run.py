@@ -76,6 +76,7 @@ class Run(DisplayedRun, ExportedRun):
     def __repr__(self) -> str:
         return "\n".join(run_lines(self))
 
+    @suggests
     def resume(
         self,
         duration: float,

@@ -110,7 +110,7 @@ class Steps:
         finer = max(count + 1, math.ceil(ratio * count - NEGLIGIBLE))
         numbers = np.linspace(0, count, finer + 1)[1:]
         ends = np.interp(numbers, np.arange(count + 1), [start, *self.ends])
-        return ends.tolist()
+        return [float(end) for end in ends]
 
 
 @dataclass

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _validate as check
-from ._keywords import suggesting
+from ._keywords import suggesting, suggests
 from ._record import frozen
 from ._state import FloatArray, State, checked_state, scenes_of
 from .scene import Scene
@@ -233,6 +233,7 @@ class Stepper:
         energy = self._state.core.contact_energy
         return np.array(energy) if self._state.batched else float(energy[0])
 
+    @suggests
     def set_state(
         self,
         x: npt.ArrayLike | None = None,
@@ -286,6 +287,7 @@ class Stepper:
             state.core.time = time
         state.core.load(x, v)
 
+    @suggests
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Put another scene in place of the present one, and keep the state.
 

@@ -94,3 +94,10 @@ def test_signature_and_documentation_stay():
     assert list(inspect.signature(cs.triangles).parameters) == ["shape"]
     assert cs.triangles.__doc__.startswith("The triangles of the sheet")
     assert inspect.unwrap(cs.step).__name__ == "step" and cs.step.__module__ == "clothsim.stepping"
+
+
+def test_methods_that_take_many_arguments_say_theirs(tmp_path):
+    stepper = cs.Stepper(cs.scenes.oscillator())
+    run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
+    assert "clothsim calls it 'x'" in message_of(stepper.set_state, positions=1)
+    assert "clothsim calls it 'duration'" in message_of(run.resume, t_end=1)

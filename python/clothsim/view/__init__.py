@@ -9,6 +9,8 @@ import sys
 from types import ModuleType
 from typing import Any
 
+from .._keywords import suggests
+
 
 class _Room(ModuleType):
     """This module, which opens the live viewer when it is called."""
@@ -65,6 +67,9 @@ class _Room(ModuleType):
         return view(
             scene, block, dt=dt, integrator=integrator, precision=precision, host=host, port=port
         )
+
+    __call__.__qualname__ = "view"
+    __call__ = suggests(__call__)
 
 
 view = sys.modules[__name__]

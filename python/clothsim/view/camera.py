@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
+from .._keywords import suggesting
 
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
@@ -23,6 +24,7 @@ DIRECTIONS = {
 """Named views: from the scene towards the eye. A cloth with the default pins swings across "front"."""
 
 
+@suggesting
 @dataclass(frozen=True)
 class Camera:
     """An orthographic view of a scene.

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from .. import _validate as check
+from .._keywords import suggests
 from ..run import Run
 from .camera import DIRECTIONS, Camera, camera_for
 from .curves import curves
@@ -84,6 +85,7 @@ class Comparison:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
 
 
+@suggests
 def compare(runs: Mapping[str, Run]) -> Comparison:
     """Put runs beside each other, to play them in step.
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
+from .._keywords import suggesting, suggests
 from .._extras import needed
 from ..grid import triangles
 from ..scene import Scene
@@ -21,6 +22,7 @@ WIDEST = 8192  # pixels; a picture of this width takes some 4 GB while it is dra
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 
 
+@suggesting
 class Picture:
     """An RGB picture that a notebook shows, and that saves itself.
 
@@ -105,6 +107,7 @@ def file_path(name: str, value: Any) -> Path:
     return path
 
 
+@suggests
 def picture(
     scene: Scene,
     x: npt.ArrayLike | None = None,
