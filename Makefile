@@ -5,10 +5,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo test test-export test-gpu test-slow test-view bench wheel clean
+.PHONY: demo lint test test-export test-gpu test-slow test-view bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
+
+# Needs no compiler: the tools read the sources.
+lint: $(VENV)/.lint
+	$(BIN)/ruff check .
+	PYTHONPATH=python $(BIN)/lint-imports
+	$(BIN)/mypy
+	$(BIN)/python tools/check_examples.py
+
+$(VENV)/.lint: pyproject.toml tools/requirements.py | $(BIN)/python
+	$(BIN)/python tools/requirements.py dev | xargs -d '\n' $(BIN)/pip install --quiet --disable-pip-version-check
+	touch $@
 
 test: $(VENV)/.built-test
 	$(BIN)/python -m pytest

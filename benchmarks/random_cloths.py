@@ -40,7 +40,7 @@ def draw(seed: int, number: int) -> Case:
     if min(rows, columns) < 3 and "bend" in families and max(rows, columns) < 3:
         families = tuple(f for f in families if f != "bend")
     common = 10 ** rng.uniform(2, 6)
-    stiffness = {f: common for f in families}
+    stiffness = dict.fromkeys(families, common)
     if rng.random() < 0.5:
         stiffness = {f: 10 ** rng.uniform(2, 6) for f in families}
     model = str(rng.choice(["spring", "point", "none"]))

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .stability.map import stability_map
     from .sweep import open_sweep
     from .sweep.fields import sweepable
+    from .view import view
     from .view.camera import Camera
     from .view.page import compare
     from .view.picture import Picture, picture

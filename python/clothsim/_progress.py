@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 from . import _validate as check
 from ._extras import needed
 
-
 Item = TypeVar("Item")
 
 

@@ -35,7 +35,8 @@ from .scene import Scene
 from .stability.bound import guaranteed_dt
 from .stability.limiting import limiting_term
 
-FloatArray = npt.NDArray[np.floating[Any]]
+# float32 or float64, as the caller gave it: a state that is stepped stays of its type.
+FloatArray = npt.NDArray[Any]
 
 
 def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .adaptive import NOT_ASKED, Controlled, Estimate
 from .build import build_config
+from .frames import Floats
 from .measures import energy
 from .runs import Solution
 from .scene import Scene

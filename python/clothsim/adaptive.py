@@ -31,11 +31,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import UnstableError
-from .frames import NEGLIGIBLE, Schedule
+from .frames import NEGLIGIBLE, Floats, Schedule
 from .integration import integrators
 from .plan import core_cloth
 from .recording import Recording, Watch
-from .runs import Floats, Options, Solution, integrate, run_fixed, size_of
+from .runs import Options, Solution, integrate, run_fixed, size_of
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 

@@ -182,7 +182,7 @@ class Recording:
         options: Any,
         watch: Watch,
         dt: float | None,
-        frames: Schedule = Schedule(),
+        frames: Schedule = Schedule(),  # noqa: B008  # frozen
         earlier: Continuation = Continuation(0.0),
         control: Control | None = None,
     ) -> None:

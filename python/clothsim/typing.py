@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, TypeAlias, Union
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -36,23 +36,22 @@ Kernel: TypeAlias = Literal["auto", "gather", "edge"]
 Backend: TypeAlias = Literal["cpu", "gpu"]
 """Processors that step a scene."""
 
-Integrator: TypeAlias = Union[
+Integrator: TypeAlias = (
     Literal[
-        "rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853",
-        "implicit_midpoint", "auto",
-    ],
-    str,
-]  # fmt: skip
+        "rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853", "implicit_midpoint", "auto",
+    ]
+    | str
+)  # fmt: skip
 """Names of integrators. Any str passes, as `clothsim.integrators` also knows other spellings."""
 
-Every: TypeAlias = Union[float, Literal["step"]]
+Every: TypeAlias = float | Literal["step"]
 """Time between stored frames [s], steps between them (an int), or each step."""
 
-Numbers: TypeAlias = Union[Sequence[float], npt.NDArray[Union[np.integer[Any], np.floating[Any]]]]
+Numbers: TypeAlias = Sequence[float] | npt.NDArray[np.integer[Any] | np.floating[Any]]
 """Real numbers in order: a list, a tuple or an array of one dimension."""
 
-Shape: TypeAlias = Union[Sequence[int], npt.NDArray[np.integer[Any]]]
+Shape: TypeAlias = Sequence[int] | npt.NDArray[np.integer[Any]]
 """Rows and columns of a grid."""
 
-Pins: TypeAlias = Union[Iterable[Sequence[int]], npt.NDArray[Union[np.bool_, np.integer[Any]]]]
+Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]]
 """Pairs (row, column) of pinned points, or a boolean mask of the shape of the cloth."""

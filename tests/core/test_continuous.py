@@ -268,7 +268,7 @@ def test_the_fast_way_at_rest_is_the_strict_one(restitution, friction):
     dt, free, answered = 1e-4, scene.replace(spheres=()), 0
     bound = 1e-13 if restitution == 0 else 1e-8
     stepper = cs.Stepper(scene)
-    for k in range(30):
+    for _ in range(30):
         stepper.advance(10, dt)
         state, t = (stepper.positions, stepper.velocities), stepper.time
         exact = cs.step(scene, *state, dt, t=t, strict=True)

@@ -61,4 +61,5 @@ def test_a_snapshot_of_a_sheet_in_contact_goes_on_bit_for_bit(same_bits):
     for each in (stepper, other):
         each.advance(50, 1e-4)
     assert same_bits((stepper.positions, stepper.velocities), (other.positions, other.velocities))
-    assert np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1).min() < 0.268  # a corner of a cell that lies on the sphere
+    # A corner of a cell that lies on the sphere.
+    assert np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1).min() < 0.268

@@ -160,13 +160,13 @@ def test_a_run_whose_report_tells_little_can_be_shown(run):
 
 def test_runs_are_equal_by_what_they_computed(run, tmp_path):
     again = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
-    assert run == run and run == again and hash(run) == hash(again)  # noqa: PLR0124
+    assert run == run and run == again and hash(run) == hash(again)
     assert run == cs.load_run(run.save(tmp_path / "run")) and len({run, again}) == 1
     other = cs.simulate(SCENE, 0.6, dt=1e-3, fps=40)
     assert run != other and run != 3
     assert run != cs.simulate(SCENE.replace(spheres=MOVING), 0.6, t=0.1, dt=1e-3, fps=40)
     one = cs.Stepper(SCENE).snapshot()
-    assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1  # noqa: PLR0124
+    assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1
 
 
 def test_the_summary_of_a_scene():

@@ -152,7 +152,7 @@ def test_contact_energy_of_a_batch_is_per_member(crumpled):
 
 def test_contact_energy_not_tracked_is_refused(crumpled):
     with pytest.raises(RuntimeError, match="track_contact_energy=True"):
-        cs.Stepper(crumpled().scene).contact_energy  # noqa: B018
+        cs.Stepper(crumpled().scene).contact_energy
 
 
 def stiff(shape=(9, 20)):

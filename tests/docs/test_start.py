@@ -22,7 +22,7 @@ def test_the_page_prints_what_it_says(tmp_path, monkeypatch):
     for code, expected in BLOCK.findall(PAGE):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
-            exec(code, names)  # noqa: S102  # of this repository
+            exec(code, names)  # of this repository
         assert printed.getvalue() == expected, code
     assert {path.name for path in tmp_path.iterdir()} == {"cloth.png", "cloth.html", "cloth.npz"}
 

@@ -21,7 +21,7 @@ def three(device, monkeypatch):
     kinds = {"soft": "CPU", "Iris Xe": "IntegratedGPU", "RTX": "DiscreteGPU"}
 
     class Wgpu:
-        class gpu:  # noqa: N801
+        class gpu:
             enumerate_adapters_sync = staticmethod(lambda: list(kinds))
 
     def described(name):

@@ -66,7 +66,7 @@ def test_the_state_stays_on_the_adapter_between_calls(crumpled, monkeypatch, sam
         for n in (1, 5, 40):
             stepper.advance(n, dt)
         with pytest.raises(AssertionError, match="was moved"):
-            stepper.positions  # noqa: B018
+            stepper.positions
     other.advance(46, dt)
     assert same_bits((stepper.positions,), (other.positions,))
 

@@ -166,7 +166,7 @@ def test_a_loss_that_shows_when_the_state_is_read_is_an_error_once():
     stepper.advance(5, 1e-4)
     stepper._state.core.device.handle.destroy()
     with pytest.raises(AdapterLostError):
-        stepper.positions  # noqa: B018
+        stepper.positions
     assert stepper.time == 0.0
     start = cs.scenes.paper_swing().initial_position
     np.testing.assert_allclose(stepper.positions, start, rtol=0, atol=1e-14)

@@ -10,10 +10,10 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.accuracy import _cache, peers, plots, tables
-from clothsim.accuracy.front import TARGETS, Front, Row, Target, cheapest, front, statement
-from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.accuracy.bench import Measured
 from clothsim.accuracy.dataset import pareto
+from clothsim.accuracy.front import TARGETS, Front, Row, Target, cheapest, front, statement
+from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
@@ -216,7 +216,7 @@ def test_the_targets_are_said_to_be_reached_or_not():
     found = _front_of(*entries)
     verdicts = [(one["reached"], one["beaten"]) for one in tables.targets_of(found)]
     assert verdicts == [(True, True), (False, True), (True, False)]
-    assert TARGETS == (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06))
+    assert (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06)) == TARGETS
     lines = tables.text_of_targets(found).splitlines()
     assert lines[1].split()[:4] == ["4e-07", "0.011", "0.0099", "yes"]
     assert lines[2].split()[3] == "no" and lines[3].split()[-1] == "no"

@@ -4,8 +4,7 @@ import json
 from dataclasses import asdict, replace
 
 import pytest
-from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, bench, files, machine
-from clothsim.benchmark import plots, targets, works
+from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, bench, files, machine, plots, targets, works
 from clothsim.benchmark.report import text
 
 BRIEF = replace(QUICK, windows=1, seconds=1e-5, sizes=(8,))

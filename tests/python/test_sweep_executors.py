@@ -5,8 +5,8 @@ import multiprocessing
 import os
 import pickle
 import signal
-import time
 import threading
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 

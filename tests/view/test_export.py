@@ -4,10 +4,9 @@ import csv
 import sys
 from types import SimpleNamespace
 
+import clothsim as cs
 import numpy as np
 import pytest
-
-import clothsim as cs
 from clothsim.view import export as exporting
 from clothsim.view.clip import Clip, hermite, interpolation_error, vertex_normals
 

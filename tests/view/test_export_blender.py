@@ -8,10 +8,9 @@ import os
 import subprocess
 from pathlib import Path
 
+import clothsim as cs
 import numpy as np
 import pytest
-
-import clothsim as cs
 
 PYTHON = os.environ.get("CLOTHSIM_BLENDER")
 

@@ -3,10 +3,9 @@
 import struct
 from xml.etree import ElementTree
 
+import clothsim as cs
 import numpy as np
 import pytest
-
-import clothsim as cs
 from clothsim.view.export import export
 
 FPS = 50

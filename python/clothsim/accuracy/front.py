@@ -15,11 +15,11 @@ from .. import _validate as check
 from .._progress import ProgressBar
 from ..scene import Scene
 from ..typing import Precision
+from .bench import Bench, Measured
+from .dataset import label
 from .methods import OWN, Method, own_methods
 from .order import solution_for
 from .solution import Reference
-from .bench import Bench, Measured
-from .dataset import label
 
 ERRORS = tuple(10.0**-k for k in range(4, 13))
 """Errors [m] that are asked for by default."""

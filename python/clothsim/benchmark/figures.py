@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-
 PAPER_WORKS = ("swing", "static", "contact")
 """How the names of works begin that step the paper's cloth, as in its experiments."""
 FEATURE = "feature: "

@@ -10,7 +10,6 @@ import numpy as np
 import clothsim as cs
 from clothsim.typing import Precision
 
-
 # A variant's own step without a sphere, where it is not the one named first.
 _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Precision
 
 from .oracle import corner_indices, nearest_places
 from .physics import GRAVITY, on_sphere
@@ -23,19 +24,20 @@ def _touching(x: np.ndarray, corners: np.ndarray, sphere: cs.Sphere) -> tuple[np
 
 
 def _places(x: np.ndarray, corners: np.ndarray, weights: np.ndarray, sphere: cs.Sphere) -> np.ndarray:
-    return (weights[..., None] * (x.reshape(-1, 3)[corners] - np.array(sphere.center))).sum(axis=1)
+    places = weights[..., None] * (x.reshape(-1, 3)[corners] - np.array(sphere.center))
+    return np.asarray(places.sum(axis=1))
 
 
 def stick(
     part: float = 1.05, dt: float = 1e-4, radius: float = 0.25, points: int = 2,
-    duration: float | None = None, precision: str = "double",
+    duration: float | None = None, precision: Precision = "double",
 ) -> dict[str, Any]:  # fmt: skip
     """A sheet at rest on the slope of a sphere: how far do the places in contact slip?
 
     The sheet settles with a friction of 10 and drag of the air, which then ends. The friction
-    becomes `part` times the tangent of the slope at its places of contact. Above 1 they have to stay, below 1 to slide as a body on
-    the slope does. The slip counts tangential motion of the places of triangles that touch; a
-    corner that swings does not count.
+    becomes `part` times the tangent of the slope at its places of contact. Above 1 they have to
+    stay, below 1 to slide as a body on the slope does. The slip counts tangential motion of the
+    places of triangles that touch; a corner that swings does not count.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def stick(
 
 def impact(
     speed: float = 1.0, dt: float = 1e-4, restitution: float = 1.0, phases: int = 40,
-    precision: str = "double",
+    precision: Precision = "double",
 ) -> dict[str, Any]:  # fmt: skip
     """A cell falls on a sphere without gravity, at every phase of the contact within a time step.
 
@@ -184,7 +186,7 @@ def face_drop(dt: float = 1e-4, points: int = 8, after: float = 0.1) -> dict[str
 
 def lying(
     steps: int = 20_000, dt: float = 1e-4, points: int = 8, mass: float = 0.64,
-    width: float = 0.1, stiffness: float = 500.0, precision: str = "double",
+    width: float = 0.1, stiffness: float = 500.0, precision: Precision = "double",
 ) -> dict[str, Any]:  # fmt: skip
     """How quietly a sheet lies on the paper's sphere, restitution 0, friction 0.5.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Offset
 
 from .oracle import corner_indices, deepest_on_the_way, nearest_places
 
@@ -43,7 +44,7 @@ def _shot(rng: np.random.Generator, several: bool) -> tuple[cs.Scene, float] | N
         center = aim - way * back
         sphere = cs.Sphere(
             center, radius, cs.Linear(way * speed), "continuous",
-            "face" if k == 0 or rng.random() < 0.6 else str(rng.choice(("edge", "none"))),
+            "face" if k == 0 or rng.random() < 0.6 else cast(Offset, str(rng.choice(("edge", "none")))),
             float(rng.choice((0.0, 0.5, 1.0))), float(rng.choice((0.0, 0.3))),
         )  # fmt: skip
         outer = sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
@@ -148,7 +149,7 @@ def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
         axis /= np.linalg.norm(axis)
         middle = np.array((rng.uniform(0.2, 0.8), 0.0, rng.uniform(0.2, 0.8)))
         start, gap, dt = 0.02, 10 ** rng.uniform(-5, -3), float(rng.choice((1e-3, 2e-4)))
-        offsets = ("face", str(rng.choice(("face", "edge", "none"))))
+        offsets: tuple[Offset, Offset] = ("face", cast(Offset, str(rng.choice(("face", "edge", "none")))))
         spheres = [
             cs.Sphere(
                 middle + sign * axis * (radius + start), radius, cs.Linear(-sign * axis),

@@ -11,9 +11,7 @@ import clothsim as cs
 from clothsim.provenance import processor
 
 from . import figure
-from .comparison import (
-    against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings,
-)  # fmt: skip
+from .comparison import against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings  # fmt: skip
 from .measurement import GPU, Measurement
 
 

@@ -9,7 +9,15 @@ from ..motion import Linear
 from ..scene import Scene
 from ..sphere import Sphere
 from .hard_case import (
-    NO_GRAVITY, End, Figure, Floats, HardCase, Judge, ends_at, moves_like_the_reference, sheet,
+    NO_GRAVITY,
+    End,
+    Figure,
+    Floats,
+    HardCase,
+    Judge,
+    ends_at,
+    moves_like_the_reference,
+    sheet,
 )  # fmt: skip
 
 

@@ -12,7 +12,16 @@ from ..scene import Scene
 from ..stepping import step
 from ..typing import Precision
 from .hard_case import (
-    NO_GRAVITY, End, Figure, HardCase, Judge, blows_up, gains_energy, moves_like_the_reference, noise, sheet,
+    NO_GRAVITY,
+    End,
+    Figure,
+    HardCase,
+    Judge,
+    blows_up,
+    gains_energy,
+    moves_like_the_reference,
+    noise,
+    sheet,
 )  # fmt: skip
 from .spectrum import spectral_limit
 

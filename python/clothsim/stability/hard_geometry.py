@@ -9,7 +9,14 @@ from ..scene import Scene
 from ..sphere import Sphere
 from ..stepping import step
 from .hard_case import (
-    NO_GRAVITY, Floats, HardCase, ends_at, gains_energy, moves_like_the_reference, noise, sheet,
+    NO_GRAVITY,
+    Floats,
+    HardCase,
+    ends_at,
+    gains_energy,
+    moves_like_the_reference,
+    noise,
+    sheet,
 )  # fmt: skip
 
 

@@ -16,9 +16,9 @@ from ..errors import ContactError, UnstableError
 from ..integration import integrator_name
 from ..measures import max_stable_dt
 from ..plan import check_options
-from ..scene import Scene
 from ..run import Run
 from ..runs import Options, Solution
+from ..scene import Scene
 from .fields import change_scene, split
 from .grid import Grid
 

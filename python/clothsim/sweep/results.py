@@ -15,7 +15,6 @@ from .grid import Coordinate, Grid
 from .member import FAILED, PENDING, STATUS, Record, Settings
 from .timing import frame_times
 
-
 FRAMES = ("position", "velocity")
 """The variables that have the frames of every member."""
 

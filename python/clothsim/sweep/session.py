@@ -163,7 +163,7 @@ def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
     if grid.size <= _CHECKED:
         indices: Sequence[int] = range(grid.size)
     else:
-        first = {k: 0 for k in range(len(grid.axes))}
+        first = dict.fromkeys(range(len(grid.axes)), 0)
         places = [{**first, k: p} for k, axis in enumerate(grid.axes) for p in range(len(axis))]
         strides = [1] * len(grid.axes)
         for k in reversed(range(len(grid.axes) - 1)):

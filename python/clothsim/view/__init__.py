@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 from .._keywords import suggests
 
@@ -72,5 +72,5 @@ class _Room(ModuleType):
     __call__ = suggests(__call__)
 
 
-view = sys.modules[__name__]
+view = cast(_Room, sys.modules[__name__])
 view.__class__ = _Room

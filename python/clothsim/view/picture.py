@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
-from .._keywords import suggesting, suggests
 from .._extras import needed
+from .._keywords import suggesting, suggests
 from ..grid import triangles
 from ..scene import Scene
 from . import png
