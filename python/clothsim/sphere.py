@@ -57,7 +57,7 @@ class Sphere(Record):
         that moment, with what its corners need for that and no more; it also catches spheres
         that are smaller than a cell. It needs the response "continuous" and the CPU. Far from
         spheres it costs nothing; a step of the paper's cloth with all its triangles in contact
-        takes about 14 times a step without spheres.
+        takes about 14 times a step without spheres, a light drape up to 260 times.
     restitution : float, default 1.0
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. With
         "continuous" a bounce that would be over within a step is not flown: the point stays at
