@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .frames import Floats
 from .measures import energy
 from .runs import Solution
 from .scene import Scene
+from .typing import Report
 
 Account = dict[str, Any]
 
@@ -71,11 +72,11 @@ def _difference(a: Any, b: Any) -> float:
 
 def report(
     scene: Scene, solution: Solution, account: Account, stopped: str = ""
-) -> dict[str, Any]:
+) -> Report:
     """`Run.report`; `stopped`: why the run ended early."""
     x, v = solution.x, solution.v
     wall_time, options, state = solution.wall_time, solution.options, solution.state
-    return {
+    found = {
         "steps": solution.steps,
         "rejected_steps": solution.rejected,
         "force_evaluations": solution.evaluations + account["estimate_evaluations"],
@@ -99,6 +100,7 @@ def report(
         "backend": options.backend,
         "version": build_config()["version"],
     }
+    return cast(Report, found)
 
 
 def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from .recording import Continuation
 from .scene import Scene
 from .snapshot import Snapshot
 from .summary import run_lines
-from .typing import Every
+from .typing import Every, Report
 
 if TYPE_CHECKING:
     import xarray
@@ -47,7 +47,7 @@ class Run(DisplayedRun, ExportedRun):
     x, v : numpy.ndarray
         Positions [m] and velocities [m/s], float64, shape (frames, rows, columns, 3).
     report : dict
-        See `simulate`.
+        See `simulate`; its type is `clothsim.typing.Report`.
     snapshot : Snapshot or None
         The final state with all its digits, from which `resume` and ``Stepper.restore`` go on.
     continuation : object or None
@@ -58,7 +58,7 @@ class Run(DisplayedRun, ExportedRun):
     t: Floats
     x: Floats
     v: Floats
-    report: dict[str, Any]
+    report: Report
     snapshot: Snapshot | None = None
     continuation: Continuation | None = None
 

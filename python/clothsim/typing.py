@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -55,3 +55,89 @@ Shape: TypeAlias = Sequence[int] | npt.NDArray[np.integer[Any]]
 
 Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]]
 """Pairs (row, column) of pinned points, or a boolean mask of the shape of the cloth."""
+
+
+class Estimate(TypedDict):
+    """Estimate of the error of the last positions; NaN with the reason where it is unknown."""
+
+    max: float
+    rms: float
+    reason: str
+
+
+class Tolerance(TypedDict):
+    """Tolerance of a run [m], NaN without one, and whether the estimate is within it."""
+
+    asked: float
+    reached: bool
+
+
+class EnergyParts(TypedDict):
+    """Energies [J], as `clothsim.energy` gives them for one state."""
+
+    kinetic: float
+    elastic: float
+    gravity: float
+    total: float
+
+
+class Energies(TypedDict):
+    """Energy at the start and at the end, and the most by which the total rose [J]."""
+
+    start: EnergyParts
+    end: EnergyParts
+    gained: float
+    reason: str
+
+
+class Depths(TypedDict):
+    """Deepest mass point and deepest triangle inside a sphere [m]."""
+
+    points: float
+    triangles: float
+    reason: str
+
+
+class Stretch(TypedDict):
+    """Stretch of the most stretched spring, dimensionless."""
+
+    largest: float
+    reason: str
+
+
+class FirstContact(TypedDict):
+    """End of the first step in which a response changed the cloth [s]."""
+
+    time: float
+    reason: str
+
+
+class Report(TypedDict):
+    """`Run.report`; `simulate` describes the entries. A number that is unknown is NaN, with a reason."""
+
+    steps: int
+    rejected_steps: int
+    force_evaluations: int
+    solution_evaluations: int
+    wall_time: float
+    steps_per_second: float
+    dt: float
+    stopped: str
+    error_estimate: Estimate
+    estimate_evaluations: int
+    estimate_wall_time: float
+    tolerance: Tolerance
+    chaotic: bool
+    outcomes: dict[str, Any]
+    energy: Energies
+    penetration: Depths
+    stretch: Stretch
+    first_contact: FirstContact
+    kernel: str
+    integrator: str
+    precision: str
+    strict: bool
+    threads: int
+    instruction_set: str
+    backend: str
+    version: str

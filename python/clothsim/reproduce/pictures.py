@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 import clothsim as cs
+from clothsim.typing import Report
 from clothsim.view.picture import draw
 
 from . import contact
@@ -122,7 +124,7 @@ def play(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
     for case in cases:
         t, x, v = map(np.array, zip(*case.played))
         scene = contact.scene_of(experiment, case.method, case.variant)
-        runs[f"method {case.method}, {case.variant}"] = cs.Run(scene, t, x, v, {})
+        runs[f"method {case.method}, {case.variant}"] = cs.Run(scene, t, x, v, cast(Report, {}))
     name = f"{experiment.table}.html"
     title = f"Table {experiment.table.removeprefix('table')}: {experiment.title}"
     cs.compare(runs).to_html(folder / name, title=title)

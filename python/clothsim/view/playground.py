@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Mapping
 from threading import RLock
 from time import perf_counter
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from ..motion import Keyframes
 from ..run import Run
 from ..scene import Scene
 from ..stepper import Stepper
+from ..typing import Report
 
 PAPER_DT = 5e-6  # s; taken where the machine keeps up with it
 SHARE = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
@@ -309,7 +310,7 @@ class Playground:
             ]
             scene = self.scene.replace(spheres=spheres)
             report = {"dt": self.dt, **self.options, "recorded": True}
-            return Run(scene, t, x, v, report)
+            return Run(scene, t, x, v, cast(Report, report))
 
 
 def _towards(here: Floats, target: Floats, distance: float) -> Floats:
