@@ -42,7 +42,10 @@ def declared_constructor(cls):
     return block.body[0].args
 
 
-@pytest.mark.parametrize("cls", [cs.Cloth, cs.Sphere, cs.Scene, cs.Linear, cs.Reciprocate, cs.Keyframes])
+MODEL = (cs.Cloth, cs.Sphere, cs.Scene, cs.Linear, cs.Reciprocate, cs.Keyframes, cs.Camera)
+
+
+@pytest.mark.parametrize("cls", MODEL)
 def test_a_constructor_is_declared_as_it_is(cls):
     arguments = declared_constructor(cls)
     parameters = list(inspect.signature(cls).parameters.values())

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import _validate as check
 from .._keywords import suggesting
+from ..typing import Numbers
 
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
@@ -57,6 +58,10 @@ class Camera:
     target: tuple[float, float, float]
     width: float
     height: float
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(self, direction: Numbers, target: Numbers, width: float, height: float) -> None: ...
 
     def __post_init__(self) -> None:
         direction = check.vector("direction", self.direction)
