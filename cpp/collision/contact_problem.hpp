@@ -88,15 +88,38 @@ inline double solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide sid
     return size;
 }
 
-// Sweeps to and fro until none changes more than `tolerance`, at most so many; how many it took.
+// Sweeps to and fro until none changes more than `tolerance`, at most so many; how many it took. Between two sweeps the
+// impulses go on along the directions of earlier sweeps, as those of conjugate gradients: the change by a sweep stands for the
+// negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010, nonsmooth nonlinear conjugate gradients after Fletcher and
+// Reeves). Every result is that of a sweep, and so in the cones.
 inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side, double tolerance, int most) {
+    std::vector<Vec3> before(rows.size()), direction(rows.size(), Vec3::Zero());
+    double last = 0;  // squared size of the change by the last sweep, in the norm of energy
     for (int sweep = 0; sweep < most; ++sweep) {
+        for (std::size_t k = 0; k < rows.size(); ++k) before[k] = (rows[k].*side).impulse;
         double changed = 0;
         if (sweep % 2 == 0)
             for (auto row = rows.begin(); row != rows.end(); ++row) changed = std::max(changed, solve_block(*row, z, side));
         else
             for (auto row = rows.rbegin(); row != rows.rend(); ++row) changed = std::max(changed, solve_block(*row, z, side));
         if (changed <= tolerance) return sweep + 1;
+        if (sweep + 1 == most) break;
+        double size = 0;
+        for (std::size_t k = 0; k < rows.size(); ++k) size += rows[k].mobility * ((rows[k].*side).impulse - before[k]).squaredNorm();
+        const double ratio = last > 0 ? size / last : 0;
+        const bool goes_on = ratio <= 1;
+        last = size;
+        for (std::size_t k = 0; k < rows.size(); ++k) {
+            const Vec3 change = (rows[k].*side).impulse - before[k];
+            if (!goes_on) {
+                direction[k] = change;
+                continue;
+            }
+            const Vec3 further = ratio * direction[k];
+            (rows[k].*side).impulse += further;
+            rows[k].push(z, further);
+            direction[k] = further + change;
+        }
     }
     return most;
 }
