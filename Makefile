@@ -24,6 +24,10 @@ $(VENV)/.lint: pyproject.toml tools/requirements.py | $(BIN)/python
 test: $(VENV)/.built-test
 	$(BIN)/python -m pytest
 
+# Tests that take minutes; those of pages want Chromium and are skipped without.
+test-slow: $(VENV)/.built-test
+	$(BIN)/python -m pytest -m slow
+
 # VTK reads the exports for ParaView; at 140 MB it is no part of the extra "test".
 test-export: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check vtk
