@@ -230,7 +230,7 @@ class Simulation:
 
     def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
         done = 0
-        self._watched = self._watches.choose(self._clock.dt, self._stable_dt, self._frozen)
+        self._watched = self._watches.choose(self._clock.dt, self._stable_dt, self._frozen, self._contacts)
         if self._watched and steps > 0:
             self._runaway()  # notes the energies to begin with
         while done < steps:
@@ -274,7 +274,7 @@ class Simulation:
     def _runaway(self) -> dict[str, Any] | None:
         """The first watched member whose energy has run away, in the form of `Told.bad`."""
         parts = self._blocks.download(self._safe.parts)
-        found = self._watches.runaway(joined(parts, self._origins))
+        found = self._watches.runaway(joined(parts, self._origins), self._contacts)
         return found and {"member": found[0], "point": found[1], "shut_in": False}
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:

@@ -20,7 +20,7 @@ _MADE = 0.9  # part of the energy that a run has made of nothing when it is call
 
 
 class EnergyWatch:
-    """Tells of a cloth without spheres whether unstable steps made nearly all of its energy."""
+    """Tells of a cloth that no sphere has touched whether unstable steps made nearly all of its energy."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._cloth = scene, core_cloth(scene)
@@ -69,26 +69,37 @@ class EnergyWatches:
         for watch in self._watches.values():
             watch.restart()
 
-    def choose(self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool]) -> bool:
-        """Watch members whose guaranteed step is below `dt` [s]. Whether there are any."""
+    def choose(
+        self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool], contacts: Sequence[int]
+    ) -> bool:
+        """Watch members whose guaranteed step is below `dt` [s]. Whether there are any.
+
+        A sphere may give energy from its first response on. The adapter does not count those of
+        "continuous" spheres, so members with such a sphere are not watched.
+        """
         self._watched = [
             member for member, scene in enumerate(self._scenes)
-            if not frozen[member] and not scene.spheres and dt > stable_dt[member]
+            if not frozen[member] and not contacts[member] and dt > stable_dt[member]
+            and all(sphere.response != "continuous" for sphere in scene.spheres)
         ]  # fmt: skip
         for member in self._watched:
             if member not in self._watches:
                 self._watches[member] = EnergyWatch(self._scenes[member])
         return bool(self._watched)
 
-    def runaway(self, planes: np.ndarray) -> tuple[int, int] | None:
+    def runaway(self, planes: np.ndarray, contacts: Sequence[int]) -> tuple[int, int] | None:
         """The first watched member whose energy has run away, and its fastest mass point.
 
         Parameters
         ----------
         planes : numpy.ndarray
             The state, shape (members, 6, points), float64.
+        contacts : sequence of int
+            Responses so far, per member.
         """
         for member in self._watched:
+            if contacts[member]:
+                continue
             x, v = arrays_of(planes[member], (*self._scenes[member].cloth.shape, 3))
             point = self._watches[member].runaway_point(x, v)
             if point is not None:
