@@ -68,7 +68,9 @@ def _waiting(scene: Any, x: Any, v: Any, options: tuple[Any, ...]) -> list[State
         return None
     threads, strict, backend = options[2], options[4], options[5]
     # Keys are compared by value, and True is 1.
-    if type(strict) is not bool or type(threads) not in _THREADS or x.nbytes > _MOST_BYTES or backend != "cpu":
+    if type(strict) is not bool or type(threads) not in _THREADS or x.nbytes > _MOST_BYTES:
+        return None
+    if type(backend) is not str or backend != "cpu":
         return None
     if type(scene) is Scene:
         first, others = scene, None
