@@ -27,7 +27,9 @@ def of_nothing(reason: str = NOT_ASKED) -> Account:
 
 def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
     """A run whose error was estimated, to a tolerance or not."""
-    outcomes = compared(scene, found.solution, found.companion) if found.companion else {}
+    outcomes = {}
+    if found.companion or found.solution.contacts:
+        outcomes = compared(scene, found.solution, found.companion)
     return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
 
 
@@ -44,9 +46,10 @@ def _account(
     }
 
 
-def compared(scene: Scene, solution: Solution, companion: Solution) -> dict[str, Any]:
-    """What can be told after a contact, with its difference from the companion's."""
-    ours, theirs = _outcomes(scene, solution), _outcomes(scene, companion)
+def compared(scene: Scene, solution: Solution, companion: Solution | None) -> dict[str, Any]:
+    """What can be told after a contact; the difference from the companion's is NaN without one."""
+    ours = _outcomes(scene, solution)
+    theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
     return {
         name: {"value": value, "difference": _difference(value, theirs[name])}
         for name, value in ours.items()

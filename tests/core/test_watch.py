@@ -129,15 +129,16 @@ def test_the_papers_failing_case_is_reported():
 @pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
 @pytest.mark.parametrize("name", ["reflect", "ray", "continuous", "face"])
 def test_adaptive_steps(name, integrator):
-    """The moment does not depend on frames, and is that of small steps, to the length of a step."""
-    runs = [
-        cs.simulate(SCENES[name], 0.2, rtol=1e-4, integrator=integrator, every=every).report
-        for every in (None, "step")
-    ]
-    small = cs.simulate(SCENES[name], 0.2, 1e-4).report
+    """The moment does not depend on frames, and is that of small steps, to the length of a step.
+
+    Until 0.15 s: later the sphere runs into a pinned point, which leaves triangles beside it no place.
+    """
+    frames = cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator, every="step")
+    runs = [cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator).report, frames.report]
+    small = cs.simulate(SCENES[name], 0.15, 1e-4).report
     assert extremes(runs[0])["first_contact"] == extremes(runs[1])["first_contact"]
     time = runs[0]["first_contact"]["time"]
-    assert time == pytest.approx(small["first_contact"]["time"], abs=2 * runs[0]["dt"])
+    assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())
     outcomes = runs[0]["outcomes"]
     assert outcomes["first_contact"]["value"] == time
     assert outcomes["penetration"]["value"] == runs[0]["penetration"]["triangles"]
