@@ -16,8 +16,9 @@ each run sums the method's own estimates of its steps' errors, and the sums of b
 If that is small enough, the second run is returned. Else the next refinement has as many steps as
 the errors so far ask for.
 
-**Other methods**: the better run is one of dop853 at `_BETTER` times what is asked. The first run of
-the method tells how many steps the error asks for.
+**Other methods**: the better run is one of dop853. Its tolerance is tightened until the sum of its
+local errors is at most `_BETTER` times the distance. The first run of the method tells how many steps
+the error asks for.
 
 After a contact no error can be told. Then the difference of two runs shows how far outcomes agree.
 """
@@ -53,8 +54,8 @@ _PILOT = 0.05
 _REFINEMENT = 1.25
 # Estimates are taken times this, and proportional is what differs by less.
 _MARGIN = 1.4
-# Tolerance of a step of the better run, over the error that it is to tell.
-_BETTER = 1e-3
+# Sum of the local errors of the better run over the error that it is to tell, at most.
+_BETTER = 0.1
 # Runs of one method at most.
 _RUNS = 8
 # The smallest tolerance of a step, over the size: some fifty roundings of a position.
@@ -147,7 +148,7 @@ class _Runs:
             except UnstableError:
                 if given is not None or tolerance <= smallest:
                     raise
-            tolerance = max(_BETTER * tolerance, smallest)
+            tolerance = max(_BETTER**3 * tolerance, smallest)
 
     def steps_ahead(self, tolerance: float) -> float:
         """Steps of a run with error control, from the first part of it."""
@@ -282,7 +283,7 @@ class _Pair:
 
 def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
     method = _method(runs, asked, frames)
-    setting, better = method.first, _Better(runs, _BETTER * asked)
+    setting, better = method.first, _Better(runs, _BETTER**2 * asked)
     run = method.run(setting)
     best, error = run, Estimate.unknown(runs.exhausted())
     for _ in range(_RUNS):
@@ -290,7 +291,7 @@ def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
             if better.met(run):
                 return runs.close(run, Estimate.unknown(CONTACT), better.run)
             found = better.error_of(run)
-            if not found.rms < error.rms / 2 and better.tightened(asked / found.rms):
+            if found.rms >= error.rms / 2 and better.tightened(asked / found.rms):
                 found = better.error_of(run)
             if not found.rms >= error.rms:
                 best, error = run, found
@@ -308,7 +309,7 @@ def estimate_of(scene: Scene, duration: float, run: Solution) -> Controlled:
     """The error of a run that is done."""
     runs = _Runs(scene, duration, run.options, Watch(), math.inf)
     runs.add(run)
-    better = _Better(runs, _BETTER**2 * size_of(scene))
+    better = _Better(runs, _BETTER**6 * size_of(scene))
     if better.met(run):
         return runs.close(run, Estimate.unknown(CONTACT), better.run)
     return runs.close(run, better.error_of(run))
@@ -336,21 +337,23 @@ class _Better:
         return bool(run.contacts or self.run.contacts)
 
     def error_of(self, run: Solution) -> Estimate:
-        """The distance from a better run whose own error does not matter."""
+        """The distance from a better run whose own local errors do not matter."""
         while True:
             error = Estimate.of(run.x[-1] - self.run.x[-1], _MARGIN)
-            if not self._tighten(_BETTER * error.rms, 10 * _BETTER * error.rms):
+            part = _BETTER * error.rms / max(self.run.grid.local_error, 1e-300)
+            if part >= 1 or not self._tighten(part):
                 return error
 
     def tightened(self, part: float) -> bool:
         """Compute a better run yet, if there is one: the error that was found may be its own."""
-        wanted = _BETTER * self._tolerance * min(part, 1.0)
-        return self._tighten(wanted, self._tolerance * (1 - NEGLIGIBLE))
+        return self._tighten(min(part, 1.0))
 
-    def _tighten(self, wanted: float, largest: float) -> bool:
-        if self._tolerance <= max(largest, self._smallest):
+    def _tighten(self, part: float) -> bool:
+        """Go on at a smaller tolerance, well below this part of the present one; False at the end."""
+        if self._tolerance <= self._smallest:
             return False
-        self._tolerance, self._run = max(wanted, self._smallest), None
+        self._tolerance = max(_BETTER * part * self._tolerance, self._smallest)
+        self._run = None
         return True
 
 

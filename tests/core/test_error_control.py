@@ -180,6 +180,14 @@ def test_all_runs_are_counted():
     assert report["estimate_wall_time"] > 0
 
 
+def test_the_better_run_is_no_better_than_needed():
+    """The default call costs about three times its solution, though its error is far below its rtol."""
+    run = cs.simulate(scene_of("swing with bend"), 0.5)
+    true_within(run, rms(run.x[-1] - exact("swing with bend")))
+    assert run.report["integrator"] == "rk4"
+    assert run.report["estimate_evaluations"] < 3 * run.report["solution_evaluations"]
+
+
 @pytest.mark.parametrize("integrator", ["dop853", "dopri5"])
 def test_frames_do_not_shorten_steps(integrator):
     scene = scene_of("swing with bend")
