@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..measures import energy, largest_stretch, penetration
 from ..scene import Scene
 
 Curves = dict[str, npt.NDArray[np.float64]]
@@ -35,17 +34,9 @@ def curves(run: Any) -> Curves:
     "points" and "triangles", the deepest of each below the true radius of any sphere [m]; "contacts",
     the number of mass points that touch a sphere. Without a sphere the last three are missing.
     """
-    scene, x, t = run.scene, run.x, run.t
-    found: Curves = {name: np.asarray(one) for name, one in energy(scene, x, run.v).items()}
-    found["stretch"] = np.asarray(largest_stretch(scene, x))
-    if scene.spheres:
-        depths = [
-            [penetration(one, sphere, float(time)) for sphere in scene.spheres]
-            for one, time in zip(x, t, strict=True)
-        ]
-        for name in ("points", "triangles"):
-            found[name] = np.array([max(depth[name] for depth in frame) for frame in depths])
-        found["contacts"] = np.array(
-            [touching(scene, one, float(time)) for one, time in zip(x, t, strict=True)], float
-        )
+    found: Curves = {**run.energy(), "stretch": run.stretch()["largest"]}
+    if run.scene.spheres:
+        found |= run.penetration()
+        pairs = zip(run.x, run.t, strict=True)
+        found["contacts"] = np.array([touching(run.scene, x, float(t)) for x, t in pairs], float)
     return found

@@ -1,8 +1,7 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page is our own WebGL and no snapshot of k3d: that one shows a single scene, without curves and
-without the red of what is inside a sphere, and stores frames as 32-bit floats beside 1.4 MB of library, so
-300 frames of 32 x 32 do not fit into 3 MB. Here the program is 25 kB and frames are packed (`packing`).
+The page is our own WebGL and no snapshot of k3d: a snapshot shows a single scene, without curves and without
+the red where cloth is inside a sphere. Frames are packed (`packing`).
 
 Everything is inside the file, and its content security policy forbids requests.
 """
