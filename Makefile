@@ -13,6 +13,7 @@ demo: $(VENV)/.built-demo
 # Needs no compiler: the tools read the sources.
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	PYTHONPATH=python $(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/python tools/check_examples.py

@@ -64,9 +64,7 @@ def requests(case: Case) -> list[tuple[str, int]]:
 def run(case: Case, kind: str, exponent: int) -> cs.Run:
     if kind == "default":
         return cs.simulate(case.scene, case.duration, threads=1)
-    return cs.simulate(
-        case.scene, case.duration, rtol=10.0**-exponent, integrator=kind, threads=1
-    )
+    return cs.simulate(case.scene, case.duration, rtol=10.0**-exponent, integrator=kind, threads=1)
 
 
 def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, known: float) -> Judged:
@@ -75,10 +73,17 @@ def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, known: float)
     report = found.report
     estimate = report["error_estimate"]
     return Judged(
-        case.name, case.start, kind, 10.0**-exponent, rms(found.x[-1] - exact) / size,
-        estimate["rms"] / size, estimate.get("reason", ""), known / size,
-        report["force_evaluations"], report["steps"],
-    )  # fmt: skip
+        case.name,
+        case.start,
+        kind,
+        10.0**-exponent,
+        rms(found.x[-1] - exact) / size,
+        estimate["rms"] / size,
+        estimate.get("reason", ""),
+        known / size,
+        report["force_evaluations"],
+        report["steps"],
+    )
 
 
 def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> dict[float, float]:
@@ -164,9 +169,7 @@ def table(found: list[Judged]) -> str:
 def main() -> None:
     warnings.simplefilter("ignore", cs.StabilityWarning)
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--stream", choices=STREAMS, default="judge2", help="judge has served a choice already"
-    )
+    parser.add_argument("--stream", choices=STREAMS, default="judge2", help="judge has served a choice already")
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     parser.add_argument("--no-cost", action="store_true", help="leave the search out")
@@ -174,9 +177,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("/tmp/clothsim-error-control"))
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    found = judged_runs(
-        chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost
-    )
+    found = judged_runs(chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost)
     print(table(found))
     for one in found if chosen.bad else []:
         ratio = one.estimate / max(one.error, 1e-300)

@@ -23,26 +23,21 @@ from clothsim.gpu.experiment import Settings, count, quick, run
 
 
 def arguments():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = Settings()
     parser.add_argument("--quick", action="store_true", help="few and short runs")
     parser.add_argument("--adapter", help="part of the name of the adapters to measure")
     parser.add_argument("--sizes", type=int, nargs="*", help=f"default {default.sizes}")
     parser.add_argument("--batches", type=int, nargs="*", help=f"default {default.batches}")
     parser.add_argument("--method", type=int, choices=(1, 2), nargs="*", help="default both")
-    parser.add_argument(
-        "--precision", choices=("single", "double"), nargs="*", help="default both"
-    )
+    parser.add_argument("--precision", choices=("single", "double"), nargs="*", help="default both")
     parser.add_argument("--runs", type=int, help=f"default {default.runs}")
+    parser.add_argument("--seconds", type=float, help=f"longest window, default {default.seconds} s")
     parser.add_argument(
-        "--seconds", type=float, help=f"longest window, default {default.seconds} s"
-    )
-    parser.add_argument(
-        "--paper-seconds", type=float,
+        "--paper-seconds",
+        type=float,
         help=f"longest window of the paper's one cloth of 32 x 32, default {default.paper_seconds} s",
-    )  # fmt: skip
+    )
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR")
     parser.add_argument("--name", help="of the files; default: gpu_ and the adapter")
     return parser.parse_args()
@@ -50,10 +45,14 @@ def arguments():
 
 def settings_of(args):
     given = {
-        "sizes": args.sizes, "batches": args.batches, "methods": args.method,
-        "precisions": args.precision, "runs": args.runs, "seconds": args.seconds,
+        "sizes": args.sizes,
+        "batches": args.batches,
+        "methods": args.method,
+        "precisions": args.precision,
+        "runs": args.runs,
+        "seconds": args.seconds,
         "paper_seconds": args.paper_seconds,
-    }  # fmt: skip
+    }
     changes = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items() if v is not None}
     return replace(quick(Settings()) if args.quick else Settings(), **changes)
 

@@ -17,9 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.sparse import csr_matrix
 
 TOLERANCES = 3e-12, 3e-14
-SPRINGS = {
-    "structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "bend": ((0, 2), (2, 0)),
-}  # fmt: skip
+SPRINGS = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "bend": ((0, 2), (2, 0))}
 
 
 @dataclass(frozen=True)
@@ -56,16 +54,20 @@ def draw(seed: int, number: int) -> Case:
         damping = 10 ** rng.uniform(-3, -0.5) * 2 * point_mass * omega / 8
     elif model == "point":
         damping = point_mass * 10 ** rng.uniform(-1, 1)
-    pins = [
-        (int(r), int(c))
-        for r, c in zip(rng.integers(0, rows, 4), rng.integers(0, columns, 4), strict=True)
-    ][: int(rng.integers(0, 5))]
+    pins = [(int(r), int(c)) for r, c in zip(rng.integers(0, rows, 4), rng.integers(0, columns, 4), strict=True)][
+        : int(rng.integers(0, 5))
+    ]
     size = tuple(float(s) for s in rng.uniform(0.5, 1.5, 2))
     cloth = cs.Cloth(
-        shape=(rows, columns), size=size, mass=mass, stiffness=stiffness, damping=damping,
-        damping_model="point" if model == "point" else "spring", springs=families,
+        shape=(rows, columns),
+        size=size,
+        mass=mass,
+        stiffness=stiffness,
+        damping=damping,
+        damping_model="point" if model == "point" else "spring",
+        springs=families,
         pins=tuple(set(pins)),
-    )  # fmt: skip
+    )
     # Radians by which the fastest mode turns, roughly: from a short run to 100 steps and more.
     duration = min(10 ** rng.uniform(1.3, 3.0) / omega, 2.0)
     start = str(rng.choice(["flat", "crumpled", "stretched", "moving"]))
@@ -105,16 +107,13 @@ class Model:
         n, count = rows * columns, len(ends)
         springs = np.arange(count)
         self.incidence = csr_matrix(
-            (np.r_[np.ones(count), -np.ones(count)], (np.r_[self.a, self.b], np.r_[springs, springs])),
-            shape=(n, count),
+            (np.r_[np.ones(count), -np.ones(count)], (np.r_[self.a, self.b], np.r_[springs, springs])), shape=(n, count)
         )
         self.rest, self.stiffness, self.damping = map(np.array, (rest, stiffness, damping))
         self.inverse_mass = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point).reshape(-1, 1)
         self.gravity = np.array(scene.gravity) * ~cloth.pinned.reshape(-1, 1)
         self.point_damping, self.n = cloth.point_damping, n
-        self.start = np.concatenate(
-            [scene.initial_position.ravel(), scene.initial_velocity.ravel()]
-        )
+        self.start = np.concatenate([scene.initial_position.ravel(), scene.initial_velocity.ravel()])
 
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
         x, v = y.reshape(2, self.n, 3)
@@ -147,10 +146,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
     n = 3 * model.n
     for tolerance in TOLERANCES:
         scale = np.r_[np.full(n, size), np.full(n, size * omega)] * tolerance
-        found = solve_ivp(
-            model, (0, case.duration), model.start, "DOP853", t_eval=[case.duration], rtol=3e-14,
-            atol=scale,
-        )  # fmt: skip
+        found = solve_ivp(model, (0, case.duration), model.start, "DOP853", t_eval=[case.duration], rtol=3e-14, atol=scale)
         ends.append(found.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
     bound = rms(ends[1] - ends[0])
     folder.mkdir(parents=True, exist_ok=True)

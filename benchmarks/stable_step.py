@@ -114,10 +114,10 @@ def polynomial(method: str) -> list[float]:
     """Coefficients of a Runge-Kutta method's stability function, from z^0 on."""
     known = {"rk4": 4, "dopri5": 5, "dop853": 8}[method]
     further = {
-        "rk4": [], "dopri5": [1 / 600],
-        "dop853": [2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08,
-                   3.6133245781282443e-10],
-    }[method]  # fmt: skip
+        "rk4": [],
+        "dopri5": [1 / 600],
+        "dop853": [2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10],
+    }[method]
     return [1 / math.factorial(n) for n in range(known + 1)] + further
 
 

@@ -16,15 +16,7 @@ ROUNDS = {"rounds": 40, "warmup_rounds": 2}
 @pytest.mark.parametrize("bend", (False, True), ids=("3906", "5826"))
 def test_step(benchmark, kernel, precision, threads, bend):
     start = works.paper(bend, sphere=True)
-    stepper = cs.Stepper(
-        start.scene,
-        start.x,
-        start.v,
-        t=start.t,
-        kernel=kernel,
-        precision=precision,
-        threads=threads,
-    )
+    stepper = cs.Stepper(start.scene, start.x, start.v, t=start.t, kernel=kernel, precision=precision, threads=threads)
     benchmark.extra_info["steps"] = STEPS
     benchmark.pedantic(stepper.advance, (STEPS, PAPER_DT), **ROUNDS)
 

@@ -30,9 +30,7 @@ class Variant:
     @property
     def options(self):
         """Arguments of `step`; one thread, as that is what most tests are quickest with."""
-        return {
-            "kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1,
-        }  # fmt: skip
+        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1}
 
 
 VARIANTS = [
@@ -114,8 +112,7 @@ def _state(
         size=(0.9, 1.3),
         mass=rng.uniform(0.05, 0.15, shape) if mass == "per point" else 0.1 * shape[0] * shape[1],
         stiffness={f: stiffness[f] for f in springs},
-        damping=0.0 if not damped else 0.4 if damping_model == "point" else
-        {f: damping[f] for f in springs},
+        damping=0.0 if not damped else 0.4 if damping_model == "point" else {f: damping[f] for f in springs},
         damping_model=damping_model,
         springs=springs,
         pins=pins,
@@ -223,8 +220,7 @@ def closing():
 
     def scene(shape):
         spheres = [
-            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face")
-            for s in (1, -1)
+            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face") for s in (1, -1)
         ]
         return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)
 

@@ -55,9 +55,12 @@ def mypy(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
 def pyright(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
     """pyright in its basic mode."""
     settings = {
-        "extraPaths": [str(SOURCES)], "include": list(files), "reportMissingImports": "none",
-        "reportMissingModuleSource": "none", "reportUnusedExpression": "none",
-    }  # fmt: skip
+        "extraPaths": [str(SOURCES)],
+        "include": list(files),
+        "reportMissingImports": "none",
+        "reportMissingModuleSource": "none",
+        "reportUnusedExpression": "none",
+    }
     (folder / "pyrightconfig.json").write_text(json.dumps(settings))
     return run(folder, ["pyright", "--pythonpath", sys.executable, "--project", str(folder)])
 

@@ -17,9 +17,14 @@ from ._on_demand import on_demand
 from .build import build_config
 from .cloth import Cloth
 from .errors import (
-    ContactError, ContactWarning, LongRunWarning, OrderWarning, RunInterrupted, StabilityWarning,
+    ContactError,
+    ContactWarning,
+    LongRunWarning,
+    OrderWarning,
+    RunInterrupted,
+    StabilityWarning,
     UnstableError,
-)  # fmt: skip
+)
 from .grid import thread_grid, triangles
 from .integration import integrators
 from .measures import energy, largest_stretch, max_stable_dt, penetration
@@ -49,20 +54,69 @@ __version__ = build_config()["version"]
 _accessor.register()
 
 __all__ = [
-    "Camera", "Cloth", "ContactError", "ContactWarning", "Convergence", "Keyframes", "Linear",
-    "LongRunWarning", "OrderWarning", "Picture", "Reciprocate", "Reference", "Run",
-    "RunInterrupted", "Scene", "Snapshot", "Sphere", "StabilityWarning", "Stepper",
-    "UnstableError", "acceleration", "build_config", "compare", "convergence", "energy",
-    "integrators", "largest_stretch", "load_run", "load_scene", "max_stable_dt", "open_sweep",
-    "penetration", "picture", "reference", "reference_step", "save_scene", "scenes", "simulate",
-    "stability_map", "step", "sweep", "sweepable", "thread_grid", "triangles", "view",
+    "Camera",
+    "Cloth",
+    "ContactError",
+    "ContactWarning",
+    "Convergence",
+    "Keyframes",
+    "Linear",
+    "LongRunWarning",
+    "OrderWarning",
+    "Picture",
+    "Reciprocate",
+    "Reference",
+    "Run",
+    "RunInterrupted",
+    "Scene",
+    "Snapshot",
+    "Sphere",
+    "StabilityWarning",
+    "Stepper",
+    "UnstableError",
+    "acceleration",
+    "build_config",
+    "compare",
+    "convergence",
+    "energy",
+    "integrators",
+    "largest_stretch",
+    "load_run",
+    "load_scene",
+    "max_stable_dt",
+    "open_sweep",
+    "penetration",
+    "picture",
+    "reference",
+    "reference_step",
+    "save_scene",
+    "scenes",
+    "simulate",
+    "stability_map",
+    "step",
+    "sweep",
+    "sweepable",
+    "thread_grid",
+    "triangles",
+    "view",
     "work_precision",
-]  # fmt: skip
+]
 
-__getattr__, __dir__ = on_demand(globals(), {
-    "Convergence": ".accuracy", "Reference": ".accuracy", "convergence": ".accuracy",
-    "reference": ".accuracy", "work_precision": ".accuracy", "stability_map": ".stability.map",
-    "open_sweep": ".sweep.dataset", "sweepable": ".sweep.fields",
-    "Camera": ".view.camera", "Picture": ".view.picture", "picture": ".view.picture",
-    "compare": ".view.page", "view": ".view",
-})  # fmt: skip
+__getattr__, __dir__ = on_demand(
+    globals(),
+    {
+        "Convergence": ".accuracy",
+        "Reference": ".accuracy",
+        "convergence": ".accuracy",
+        "reference": ".accuracy",
+        "work_precision": ".accuracy",
+        "stability_map": ".stability.map",
+        "open_sweep": ".sweep.dataset",
+        "sweepable": ".sweep.fields",
+        "Camera": ".view.camera",
+        "Picture": ".view.picture",
+        "picture": ".view.picture",
+        "compare": ".view.page",
+        "view": ".view",
+    },
+)

@@ -25,9 +25,7 @@ def _register() -> None:
 class _AfterXarray(MetaPathFinder):
     """Finds xarray as the other finders do, and registers the accessor once it is executed."""
 
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         if name != "xarray":
             return None
         others = (finder for finder in sys.meta_path if not isinstance(finder, _AfterXarray))

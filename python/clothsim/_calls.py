@@ -49,9 +49,17 @@ def borrow(
             if state.begin(x, v, t):
                 return state
     state = State(
-        scene, x, v, t=t, integrator=integrator, precision=precision, threads=threads, kernel=kernel,
-        strict=strict, backend=backend,
-    )  # fmt: skip
+        scene,
+        x,
+        v,
+        t=t,
+        integrator=integrator,
+        precision=precision,
+        threads=threads,
+        kernel=kernel,
+        strict=strict,
+        backend=backend,
+    )
     state.waiting = waiting
     return state
 

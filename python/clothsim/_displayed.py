@@ -84,13 +84,7 @@ class DisplayedRun:
         return plot(self, path)
 
     def animate(
-        self,
-        path: str | Path,
-        fps: float = 30.0,
-        *,
-        speed: float = 1.0,
-        camera: Any = None,
-        width: int = 640,
+        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, camera: Any = None, width: int = 640
     ) -> Path:
         """Write a film of the run.
 

@@ -9,9 +9,7 @@ from pathlib import Path
 class ExportedRun:
     """Methods of `Run` that write files of other programs."""
 
-    def export(
-        self, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False
-    ) -> list[Path]:
+    def export(self, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False) -> list[Path]:
         """Write the run as files for other programs, in the format that the suffix names.
 
         ===================  ====================================================================

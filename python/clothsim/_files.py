@@ -37,9 +37,7 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
     return path
 
 
-def read_npz(
-    path: str | os.PathLike[str], what: str, needed: Collection[str]
-) -> dict[str, np.ndarray]:
+def read_npz(path: str | os.PathLike[str], what: str, needed: Collection[str]) -> dict[str, np.ndarray]:
     """The arrays of a file that `write_npz` wrote, or a ValueError that says it is no `what`."""
     from zipfile import BadZipFile  # takes longer than the rest of this module
 

@@ -115,8 +115,7 @@ def _unknown(function: Callable[..., Any], given: Mapping[str, Any]) -> str | No
         return None
     name = function.__qualname__.removesuffix(".__init__")
     return (
-        f"{name}() got an unknown argument {unknown!r}{_suggestion(unknown, known)}; "
-        f"it takes {', '.join(known) or 'none'}"
+        f"{name}() got an unknown argument {unknown!r}{_suggestion(unknown, known)}; it takes {', '.join(known) or 'none'}"
     )
 
 

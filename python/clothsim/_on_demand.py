@@ -7,9 +7,7 @@ from importlib import import_module
 from typing import Any
 
 
-def on_demand(
-    namespace: dict[str, Any], places: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def on_demand(namespace: dict[str, Any], places: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of the package with that namespace (PEP 562).
 
     `places` has the module of each name, relative to the package.

@@ -109,8 +109,7 @@ class Record(EqualByValue):
     def _open_values(self) -> dict[str, Any]:
         """The arguments, with plain dicts in place of read-only views of them."""
         return {
-            name: dict(value) if isinstance(value, MappingProxyType) else value
-            for name, value in self._values().items()
+            name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in self._values().items()
         }
 
     def _set(self, **values: Any) -> None:

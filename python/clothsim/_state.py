@@ -12,25 +12,9 @@ import numpy.typing as npt
 
 from . import _core
 from . import _validate as check
-from .errors import (
-    ContactError,
-    ContactWarning,
-    LongRunWarning,
-    UnstableError,
-    warn_caller,
-    warn_of_dt,
-    warn_of_growth,
-)  # fmt: skip
+from .errors import ContactError, ContactWarning, LongRunWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from .integration import integrators, warn_of_order
-from .plan import (
-    check_backend,
-    check_options,
-    choose_kernel,
-    choose_threads,
-    core_cloth,
-    core_plan,
-    point_radius,
-)  # fmt: skip
+from .plan import check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius
 from .scene import Scene
 from .stability.bound import guaranteed_dt
 from .stability.limiting import limiting_term
@@ -71,8 +55,9 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     if given.dtype.kind not in "iuf":
         raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
     fits = given.shape[-3:] == shape and (
-        given.ndim == 4 and given.shape[0] == len(scenes) if batched else
-        given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
+        given.ndim == 4 and given.shape[0] == len(scenes)
+        if batched
+        else given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
     )
     if not fits:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
@@ -82,9 +67,7 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     return result
 
 
-def state_arrays(
-    x: Any, v: Any, scenes: list[Scene], batched: bool
-) -> tuple[FloatArray, FloatArray]:
+def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     """`x` and `v` checked, of one shape and dtype (the wider of the two)."""
     x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
     if x.shape != v.shape:
@@ -93,9 +76,7 @@ def state_arrays(
     return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
 
 
-def checked_state(
-    x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str
-) -> tuple[FloatArray, FloatArray]:
+def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
     """As `state_arrays`, and of numbers that the precision can hold."""
     x, v = state_arrays(x, v, scenes, batched)
     if precision == "single":
@@ -193,9 +174,15 @@ class State:
         check_backend(backend, kernel, threads, integrator)
         t = 0.0 if t is None and x is None else start_time(t, scenes)
         self._options: dict[str, Any] = {
-            "t": t, "integrator": integrator, "precision": precision, "threads": threads,
-            "kernel": kernel, "strict": strict, "backend": backend, "inspect": False,
-        }  # fmt: skip
+            "t": t,
+            "integrator": integrator,
+            "precision": precision,
+            "threads": threads,
+            "kernel": kernel,
+            "strict": strict,
+            "backend": backend,
+            "inspect": False,
+        }
         if x is None:
             x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
         if v is None:
@@ -219,9 +206,7 @@ class State:
             plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
             self.kernel = choose_kernel(kernel, strict)
             self.instruction_set = plans[0].instruction_set
-            self.core = _core.Simulation(
-                plans * members if not batched else plans, t, self.threads
-            )
+            self.core = _core.Simulation(plans * members if not batched else plans, t, self.threads)
             cloths = [plan.cloth for plan in plans]
         limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
         self.max_stable_dt = limits * members if not batched else limits
@@ -347,10 +332,7 @@ class State:
         seconds = steps * self._seconds_per_step(dt)
         term = limiting_term(self.scenes[0], self.integrator)
         why = f"; {term}" if dt >= term.max_stable_dt / 4 else ""  # the limit made it short
-        warn_caller(
-            f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}",
-            LongRunWarning,
-        )
+        warn_caller(f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}", LongRunWarning)
 
     def _seconds_per_step(self, dt: float) -> float:
         """Measured on steps of a copy of this state, for a twentieth of a second or so."""

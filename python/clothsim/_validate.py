@@ -81,12 +81,7 @@ def is_number(value: Any) -> bool:
 
 
 def number(
-    name: str,
-    value: Any,
-    *,
-    minimum: float | None = None,
-    exclusive: bool = False,
-    maximum: float | None = None,
+    name: str, value: Any, *, minimum: float | None = None, exclusive: bool = False, maximum: float | None = None
 ) -> float:
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if not is_number(value):
@@ -107,9 +102,7 @@ def number(
     return result
 
 
-def integer(
-    name: str, value: Any, *, minimum: int | None = None, maximum: int = INT64_MAX
-) -> int:
+def integer(name: str, value: Any, *, minimum: int | None = None, maximum: int = INT64_MAX) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
     low = "" if minimum is None else f" >= {minimum}"
     # The largest that the core holds goes without saying, unless it is what was passed.
@@ -134,8 +127,7 @@ def step_count(duration: float, dt: float) -> None:
     """Raise a ValueError where a run has more steps than the core can count."""
     if not duration / dt <= INT64_MAX:
         raise ValueError(
-            f"duration / dt must be at most {INT64_MAX:.3g} steps, got duration = {duration:g} s "
-            f"and dt = {dt:g} s"
+            f"duration / dt must be at most {INT64_MAX:.3g} steps, got duration = {duration:g} s and dt = {dt:g} s"
         )
 
 
@@ -252,24 +244,16 @@ def folder(name: str, value: Any) -> Path:
     return where
 
 
-def keys(
-    name: str, value: Any, known: Collection[str], required: Collection[str] = ()
-) -> dict[str, Any]:
+def keys(name: str, value: Any, known: Collection[str], required: Collection[str] = ()) -> dict[str, Any]:
     """A plain copy of the mapping `value`, whose keys are all `known` and none `required` lacks."""
     if not isinstance(value, Mapping):
         raise TypeError(_wrong(name, f"a mapping with the keys {_listed(known)}", value))
     for key in value:
         if key not in known:
-            raise ValueError(
-                f"{name} has the unknown key {key!r}{_nearest(key, known)}; "
-                f"accepted: {_listed(known)}"
-            )
+            raise ValueError(f"{name} has the unknown key {key!r}{_nearest(key, known)}; accepted: {_listed(known)}")
     missing = [key for key in required if key not in value]
     if missing:
-        raise ValueError(
-            f"{name} lacks the key {_listed(missing)}; it has {_listed([*value])}, "
-            f"needed: {_listed(required)}"
-        )
+        raise ValueError(f"{name} lacks the key {_listed(missing)}; it has {_listed([*value])}, needed: {_listed(required)}")
     return dict(value)
 
 
@@ -293,9 +277,7 @@ def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
         raise _failed(name, accepted, value, error) from error
 
 
-def array(
-    name: str, value: Any, shape: tuple[int, ...], what: str = "finite numbers"
-) -> npt.NDArray[np.float64]:
+def array(name: str, value: Any, shape: tuple[int, ...], what: str = "finite numbers") -> npt.NDArray[np.float64]:
     """A C-contiguous float64 copy of `value`, which has exactly `shape` and is finite."""
     accepted = f"an array of shape {shape} of {what}"
     given = as_array(name, value, accepted)
@@ -310,9 +292,7 @@ def array(
     return result
 
 
-def check_all(
-    name: str, values: np.ndarray, good: np.ndarray, accepted: str, *, points: bool = False
-) -> None:
+def check_all(name: str, values: np.ndarray, good: np.ndarray, accepted: str, *, points: bool = False) -> None:
     """Raise a ValueError that names the first entry of `values` where `good` is False.
 
     `points`: the last three axes are row, column and component, and the mass point is named too.

@@ -33,9 +33,7 @@ def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> A
     return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
 
 
-def _account(
-    error: Estimate, outcomes: dict[str, Any], asked: float, evaluations: int, wall_time: float
-) -> Account:
+def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluations: int, wall_time: float) -> Account:
     return {
         "error_estimate": asdict(error),
         "estimate_evaluations": evaluations,
@@ -50,10 +48,7 @@ def compared(scene: Scene, solution: Solution, companion: Solution | None) -> di
     """What can be told after a contact; the difference from the companion's is NaN without one."""
     ours = _outcomes(scene, solution)
     theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
-    return {
-        name: {"value": value, "difference": _difference(value, theirs[name])}
-        for name, value in ours.items()
-    }
+    return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
 
 
 def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
@@ -73,9 +68,7 @@ def _difference(a: Any, b: Any) -> float:
     return float(np.linalg.norm(np.subtract(a, b)))
 
 
-def report(
-    scene: Scene, solution: Solution, account: Account, stopped: str = ""
-) -> Report:
+def report(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Report:
     """`Run.report`; `stopped`: why the run ended early."""
     x, v = solution.x, solution.v
     wall_time, options, state = solution.wall_time, solution.options, solution.state
@@ -90,7 +83,8 @@ def report(
         "stopped": stopped,
         **account,
         "energy": {
-            **_gained(solution.watched), **_energy("start", scene, x[0], v[0]),
+            **_gained(solution.watched),
+            **_energy("start", scene, x[0], v[0]),
             **_energy("end", scene, x[-1], v[-1]),
         },
         **_extremes(solution.watched),
@@ -112,13 +106,10 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
     none = "" if watched["in_contact"] else "no sphere responded"
     time = watched["first_contact"]
     return {
-        "penetration": {
-            "points": watched["point_depth"], "triangles": watched["triangle_depth"],
-            "reason": untold,
-        },
+        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": untold},
         "stretch": {"largest": watched["stretch"], "reason": untold},
         "first_contact": {"time": time, "reason": (none or untold) if math.isnan(time) else ""},
-    }  # fmt: skip
+    }
 
 
 def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:

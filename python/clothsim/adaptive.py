@@ -117,18 +117,20 @@ class _Exhausted(Exception):
 class _Runs:
     """The runs of one call: what they cost, and how many force evaluations are left."""
 
-    def __init__(
-        self, scene: Scene, duration: float, options: Options, watch: Watch, most: float
-    ) -> None:
+    def __init__(self, scene: Scene, duration: float, options: Options, watch: Watch, most: float) -> None:
         self.scene, self.duration, self.options = scene, duration, options
         self._watch, self._most = watch, most
         self._done: list[Solution] = []
         self._finished: Recording | None = None
 
     def adaptive(
-        self, tolerance: float, frames: Schedule | None = None, given: list[float] | None = None,
-        rounded: bool = False, options: Options | None = None,
-    ) -> Solution:  # fmt: skip
+        self,
+        tolerance: float,
+        frames: Schedule | None = None,
+        given: list[float] | None = None,
+        rounded: bool = False,
+        options: Options | None = None,
+    ) -> Solution:
         """A run with error control; without frames nobody follows it.
 
         If it runs away at the tolerance, because stiff motion is let grow up to it, it is done
@@ -140,11 +142,17 @@ class _Runs:
             try:
                 return self._add(
                     integrate(
-                        self.scene, self.duration, tolerance, options or self.options, frames,
-                        None if frames is None else self._watch, given=given, most=self._left,
+                        self.scene,
+                        self.duration,
+                        tolerance,
+                        options or self.options,
+                        frames,
+                        None if frames is None else self._watch,
+                        given=given,
+                        most=self._left,
                         rounded=rounded,
                     )
-                )  # fmt: skip
+                )
             except UnstableError:
                 if given is not None or tolerance <= smallest:
                     raise
@@ -155,9 +163,13 @@ class _Runs:
         watch = Watch()
         try:
             run = integrate(
-                self.scene, _PILOT * self.duration, max(tolerance, _SMALLEST * size_of(self.scene)),
-                self.options, watch=watch, most=self._left,
-            )  # fmt: skip
+                self.scene,
+                _PILOT * self.duration,
+                max(tolerance, _SMALLEST * size_of(self.scene)),
+                self.options,
+                watch=watch,
+                most=self._left,
+            )
         except UnstableError:
             return 0.0
         except KeyboardInterrupt:
@@ -173,9 +185,7 @@ class _Runs:
         enough = self._left >= steps * cost
         duration = self.duration if enough else max(1, int(self._left / cost)) * dt
         watch = self._watch if enough or not self._finished else None
-        return self._add(
-            run_fixed(self.scene, duration, dt, self.options, frames, watch, own_step=True)
-        )
+        return self._add(run_fixed(self.scene, duration, dt, self.options, frames, watch, own_step=True))
 
     def add(self, run: Solution) -> None:
         self._done.append(run)
@@ -196,27 +206,18 @@ class _Runs:
         if self._finished is not None:
             self._watch.recording = self._finished
 
-    def close(
-        self, solution: Solution, error: Estimate, companion: Solution | None = None
-    ) -> Controlled:
+    def close(self, solution: Solution, error: Estimate, companion: Solution | None = None) -> Controlled:
         others = [run for run in self._done if run is not solution]
         return Controlled(
-            solution, error, companion, sum(run.evaluations for run in others),
-            sum(run.wall_time for run in others),
-        )  # fmt: skip
+            solution, error, companion, sum(run.evaluations for run in others), sum(run.wall_time for run in others)
+        )
 
     def exhausted(self) -> str:
         return f"max_evaluations = {self._most:g} does not suffice"
 
 
 def solve(
-    scene: Scene,
-    duration: float,
-    asked: float,
-    options: Options,
-    frames: Schedule,
-    watch: Watch,
-    most: float = math.inf,
+    scene: Scene, duration: float, asked: float, options: Options, frames: Schedule, watch: Watch, most: float = math.inf
 ) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or the best one found."""
     runs = _Runs(scene, duration, options, watch, most)
@@ -326,9 +327,7 @@ class _Better:
     @property
     def run(self) -> Solution:
         if self._run is None:
-            best = self._runs.options.replace(
-                integrator="dop853", precision="double", backend="cpu"
-            )
+            best = self._runs.options.replace(integrator="dop853", precision="double", backend="cpu")
             self._run = self._runs.adaptive(self._tolerance, rounded=True, options=best)
         return self._run
 

@@ -191,9 +191,7 @@ class Cloth(Record):
 
     @property
     def spacing(self) -> tuple[float, float]:
-        row, column = (
-            s / (n - 1) if n > 1 else 0.0 for s, n in zip(self.size, self.shape, strict=True)
-        )
+        row, column = (s / (n - 1) if n > 1 else 0.0 for s, n in zip(self.size, self.shape, strict=True))
         return row, column
 
     @property
@@ -267,16 +265,12 @@ class Cloth(Record):
             check.choice("family", family, FAMILIES)
         wanted = self.springs if family is None else (family,)
         return sum(
-            math.prod(self._cells(first, second))
-            for name, first, second in _ENDS
-            if name in wanted and name in self.springs
+            math.prod(self._cells(first, second)) for name, first, second in _ENDS if name in wanted and name in self.springs
         )
 
     def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
         """How many springs with these ends fit along the rows and along the columns."""
-        rows, columns = (
-            max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True)
-        )
+        rows, columns = (max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True))
         return rows, columns
 
     def spring_table(self) -> npt.NDArray[np.void]:
@@ -311,9 +305,7 @@ class Cloth(Record):
             for field, (r, c) in (("i", first), ("j", second)):
                 block[field] = index[r : r + rows, c : c + columns].ravel()
             block["family"] = family
-            block["rest_length"] = math.hypot(
-                *(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True))
-            )
+            block["rest_length"] = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
             block["stiffness"] = stiffness[family]
             block["damping"] = damping[family]
             blocks.append(block)

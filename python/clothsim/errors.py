@@ -54,8 +54,7 @@ def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None, ter
     """Give a `StabilityWarning`; `term` says which term limits the step."""
     which = "this scene" if member is None else f"batch member {member}"
     warn_caller(
-        f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable "
-        f"for {which}; {term}",
+        f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable for {which}; {term}",
         StabilityWarning,
     )
 
@@ -269,24 +268,14 @@ more mass
             cause = f"dt = {self.dt:g} s"
             remedy = "take a smaller dt, or look for values too large in the initial state"
         elif self.dt > limit:
-            cause = (
-                f"the time step dt = {self.dt:g} s is above the stability limit, about {limit:g} s"
-            )
+            cause = f"the time step dt = {self.dt:g} s is above the stability limit, about {limit:g} s"
             remedy = "take a dt below it, or less stiffness or damping, or more mass"
             if self.term:
                 cause += f" ({self.term})"
         else:
-            cause = (
-                f"though the time step dt = {self.dt:g} s is within the estimated stability "
-                f"limit, {limit:g} s"
-            )
-            remedy = (
-                "look for points that coincide or values too large in the initial state, "
-                "else take a smaller dt"
-            )
-        return (
-            f"unstable at step {self.step} (t = {self.time:g} s){where}{which}: {cause}; {remedy}"
-        )
+            cause = f"though the time step dt = {self.dt:g} s is within the estimated stability limit, {limit:g} s"
+            remedy = "look for points that coincide or values too large in the initial state, else take a smaller dt"
+        return f"unstable at step {self.step} (t = {self.time:g} s){where}{which}: {cause}; {remedy}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         names = ("step", "time", "point", "dt", "max_stable_dt", "term", "x", "v", "member")

@@ -69,20 +69,28 @@ _WANG = (
 
 FABRICS = {
     "cotton": Fabric(
-        "rib knit, 95 % cotton, 5 % spandex", 0.276, 2 * 42.871021, 2 * 65.166023, 83.175644 / 2,
-        (46.237591e-6 + 32.243889e-6) / 2, _WANG.format(file="ivory-rib-knit"),
+        "rib knit, 95 % cotton, 5 % spandex",
+        0.276,
+        2 * 42.871021,
+        2 * 65.166023,
+        83.175644 / 2,
+        (46.237591e-6 + 32.243889e-6) / 2,
+        _WANG.format(file="ivory-rib-knit"),
     ),
     "denim": Fabric(
-        "11 oz black denim, 99 % cotton, 1 % spandex", 0.324, 2 * 205.352005, 2 * 1013.88629,
-        53.387184 / 2, (64.196457e-6 + 96.951576e-6) / 2, _WANG.format(file="11oz-black-denim"),
+        "11 oz black denim, 99 % cotton, 1 % spandex",
+        0.324,
+        2 * 205.352005,
+        2 * 1013.88629,
+        53.387184 / 2,
+        (64.196457e-6 + 96.951576e-6) / 2,
+        _WANG.format(file="11oz-black-denim"),
     ),
-}  # fmt: skip
+}
 """The fabrics that `clothsim.scenes` has, by name."""
 
 
-def spring_stiffness(
-    fabric: Fabric, spacing: tuple[float, float], fold: float
-) -> dict[str, float]:
+def spring_stiffness(fabric: Fabric, spacing: tuple[float, float], fold: float) -> dict[str, float]:
     """Stiffness of each spring family [N/m]; see the module's text.
 
     Parameters

@@ -78,11 +78,7 @@ class Schedule:
 
 def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) -> Schedule:
     """The frames that `simulate` was asked for, from its arguments."""
-    given = {
-        name: value
-        for name, value in (("every", every), ("times", times), ("fps", fps))
-        if value is not None
-    }
+    given = {name: value for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None}
     if len(given) > 1:
         listed = " and ".join(given)
         raise ValueError(f"at most one of every, times and fps can be given, got {listed}")

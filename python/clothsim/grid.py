@@ -13,9 +13,7 @@ GROUP = (_core.group_size, _core.group_size, 1)
 
 
 @suggests
-def thread_grid(
-    shape: tuple[int, int], group: tuple[int, int, int] = GROUP
-) -> npt.NDArray[np.void]:
+def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
     """Which thread of the compute shader has which mass point (Kim et al., section 3.1).
 
     One thread per mass point, groups of 16 x 16 x 1 threads::
@@ -55,8 +53,7 @@ def thread_grid(
     """
     rows, columns = check.shape(shape)
     wanted = tuple(
-        check.integer(f"group[{k}]", n, minimum=1)
-        for k, n in enumerate(check.items("group", group, 3, "integers"))
+        check.integer(f"group[{k}]", n, minimum=1) for k, n in enumerate(check.items("group", group, 3, "integers"))
     )
     if wanted != GROUP:
         raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {wanted}")

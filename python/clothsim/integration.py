@@ -127,56 +127,98 @@ def _record(
 ) -> Integrator:
     damped = order_damped is None
     return Integrator(
-        name, order, order_damped or order, stages, stages_damped or stages, explicit, adaptive, symplectic, damped,
-        imaginary_limit, real_limit, description, source,
-    )  # fmt: skip
+        name,
+        order,
+        order_damped or order,
+        stages,
+        stages_damped or stages,
+        explicit,
+        adaptive,
+        symplectic,
+        damped,
+        imaginary_limit,
+        real_limit,
+        description,
+        source,
+    )
 
 
 _TABLE = (
     _record(
-        "rk4", 4, 4, 2.8284271247461903, 2.7852935634052816,
+        "rk4",
+        4,
+        4,
+        2.8284271247461903,
+        2.7852935634052816,
         "classic Runge-Kutta, the paper's: the default",
         "Kutta, Z. Math. Phys. 46 (1901)",
     ),
     _record(
-        "semi_implicit_euler", 1, 1, 2.0, 2.0,
+        "semi_implicit_euler",
+        1,
+        1,
+        2.0,
+        2.0,
         "kick, then drift: what games use",
         "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.9",
         symplectic=True,
     ),
     _record(
-        "velocity_verlet", 2, 1, 2.0, 2.0,
+        "velocity_verlet",
+        2,
+        1,
+        2.0,
+        2.0,
         "kick, drift, kick; the second kick takes the velocity predicted by Euler's method, which "
         "keeps order 2 with damping, at two evaluations a step then",
         "Swope et al., J. Chem. Phys. 76 (1982) 637",
-        stages_damped=2, symplectic=True,
+        stages_damped=2,
+        symplectic=True,
     ),
     _record(
-        "pefrl", 4, 4, 2.9894, 2.3414,
+        "pefrl",
+        4,
+        4,
+        2.9894,
+        2.3414,
         "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes; of order 1 with damping",
         "Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20",
-        symplectic=True, order_damped=1,
+        symplectic=True,
+        order_damped=1,
     ),
     _record(
-        "dopri5", 5, 6, 0.9971, 3.3065,
+        "dopri5",
+        5,
+        6,
+        0.9971,
+        3.3065,
         "Dormand-Prince 5(4): errors of 1e-3 to 1e-7 of the size",
         "Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19",
         adaptive=True,
     ),
     _record(
-        "dop853", 8, 12, 5.9603, 6.3936,
+        "dop853",
+        8,
+        12,
+        5.9603,
+        6.3936,
         "Dormand-Prince 8(5,3): small errors at the least cost",
         "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., II.5, dop853.f",
         adaptive=True,
     ),
     _record(
-        "implicit_midpoint", 2, 1, math.inf, math.inf,
+        "implicit_midpoint",
+        2,
+        1,
+        math.inf,
+        math.inf,
         "Newton's method with a sparse factorisation: stays bounded at huge steps, at the price of "
         "the error that order 2 has there",
         "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.7",
-        explicit=False, symplectic=True,
+        explicit=False,
+        symplectic=True,
     ),
-)  # fmt: skip
+)
 
 
 class _Integrators(Mapping[str, Integrator]):
@@ -306,26 +348,18 @@ def warn_of_order(integrator: str, scene: Scene) -> bool:
 _FURTHER_TERMS = {
     "rk4": (),
     "dopri5": (1 / 600,),
-    "dop853": (
-        2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08,
-        3.6133245781282443e-10,
-    ),
-}  # fmt: skip
+    "dop853": (2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10),
+}
 
 # PEFRL: drift, kick, drift, kick, ... as parts of the step.
 _XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 _PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
 _PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
-_SPLITTINGS = {
-    "semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)),
-    "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS),
-}
+_SPLITTINGS = {"semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)), "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS)}
 
 
 @suggests
-def amplification_matrix(
-    integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
-) -> Floats:
+def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
     """The matrix by which a step maps (x, dt v) of the damped oscillator.
 
     Parameters
@@ -352,9 +386,7 @@ def amplification_matrix(
     [[0.0, 1.0], [-1.0, 1.0]]
     """
     integrator = integrator_name(integrator)
-    omega, delta = np.broadcast_arrays(
-        _rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt)
-    )
+    omega, delta = np.broadcast_arrays(_rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt))
     square = omega * omega
     if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
         one, zero = np.ones_like(square), np.zeros_like(square)
@@ -413,9 +445,7 @@ def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
 
 
-def splitting_step(
-    integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any
-) -> tuple[Any, Any, list[Any]]:
+def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
     """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
 
     Parameters

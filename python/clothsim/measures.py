@@ -93,9 +93,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
 
 
 @suggests
-def penetration(
-    x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
-) -> dict[str, Value]:
+def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
     The depth is that below the sphere's true radius, without the offset. A triangle's depth is
@@ -218,10 +216,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
 
 @suggests
 def max_stable_dt(
-    scene: Scene,
-    integrator: Integrator = "rk4",
-    x: npt.ArrayLike | None = None,
-    v: npt.ArrayLike | None = None,
+    scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
 ) -> float:
     """The largest time step that is stable: guaranteed for all states but extreme ones, or at one.
 

@@ -38,9 +38,12 @@ _FLOPS_SPHERE_TEST = 9
 # Such updates in a step of each method without and with damping (cpp/dynamics/methods.cpp): of x one for
 # the velocity and one per weight that is not 0, of v one per weight that is not 0.
 _UPDATES = {
-    "semi_implicit_euler": (2, 2), "velocity_verlet": (3, 7), "pefrl": (9, 9), "dopri5": (40, 40),
+    "semi_implicit_euler": (2, 2),
+    "velocity_verlet": (3, 7),
+    "pefrl": (9, 9),
+    "dopri5": (40, 40),
     "dop853": (126, 126),
-}  # fmt: skip
+}
 
 
 def choose_kernel(kernel: str, strict: bool) -> str:
@@ -119,11 +122,7 @@ def core_cloth(scene: Scene) -> _core.Cloth:
 
 
 def core_plan(
-    scene: Scene,
-    precision: str = "double",
-    kernel: str = "auto",
-    strict: bool = False,
-    integrator: str = "rk4",
+    scene: Scene, precision: str = "double", kernel: str = "auto", strict: bool = False, integrator: str = "rk4"
 ) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
@@ -260,8 +259,7 @@ def explain(
             "integrator": integrator,
             "order": method.order_of(scene),
             "force_evaluations_per_step": (
-                method.evaluations_per_step(cloth.damped) if method.explicit
-                else "as many as Newton's method takes"
+                method.evaluations_per_step(cloth.damped) if method.explicit else "as many as Newton's method takes"
             ),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),

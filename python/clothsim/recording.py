@@ -80,8 +80,7 @@ class Watch:
         stop = self._callback(t, *views)
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(
-                "callback must return True to stop the run, or False or None to go on, "
-                f"got a {type(stop).__name__}"
+                f"callback must return True to stop the run, or False or None to go on, got a {type(stop).__name__}"
             )
         if stop:
             raise StopRun
@@ -223,9 +222,7 @@ class Recording:
             self.steps += done
             self._count(done, begin)
 
-    def advance_adaptive(
-        self, until: float, end: float, most: int | None, *arguments: Any
-    ) -> dict[str, Any]:
+    def advance_adaptive(self, until: float, end: float, most: int | None, *arguments: Any) -> dict[str, Any]:
         """Steps with error control until a time [s] is reached, at most so many; the outcome."""
         most = _MOST_STEPS if most is None else most
         if self._watch.shows:

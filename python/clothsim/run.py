@@ -248,10 +248,7 @@ class Run(DisplayedRun, ExportedRun):
         xr = needed("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")
         dataset: xarray.Dataset = xr.Dataset(
-            {
-                "position": (dimensions, self.x, {"units": "m"}),
-                "velocity": (dimensions, self.v, {"units": "m/s"}),
-            },
+            {"position": (dimensions, self.x, {"units": "m"}), "velocity": (dimensions, self.v, {"units": "m/s"})},
             {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
             {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
         )

@@ -65,9 +65,18 @@ class Options:
 
     def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
         return State(
-            scene, x, v, t=self.start, inspect=inspect, integrator=self.integrator, precision=self.precision,
-            threads=self.threads, kernel=self.kernel, strict=self.strict, backend=self.backend,
-        )  # fmt: skip
+            scene,
+            x,
+            v,
+            t=self.start,
+            inspect=inspect,
+            integrator=self.integrator,
+            precision=self.precision,
+            threads=self.threads,
+            kernel=self.kernel,
+            strict=self.strict,
+            backend=self.backend,
+        )
 
     def replace(self, **changes: Any) -> Options:
         return Options(**{**self.__dict__, **changes})
@@ -144,9 +153,19 @@ class Solution:
         evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
         step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else run.dt
         return cls(
-            options, t, *run.arrays(), run.steps, run.rejected, evaluations, run.wall_time,
-            run.watched, step, state, run.continuation, grid or Steps(),
-        )  # fmt: skip
+            options,
+            t,
+            *run.arrays(),
+            run.steps,
+            run.rejected,
+            evaluations,
+            run.wall_time,
+            run.watched,
+            step,
+            state,
+            run.continuation,
+            grid or Steps(),
+        )
 
 
 def integrate(
@@ -201,9 +220,8 @@ def integrate(
             target = grid[0] if len(grid) > 1 else end
             controller.h = target - state.core.time if given else controller.h
             outcome = run.advance_adaptive(
-                until, target, 1, unit, unit * rate, longest, controller, state.threads,
-                state.threads_optional,
-            )  # fmt: skip
+                until, target, 1, unit, unit * rate, longest, controller, state.threads, state.threads_optional
+            )
             state.judge(outcome, controller.h)
             if not outcome["steps"]:
                 break  # what is left is rounding of the clock

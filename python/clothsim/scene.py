@@ -94,10 +94,7 @@ class Scene(Record):
             moving = np.argwhere(cloth.pinned & velocity.any(axis=-1))
             if moving.size:
                 r, c = (int(k) for k in moving[0])
-                raise ValueError(
-                    "velocity must be 0 at pinned points, "
-                    f"got {velocity[r, c].tolist()} at point {(r, c)}"
-                )
+                raise ValueError(f"velocity must be 0 at pinned points, got {velocity[r, c].tolist()} at point {(r, c)}")
         self._set(
             spheres=_spheres(self.spheres),
             gravity=check.vector("gravity", self.gravity),
@@ -241,7 +238,5 @@ def _spheres(value: Any) -> tuple[Sphere, ...]:
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):
         if not isinstance(sphere, Sphere):
-            raise TypeError(
-                f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}"
-            )
+            raise TypeError(f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}")
     return spheres

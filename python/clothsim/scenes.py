@@ -208,11 +208,7 @@ def hanging(
 
 @suggests
 def oscillator(
-    stiffness: float = 100.0,
-    mass: float = 1.0,
-    amplitude: float = 0.1,
-    length: float = 1.0,
-    damping: float = 0.0,
+    stiffness: float = 100.0, mass: float = 1.0, amplitude: float = 0.1, length: float = 1.0, damping: float = 0.0
 ) -> Scene:
     """Two mass points and one spring along x: the harmonic oscillator. No gravity.
 
@@ -277,10 +273,7 @@ def oscillator(
 
 @suggests
 def cotton(
-    shape: tuple[int, int] = (32, 32),
-    size: tuple[float, float] = (1.0, 1.0),
-    damping_ratio: float = 0.1,
-    fold: float = 1.0,
+    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
 ) -> Scene:
     """A sheet of measured cotton: a rib knit of 95 % cotton and 5 % spandex, 0.276 kg/m^2.
 
@@ -325,10 +318,7 @@ def cotton(
 
 @suggests
 def denim(
-    shape: tuple[int, int] = (32, 32),
-    size: tuple[float, float] = (1.0, 1.0),
-    damping_ratio: float = 0.1,
-    fold: float = 1.0,
+    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
 ) -> Scene:
     """A sheet of measured denim: 11 oz, 99 % cotton and 1 % spandex, 0.324 kg/m^2.
 

@@ -241,9 +241,7 @@ def simulate(
         return _followed(scene, compute, Watch(callback, bar.bar))
 
 
-def _followed(
-    scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch
-) -> Run:
+def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch) -> Run:
     """The run that `compute` finds, or as much of it as there is when it ends early."""
 
     def so_far(reason: str) -> Run | None:
@@ -276,9 +274,14 @@ def _followed(
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
     snapshot = take(solution.state, scene, vars(solution.options))
     return Run(
-        scene, np.array(solution.t), solution.x, solution.v,
-        report(scene, solution, account, stopped), snapshot, solution.continuation,
-    )  # fmt: skip
+        scene,
+        np.array(solution.t),
+        solution.x,
+        solution.v,
+        report(scene, solution, account, stopped),
+        snapshot,
+        solution.continuation,
+    )
 
 
 def resume(
@@ -293,10 +296,7 @@ def resume(
     """`Run.resume`."""
     snapshot, before = run.snapshot, run.continuation
     if snapshot is None or before is None:
-        raise ValueError(
-            "this run cannot be resumed, as its final state was not kept: runs of simulate and "
-            "of load_run can"
-        )
+        raise ValueError("this run cannot be resumed, as its final state was not kept: runs of simulate and of load_run can")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     _check_end(before.start, before.seconds + duration)
     if before.dt is not None:
@@ -312,13 +312,9 @@ def resume(
     def compute(watch: Watch) -> tuple[Solution, Account]:
         if before.control is None:
             assert before.dt is not None
-            solution = run_fixed(
-                scene, duration, before.dt, options, frames, watch, resumed=resumed
-            )
+            solution = run_fixed(scene, duration, before.dt, options, frames, watch, resumed=resumed)
         else:
-            solution = integrate(
-                scene, duration, before.control[0], options, frames, watch, resumed=resumed
-            )
+            solution = integrate(scene, duration, before.control[0], options, frames, watch, resumed=resumed)
         return solution, of_nothing("the error of a resumed run is not estimated")
 
     with progress_bar(progress, duration) as bar:
@@ -343,8 +339,7 @@ def _checked_most(max_evaluations: int | None, dt: float | None) -> float:
         return math.inf
     if dt is not None:
         raise ValueError(
-            "max_evaluations must be None with dt, which tells the number of evaluations; got "
-            f"{max_evaluations!r}"
+            f"max_evaluations must be None with dt, which tells the number of evaluations; got {max_evaluations!r}"
         )
     return check.integer("max_evaluations", max_evaluations, minimum=1)
 
@@ -357,9 +352,7 @@ def _check_callback(callback: Any) -> None:
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 
 
-def _asked_error(
-    scene: Scene, dt: float | None, rtol: float | None, atol: float | None
-) -> float | None:
+def _asked_error(scene: Scene, dt: float | None, rtol: float | None, atol: float | None) -> float | None:
     """The error asked for [m], or None."""
     if rtol is None and atol is None:
         return None

@@ -144,18 +144,19 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     origin, steps, dt = header["clock"]
     members = [(row, float(energy)) for row, energy in zip(state, energies)]
     return Snapshot(
-        {**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]),
+        {**header["arguments"], "scene": scene},
+        tuple(header["shape"]),
+        str(header["dtype"]),
         (float(origin), int(steps), float(dt), members),
-    )  # fmt: skip
+    )
 
 
-def take(
-    state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False
-) -> Snapshot:
+def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
     """A snapshot of a `_state.State` that was made with these options."""
     arguments = {
-        **{name: options[name] for name in _OPTIONS}, "scene": scene,
+        **{name: options[name] for name in _OPTIONS},
+        "scene": scene,
         "track_contact_energy": track,
         "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],
-    }  # fmt: skip
+    }
     return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())

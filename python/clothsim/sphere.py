@@ -122,10 +122,7 @@ class Sphere(Record):
 
     def __post_init__(self) -> None:
         if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
-            raise TypeError(
-                "motion must be None, a Linear, a Reciprocate or a Keyframes, "
-                f"got {check.shown(self.motion)}"
-            )
+            raise TypeError(f"motion must be None, a Linear, a Reciprocate or a Keyframes, got {check.shown(self.motion)}")
         self._set(
             center=check.vector("center", self.center),
             radius=check.number("radius", self.radius, minimum=0, exclusive=True),
@@ -134,14 +131,10 @@ class Sphere(Record):
             restitution=check.number("restitution", self.restitution, minimum=0, maximum=1),
             friction=check.number("friction", self.friction, minimum=0),
             literal=check.boolean("literal", self.literal),
-            push_out_speed=check.number(
-                "push_out_speed", self.push_out_speed, minimum=0, exclusive=True
-            ),
+            push_out_speed=check.number("push_out_speed", self.push_out_speed, minimum=0, exclusive=True),
         )
         if self.literal and self.response == "continuous":
-            raise ValueError(
-                "literal must be False with response 'continuous', which the paper does not have"
-            )
+            raise ValueError("literal must be False with response 'continuous', which the paper does not have")
         if self.offset == "face" and self.response != "continuous":
             raise ValueError(
                 f"offset 'face' needs response 'continuous', got {self.response!r}, which answers "
@@ -275,10 +268,7 @@ def _offset(value: Any) -> Offset | float:
     if check.is_number(value):
         return check.number("offset", value, minimum=0)
     if not isinstance(value, str):
-        raise TypeError(
-            f"offset must be one of {OFFSETS} or a length >= 0 [m], "
-            f"got {check.shown(value)}"
-        )
+        raise TypeError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
     if value not in OFFSETS:
         raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
     return OFFSETS[OFFSETS.index(value)]

@@ -72,8 +72,12 @@ class Stepper:
         track_contact_energy: bool = False,
     ) -> None:
         self._options: dict[str, Any] = {
-            "integrator": integrator, "precision": precision, "threads": threads,
-            "kernel": kernel, "strict": strict, "backend": backend,
+            "integrator": integrator,
+            "precision": precision,
+            "threads": threads,
+            "kernel": kernel,
+            "strict": strict,
+            "backend": backend,
         }
         self._scene = scene
         self._track = check.boolean("track_contact_energy", track_contact_energy)
@@ -154,9 +158,7 @@ class Stepper:
         (10.0, [False, True])
         """
         members = len(self._state.scenes)
-        self._state.core.set_frozen(
-            check.integer("member", member, minimum=0, maximum=members - 1), True
-        )
+        self._state.core.set_frozen(check.integer("member", member, minimum=0, maximum=members - 1), True)
 
     @property
     def frozen(self) -> npt.NDArray[np.bool_]:
@@ -234,12 +236,7 @@ class Stepper:
         return np.array(energy) if self._state.batched else float(energy[0])
 
     @suggests
-    def set_state(
-        self,
-        x: npt.ArrayLike | None = None,
-        v: npt.ArrayLike | None = None,
-        t: float | None = None,
-    ) -> None:
+    def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
         """Put other positions, velocities or another time in place of the present ones.
 
         Pinned points can be moved in this way: a point that is dragged is a pinned one, whose
@@ -326,13 +323,9 @@ class Stepper:
         members = None if isinstance(self._scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
             accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
-            raise ValueError(
-                f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}"
-            )
+            raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
         if scenes[0].cloth.shape != shape:
-            raise ValueError(
-                f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}"
-            )
+            raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
         x, v = self.positions, self.velocities
         new = State(scene, x, v, t=self.time, **self._options, inspect=False)
         new.core.set_track_contact_energy(self._track)

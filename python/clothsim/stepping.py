@@ -111,8 +111,16 @@ def step(
     True
     """
     state = borrow(
-        scene, x, v, t=t, integrator=integrator, precision=precision, threads=threads,
-        kernel=kernel, strict=strict, backend=backend,
+        scene,
+        x,
+        v,
+        t=t,
+        integrator=integrator,
+        precision=precision,
+        threads=threads,
+        kernel=kernel,
+        strict=strict,
+        backend=backend,
     )
     results = out_arrays(out, np.empty(state.shape, state.dtype))
     state.warn_of_order()
@@ -164,10 +172,7 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state = borrow(
-        scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel,
-        strict=strict,
-    )
+    state = borrow(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
     like = np.empty(state.shape)
     if out is None:
         out = like

@@ -37,11 +37,8 @@ Backend: TypeAlias = Literal["cpu", "gpu"]
 """Processors that step a scene."""
 
 Integrator: TypeAlias = (
-    Literal[
-        "rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853", "implicit_midpoint", "auto",
-    ]
-    | str
-)  # fmt: skip
+    Literal["rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853", "implicit_midpoint", "auto"] | str
+)
 """Names of integrators. Any str passes, as `clothsim.integrators` also knows other spellings."""
 
 Every: TypeAlias = float | Literal["step"]

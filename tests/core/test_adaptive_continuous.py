@@ -15,9 +15,7 @@ def free_cloth(shape=(16, 16)):
 @pytest.mark.parametrize("integrator", ADAPTIVE)
 def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
     """A sphere through a free cloth: what it meets leaves at twice its speed, at whatever tolerance."""
-    sphere = cs.Sphere(
-        (0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset
-    )
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset)
     scene = cs.Scene(free_cloth(), sphere, gravity=(0.0, 0.0, 0.0))
     run = cs.simulate(scene, 0.02, rtol=1e-2, integrator=integrator, every=1e-3)
     small = cs.simulate(scene, 0.02, dt=1e-5)
@@ -62,9 +60,7 @@ def test_a_point_bounces_as_it_does_at_fixed_steps():
     height = 0.5 + g * fall * flight - g * flight**2 / 2
     # Within a step the way is taken as straight: a step of a tenth of the radius falls 2e-4 m short.
     assert abs(run.x[-1][0, 0, 1] - height) < 5e-4
-    assert run.report["outcomes"]["total_energy"]["value"] == pytest.approx(
-        run.report["energy"]["start"]["total"], rel=1e-6
-    )
+    assert run.report["outcomes"]["total_energy"]["value"] == pytest.approx(run.report["energy"]["start"]["total"], rel=1e-6)
 
 
 def test_frames_are_ends_of_steps():
@@ -83,10 +79,7 @@ def test_a_point_shut_in_is_an_error_at_the_step_before():
     """Six spheres close around it from all sides."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
-    spheres = [
-        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none")
-        for d in directions
-    ]
+    spheres = [cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none") for d in directions]
     position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
     scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)
     with pytest.raises(cs.ContactError) as caught:

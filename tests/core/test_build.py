@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 from clothsim import _core
 
-EXTRAS = (
-    "matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "viser", "PIL", "pandas", "pxr", "h5py",
-)  # fmt: skip
+EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "viser", "PIL", "pandas", "pxr", "h5py")
 
 
 def python(code, **environment):
     import os
 
     run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
-        env={**os.environ, **environment},
-    )  # fmt: skip
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ, **environment}
+    )
     assert run.returncode == 0, run.stderr
     return run.stdout
 
@@ -149,9 +146,7 @@ def test_kernel_objects_share_no_function(path):
 def test_the_module_exports_only_its_entry_point():
     if not shutil.which("nm"):
         pytest.skip("no nm here")
-    run = subprocess.run(
-        ["nm", "-CD", "--defined-only", _core.__file__], capture_output=True, text=True
-    )
+    run = subprocess.run(["nm", "-CD", "--defined-only", _core.__file__], capture_output=True, text=True)
     names = [line.split(maxsplit=2)[2] for line in run.stdout.splitlines()]
     assert [n for n in names if "clothsim" in n] == []
     assert "PyInit__core" in names

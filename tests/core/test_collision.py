@@ -61,13 +61,8 @@ def answered(x, v, sphere, t, radius=RADIUS):
 @pytest.mark.parametrize("restitution, friction", [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)])
 @pytest.mark.parametrize("motion", [None, cs.Linear((1.5, -0.7, 0.4))], ids=["still", "moving"])
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_responses_are_those_of_the_formulas(
-    double_variant, response, motion, restitution, friction, literal
-):
-    sphere = ball(
-        response=response, motion=motion, restitution=restitution, friction=friction,
-        literal=literal,
-    )  # fmt: skip
+def test_responses_are_those_of_the_formulas(double_variant, response, motion, restitution, friction, literal):
+    sphere = ball(response=response, motion=motion, restitution=restitution, friction=friction, literal=literal)
     x, v = cloud()
     t = 0.03
     expected = answered(x + DT * v, v, sphere, t + DT)
@@ -262,9 +257,10 @@ def test_eq_13_keeps_the_middle_of_a_spring_out(radius, spacing):
 def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
     """On the paper's cloth eq 13 gives 0.52 mm."""
     scene = cs.Scene(
-        cs.Cloth(stiffness=0.0, damping=0.0, pins=()), gravity=(0, 0, 0),
+        cs.Cloth(stiffness=0.0, damping=0.0, pins=()),
+        gravity=(0, 0, 0),
         spheres=cs.Sphere((0, 0, 0), 0.25, response=response, offset=offset),
-    )  # fmt: skip
+    )
     exact = scene.spheres[0].contact_radius(scene.cloth)
     assert abs(exact - reach) < 2e-6
     x = np.full((32, 32, 3), 9.0)
@@ -280,9 +276,7 @@ def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
 @pytest.mark.parametrize("motion", [None, cs.Linear((0.0, 1.5, 0.3))], ids=["still", "moving"])
 @pytest.mark.parametrize("literal", [False, True])
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_kernels_agree_with_the_reference_over_contact(
-    variant, crumpled, relative, response, literal, motion
-):
+def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relative, response, literal, motion):
     spheres = [
         cs.Sphere((0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, literal=literal),
         cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, literal=literal),
@@ -320,8 +314,7 @@ def test_literal_reflect_lets_points_in_and_mended_moving_spheres_do_not_shoot_t
     x = np.stack(np.broadcast_arrays(*np.ogrid[-1:1:17j, 0:0:1j, -1:1:17j]), axis=-1)[:, 0] * 0.3
     depth = {}
     for literal in (True, False):
-        sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none",
-                           literal=literal)  # fmt: skip
+        sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none", literal=literal)
         scene = drifting(x, sphere)
         stepper = cs.Stepper(scene, x, 0 * x, t=0.0)
         stepper.advance(300, DT)

@@ -42,7 +42,7 @@ class Rules:
 
     def time(self, sphere):
         p, q = self.path(sphere)
-        a, b, c = q @ q, p @ q, p @ p - self.surface(sphere)**2
+        a, b, c = q @ q, p @ q, p @ p - self.surface(sphere) ** 2
         if b >= 0 or b * b <= a * c:
             return np.inf
         t = (-b - np.sqrt(b * b - a * c)) / a
@@ -106,9 +106,14 @@ def case(rng, stiffness, spheres):
         # A table whose first part is not the whole step: what counts is the way of the step.
         motion = cs.Keyframes([0.0, 0.3 * DT, DT], center + np.outer((0, 0.2, 1.0), w * DT))
         balls.append(
-            ball(center, radius, motion, restitution=rng.choice((0.0, 0.4, 1.0)[spheres > 1 :]),
-                 friction=rng.choice((0.0, 0.2, 2.0)))
-        )  # fmt: skip
+            ball(
+                center,
+                radius,
+                motion,
+                restitution=rng.choice((0.0, 0.4, 1.0)[spheres > 1 :]),
+                friction=rng.choice((0.0, 0.2, 2.0)),
+            )
+        )
     return cs.Scene(cloth, balls, (3.0, -40.0, 5.0)), x, v
 
 
@@ -180,7 +185,7 @@ def test_after_16_contacts_in_a_step_a_point_is_stopped_where_it_is():
         (0.498, -3.0, 0.5, 0.0),  # to the surface and no further
         (0.4, 30.0, 0.7, 30.0),  # out by itself
     ],
-)  # fmt: skip
+)
 def test_a_point_that_starts_inside_goes_out_at_the_speed_of_the_push(start, speed, distance, left):
     """0.4 m/s for 0.01 s; what it does sideways is its own matter."""
     n, aside = np.array([0.6, 0.8, 0]), np.array([0, 0, 1.0])

@@ -37,10 +37,7 @@ def stepped(x, v, precision, **arguments):
     cloth = cs.Cloth(SHAPE, stiffness=0.0, damping=0.0, pins=())
     sphere = cs.Sphere(CENTER, RADIUS, None, "continuous", "none", **arguments)
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
-    return (
-        cs.step(scene.replace(spheres=()), x, v, DT, precision=precision),
-        cs.step(scene, x, v, DT, precision=precision),
-    )
+    return (cs.step(scene.replace(spheres=()), x, v, DT, precision=precision), cs.step(scene, x, v, DT, precision=precision))
 
 
 def from_centre(x):

@@ -20,9 +20,7 @@ def drifting(x, spheres, pins=()):
 
 
 def ball(**arguments):
-    return cs.Sphere(
-        **{"center": CENTER, "radius": RADIUS, "response": "continuous", "offset": "none", **arguments}
-    )
+    return cs.Sphere(**{"center": CENTER, "radius": RADIUS, "response": "continuous", "offset": "none", **arguments})
 
 
 def one_point(position, velocity, sphere, dt, **options):

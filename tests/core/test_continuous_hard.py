@@ -24,9 +24,7 @@ def ball(center, radius=0.5, **arguments):
 
 
 def distances(stepper, spheres):
-    return [
-        float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres
-    ]
+    return [float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres]
 
 
 def test_two_spheres_in_one_step():
@@ -43,9 +41,7 @@ def test_two_spheres_in_one_step():
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, precision):
     spheres = [ball((-0.4, 0, 0), restitution=0.0), ball((0.4, 0, 0), restitution=0.0)]
-    stepper = cs.Stepper(
-        lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision
-    )
+    stepper = cs.Stepper(lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision)
     for _ in range(200):
         stepper.advance(50, 1e-4)
         assert min(distances(stepper, spheres)) >= 0.5
@@ -100,8 +96,7 @@ def test_spheres_that_close_squeeze_a_point_out():
 
 def test_a_point_that_is_shut_in_is_refused_with_a_clear_word():
     """Six spheres close around it from all sides."""
-    directions = [np.array(d, float) for d in
-                  ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]  # fmt: skip
+    directions = [np.array(d, float) for d in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     spheres = [ball(4.1 * d, 4.0, motion=cs.Linear(tuple(-d))) for d in directions]
     stepper = cs.Stepper(lone((0.001, 0.002, 0.003), spheres))
     with pytest.raises(cs.ContactError, match=r"shut it in.*further apart") as caught:
@@ -151,9 +146,7 @@ def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
 def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offset):
     """No point is moved faster than push_out_speed, and nothing is thrown."""
     cloth = cs.Cloth((16, 16), mass=4.0, stiffness=100.0, damping=0.5, pins=())
-    sphere = cs.Sphere(
-        (0.5, -0.2, 0.5), 0.25, None, "continuous", offset, restitution=0.0, push_out_speed=0.4
-    )
+    sphere = cs.Sphere((0.5, -0.2, 0.5), 0.25, None, "continuous", offset, restitution=0.0, push_out_speed=0.4)
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
     center = np.array(sphere.center)
     depth = sphere.radius - np.linalg.norm(cloth.rest_positions - center, axis=-1)

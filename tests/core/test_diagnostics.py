@@ -38,9 +38,7 @@ def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
     a = cs.acceleration(scene, x, v, **double_variant.options)
     way = np.random.default_rng(4).normal(size=x.shape)
     h = 1e-6
-    slope = (
-        cs.energy(scene, x + h * way, v)["total"] - cs.energy(scene, x - h * way, v)["total"]
-    ) / (2 * h)
+    slope = (cs.energy(scene, x + h * way, v)["total"] - cs.energy(scene, x - h * way, v)["total"]) / (2 * h)
     power = (scene.cloth.mass_per_point[..., None] * a * way).sum()
     np.testing.assert_allclose(power, -slope, rtol=1e-7)
 
@@ -130,9 +128,7 @@ def test_penetration_of_a_sheet(crumpled):
     for center in ((0.6, -0.2, 0.4), (0.6, 0.0, 0.4), (0.62, 0.23, 0.45), (3.0, 3.0, 3.0)):
         sphere = cs.Sphere(center, 0.25, cs.Linear((0.1, 0.0, 0.0)), offset=0.1)
         result = cs.penetration(x, sphere, t=0.2)
-        np.testing.assert_allclose(
-            [result["points"], result["triangles"]], depths(x, sphere, 0.2), rtol=0, atol=1e-13
-        )
+        np.testing.assert_allclose([result["points"], result["triangles"]], depths(x, sphere, 0.2), rtol=0, atol=1e-13)
         assert result["triangles"] >= result["points"] >= 0
 
 
@@ -187,12 +183,15 @@ def test_max_stable_dt_is_never_above_the_limit(seed):
         shape,
         mass=rng.uniform(0.1, 0.5, shape) if rng.random() < 0.5 else 3.0,
         stiffness={f: 10 ** rng.uniform(0, 4) for f in families},
-        damping=0.0 if rng.random() < 0.3 else 10 * strength if model == "point" else
-        {f: strength * 10 ** rng.uniform(0, 1) for f in families},
+        damping=0.0
+        if rng.random() < 0.3
+        else 10 * strength
+        if model == "point"
+        else {f: strength * 10 ** rng.uniform(0, 1) for f in families},
         damping_model=model,
         springs=families,
         pins=[(0, 0)] if rng.random() < 0.5 else (),
-    )  # fmt: skip
+    )
     dt = cs.max_stable_dt(cs.Scene(cloth))
     assert dt > 0
     if np.isfinite(dt):
@@ -202,9 +201,8 @@ def test_max_stable_dt_is_never_above_the_limit(seed):
 
 
 @pytest.mark.parametrize(
-    "springs", [("structural",), ("structural", "shear"), ("structural", "shear", "bend")],
-    ids="-".join,
-)  # fmt: skip
+    "springs", [("structural",), ("structural", "shear"), ("structural", "shear", "bend")], ids="-".join
+)
 @pytest.mark.parametrize("damping", [0.0, 3000.0])
 def test_max_stable_dt_is_close_to_the_limit_of_a_uniform_cloth(springs, damping):
     """Where stiffness or damping alone decides; with both it is safe by more."""
@@ -218,9 +216,7 @@ def test_max_stable_dt_is_close_to_the_limit_of_a_uniform_cloth(springs, damping
     assert growth(*m, 1.04 * dt) > 1.01
 
 
-@pytest.mark.parametrize(
-    "springs", [("structural",), ("structural", "shear", "bend")], ids="-".join
-)
+@pytest.mark.parametrize("springs", [("structural",), ("structural", "shear", "bend")], ids="-".join)
 def test_max_stable_dt_holds_for_every_ratio_of_damping_to_stiffness(springs):
     """The stability region of RK4 is narrowest, 2.6155, between the two axes."""
     edge = [(0, column) for column in range(16)]
@@ -239,9 +235,7 @@ def test_max_stable_dt_of_the_paper():
     np.testing.assert_allclose(cs.max_stable_dt(scene), 2.7852936 * 0.5 / 1200, rtol=1e-4)
     assert cs.max_stable_dt(scene) <= 2.7852936 * 0.5 / 1200
     free = scene.replace(cloth=scene.cloth.replace(damping=0.0))
-    np.testing.assert_allclose(
-        cs.max_stable_dt(free), np.sqrt(8 / (12 * 35_000 / 0.5)), rtol=1e-8
-    )
+    np.testing.assert_allclose(cs.max_stable_dt(free), np.sqrt(8 / (12 * 35_000 / 0.5)), rtol=1e-8)
 
 
 def test_max_stable_dt_without_forces_is_infinite():

@@ -109,8 +109,7 @@ def test_what_is_gained_is_the_most_at_the_watched_states():
     for threads in (1, 2):
         run = cs.simulate(scene, 1280 * dt, dt, "velocity_verlet", threads=threads)
         assert run.report["energy"]["gained"] == pytest.approx(max(made), rel=1e-12) and max(made) > 1
-    swept = cs.sweep(scene, duration=1280 * dt, dt=dt, integrator="velocity_verlet",
-                     metrics="energy_gained", progress=False)  # fmt: skip
+    swept = cs.sweep(scene, duration=1280 * dt, dt=dt, integrator="velocity_verlet", metrics="energy_gained", progress=False)
     assert float(swept.energy_gained) == run.report["energy"]["gained"]
     damped = cs.simulate(cs.scenes.paper_swing(), 0.2, 1e-3).report["energy"]
     assert damped["gained"] == 0.0 and damped["reason"] == ""

@@ -36,10 +36,7 @@ def exact(name):
     """x at the end by small fixed steps of dop853."""
     scene, duration = scene_of(name), DURATIONS[name]
     steps = 1000 if "swing" in name else 300
-    return cs.step(
-        scene, scene.initial_position, scene.initial_velocity, duration / steps, steps,
-        integrator="dop853",
-    )[0]  # fmt: skip
+    return cs.step(scene, scene.initial_position, scene.initial_velocity, duration / steps, steps, integrator="dop853")[0]
 
 
 def rms(difference):
@@ -102,9 +99,16 @@ def test_step_doubling_near_the_limit_believed_itself_here():
 
 @pytest.mark.parametrize(
     "integrator, asked",
-    [("rk4", 1e-6), ("velocity_verlet", 1e-4), ("dopri5", 1e-6), ("semi_implicit_euler", 1e-3),
-     ("pefrl", 1e-4), ("dop853", 1e-6), ("implicit_midpoint", 1e-3)],
-)  # fmt: skip
+    [
+        ("rk4", 1e-6),
+        ("velocity_verlet", 1e-4),
+        ("dopri5", 1e-6),
+        ("semi_implicit_euler", 1e-3),
+        ("pefrl", 1e-4),
+        ("dop853", 1e-6),
+        ("implicit_midpoint", 1e-3),
+    ],
+)
 def test_every_named_method_runs_by_tolerance(integrator, asked):
     """... pefrl too, which has order 1 with damping."""
     with warnings.catch_warnings():
@@ -200,10 +204,7 @@ def test_frames_do_not_shorten_steps(integrator):
     assert run.x[0].tobytes() == scene.initial_position.tobytes()
     for k in (1, 10, 40, 76):
         steps = 40
-        x, v = cs.step(
-            scene, scene.initial_position, scene.initial_velocity, run.t[k] / steps, steps,
-            integrator="dop853",
-        )  # fmt: skip
+        x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, run.t[k] / steps, steps, integrator="dop853")
         assert rms(run.x[k] - x) < 3e-8
         assert rms(run.v[k] - v) < 3e-5
 
@@ -239,9 +240,7 @@ def test_after_contact_outcomes_are_compared():
     assert math.isnan(report["error_estimate"]["max"])
     assert report["error_estimate"]["reason"].startswith("a sphere responded")
     outcomes = report["outcomes"]
-    assert set(outcomes) == {
-        "first_contact", "centre_of_mass", "kinetic_energy", "total_energy", "penetration",
-    }  # fmt: skip
+    assert set(outcomes) == {"first_contact", "centre_of_mass", "kinetic_energy", "total_energy", "penetration"}
     assert abs(outcomes["first_contact"]["value"] - 0.2258) < 0.004
     assert 0 < outcomes["first_contact"]["difference"] < 0.004
     before = cs.simulate(scene, 0.2, rtol=1e-5).report
@@ -256,8 +255,7 @@ def test_after_contact_outcomes_are_compared():
 def test_same_bits_for_any_number_of_threads(threads, kernel):
     scene = cs.scenes.paper_static(bend=True)
     runs = [
-        cs.simulate(scene, 0.25, rtol=1e-4, integrator="dop853", kernel=kernel, threads=n, every=0.1)
-        for n in (2, threads)
+        cs.simulate(scene, 0.25, rtol=1e-4, integrator="dop853", kernel=kernel, threads=n, every=0.1) for n in (2, threads)
     ]
     assert runs[0].x.tobytes() == runs[1].x.tobytes()
     assert runs[0].report["steps"] == runs[1].report["steps"]
@@ -287,7 +285,7 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
         ({"rtol": 1e-3, "max_evaluations": 0}, ValueError, "max_evaluations must be an integer >= 1"),
         ({"dt": 1e-3, "max_evaluations": 9}, ValueError, "max_evaluations must be None with dt"),
     ],
-)  # fmt: skip
+)
 def test_arguments_are_checked(arguments, error, message):
     with pytest.raises(error, match=message):
         cs.simulate(scene_of("oscillator"), 1.0, **arguments)

@@ -74,14 +74,27 @@ def test_one_state_for_the_reference():
 @pytest.mark.parametrize("call", [cs.step, cs.reference_step])
 @pytest.mark.parametrize(
     "name, value, error",
-    [("dt", 0.0, ValueError), ("dt", -1e-3, ValueError), ("dt", math.nan, ValueError),
-     ("dt", math.inf, ValueError), ("dt", "1", TypeError), ("dt", None, TypeError),
-     ("dt", True, TypeError), ("dt", np.array([1e-3]), TypeError), ("dt", 1j, TypeError),
-     ("steps", -1, ValueError), ("steps", 1.0, TypeError), ("steps", True, TypeError),
-     ("steps", "3", TypeError), ("steps", None, TypeError), ("steps", 2**63, ValueError),
-     ("t", math.nan, ValueError), ("t", "0", TypeError)],
+    [
+        ("dt", 0.0, ValueError),
+        ("dt", -1e-3, ValueError),
+        ("dt", math.nan, ValueError),
+        ("dt", math.inf, ValueError),
+        ("dt", "1", TypeError),
+        ("dt", None, TypeError),
+        ("dt", True, TypeError),
+        ("dt", np.array([1e-3]), TypeError),
+        ("dt", 1j, TypeError),
+        ("steps", -1, ValueError),
+        ("steps", 1.0, TypeError),
+        ("steps", True, TypeError),
+        ("steps", "3", TypeError),
+        ("steps", None, TypeError),
+        ("steps", 2**63, ValueError),
+        ("t", math.nan, ValueError),
+        ("t", "0", TypeError),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_numbers(call, name, value, error):
     arguments = {"dt": 1e-3, "steps": 1, "t": 0.0, name: value}
     with pytest.raises(error, match=f"^{name} must be"):
@@ -90,12 +103,18 @@ def test_numbers(call, name, value, error):
 
 @pytest.mark.parametrize(
     "name, value, error",
-    [("integrator", "eular", ValueError), ("integrator", 4, TypeError),
-     ("precision", "half", ValueError), ("precision", None, TypeError),
-     ("kernel", "gahter", ValueError), ("kernel", 0, TypeError),
-     ("strict", 1, TypeError), ("strict", "no", TypeError)],
+    [
+        ("integrator", "eular", ValueError),
+        ("integrator", 4, TypeError),
+        ("precision", "half", ValueError),
+        ("precision", None, TypeError),
+        ("kernel", "gahter", ValueError),
+        ("kernel", 0, TypeError),
+        ("strict", 1, TypeError),
+        ("strict", "no", TypeError),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_options(name, value, error):
     calls = [
         lambda **k: cs.step(SCENE, X, V, 1e-3, **k),
@@ -114,10 +133,16 @@ def test_a_misspelt_option_is_answered_with_the_nearest():
 
 @pytest.mark.parametrize(
     "scene, error",
-    [(None, TypeError), ("paper", TypeError), (SCENE.cloth, TypeError), ([], ValueError),
-     ([SCENE, SCENE.cloth], TypeError), ([SCENE, cs.Scene(cs.Cloth((5, 4)))], ValueError)],
+    [
+        (None, TypeError),
+        ("paper", TypeError),
+        (SCENE.cloth, TypeError),
+        ([], ValueError),
+        ([SCENE, SCENE.cloth], TypeError),
+        ([SCENE, cs.Scene(cs.Cloth((5, 4)))], ValueError),
+    ],
     ids=["None", "text", "cloth", "none", "mixed", "shapes"],
-)  # fmt: skip
+)
 def test_scenes(scene, error):
     with pytest.raises(error, match="scene must be"):
         cs.step(scene, X, V, 1e-3)
@@ -219,25 +244,32 @@ def test_any_layout_and_number_type_is_taken_as_its_values(crumpled, same_bits):
     scene, x, v, dt = crumpled()
     expected = cs.step(scene, x, v, dt, 5)
     for change in (
-        np.asfortranarray, lambda a: np.repeat(a, 2, axis=0)[::2], lambda a: a.tolist(),
-        lambda a: a.astype(">f8"), read_only, lambda a: a[::-1][::-1],
-    ):  # fmt: skip
+        np.asfortranarray,
+        lambda a: np.repeat(a, 2, axis=0)[::2],
+        lambda a: a.tolist(),
+        lambda a: a.astype(">f8"),
+        read_only,
+        lambda a: a[::-1][::-1],
+    ):
         assert same_bits(cs.step(scene, change(x.copy()), change(v.copy()), dt, 5), expected)
     shifted = unaligned(x.shape)
     shifted[...] = x
     assert same_bits(cs.step(scene, shifted, v, dt, 5), expected)
     whole = np.arange(x.size).reshape(x.shape)
-    assert same_bits(
-        cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt)
-    )
+    assert same_bits(cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt))
 
 
 @pytest.mark.parametrize(
     "x_dtype, v_dtype, result",
-    [(np.float32, np.float32, np.float32), (np.float64, np.float64, np.float64),
-     (np.float32, np.float64, np.float64), (np.float64, np.float32, np.float64),
-     (np.float16, np.float16, np.float64), (np.int32, np.int32, np.float64)],
-)  # fmt: skip
+    [
+        (np.float32, np.float32, np.float32),
+        (np.float64, np.float64, np.float64),
+        (np.float32, np.float64, np.float64),
+        (np.float64, np.float32, np.float64),
+        (np.float16, np.float16, np.float64),
+        (np.int32, np.int32, np.float64),
+    ],
+)
 def test_the_result_has_the_dtype_of_the_input(variant, crumpled, x_dtype, v_dtype, result):
     scene, x, v, dt = crumpled()
     x, v = cs.step(scene, x.astype(x_dtype), v.astype(v_dtype), dt / 10, **variant.options)
@@ -247,21 +279,31 @@ def test_the_result_has_the_dtype_of_the_input(variant, crumpled, x_dtype, v_dty
 
 @pytest.mark.parametrize(
     "change, error, name",
-    [({"shape": (1, 1)}, ValueError, "shape"), ({"shape": (0, 3)}, ValueError, "shape"),
-     ({"shape": (2.0, 3)}, TypeError, r"shape\[0\]"), ({"size": (1, 0)}, ValueError, r"size\[1\]"),
-     ({"size": (1, math.inf)}, ValueError, "size"), ({"mass": 0}, ValueError, "mass"),
-     ({"mass": -1.0}, ValueError, "mass"), ({"mass": np.ones((5, 4))}, ValueError, "mass"),
-     ({"mass": np.zeros((4, 5))}, ValueError, "mass"), ({"mass": "1"}, TypeError, "mass"),
-     ({"stiffness": -1}, ValueError, "stiffness"), ({"stiffness": math.nan}, ValueError, "stiff"),
-     ({"damping": -0.1}, ValueError, "damping"), ({"damping": None}, TypeError, "damping"),
-     ({"damping_model": "air"}, ValueError, "damping_model"),
-     ({"springs": ("diagonal",)}, ValueError, "springs"),
-     ({"pins": [(4, 0)]}, ValueError, r"pins\[0\]\[0\]"),
-     ({"pins": [(0, 0), (0, -6)]}, ValueError, r"pins\[1\]\[1\]"),
-     ({"pins": [(0.0, 1)]}, TypeError, "pins"), ({"pins": [(0, 0, 0)]}, ValueError, "pins"),
-     ({"pins": np.ones((5, 4), bool)}, ValueError, "pins")],
+    [
+        ({"shape": (1, 1)}, ValueError, "shape"),
+        ({"shape": (0, 3)}, ValueError, "shape"),
+        ({"shape": (2.0, 3)}, TypeError, r"shape\[0\]"),
+        ({"size": (1, 0)}, ValueError, r"size\[1\]"),
+        ({"size": (1, math.inf)}, ValueError, "size"),
+        ({"mass": 0}, ValueError, "mass"),
+        ({"mass": -1.0}, ValueError, "mass"),
+        ({"mass": np.ones((5, 4))}, ValueError, "mass"),
+        ({"mass": np.zeros((4, 5))}, ValueError, "mass"),
+        ({"mass": "1"}, TypeError, "mass"),
+        ({"stiffness": -1}, ValueError, "stiffness"),
+        ({"stiffness": math.nan}, ValueError, "stiff"),
+        ({"damping": -0.1}, ValueError, "damping"),
+        ({"damping": None}, TypeError, "damping"),
+        ({"damping_model": "air"}, ValueError, "damping_model"),
+        ({"springs": ("diagonal",)}, ValueError, "springs"),
+        ({"pins": [(4, 0)]}, ValueError, r"pins\[0\]\[0\]"),
+        ({"pins": [(0, 0), (0, -6)]}, ValueError, r"pins\[1\]\[1\]"),
+        ({"pins": [(0.0, 1)]}, TypeError, "pins"),
+        ({"pins": [(0, 0, 0)]}, ValueError, "pins"),
+        ({"pins": np.ones((5, 4), bool)}, ValueError, "pins"),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_cloths(change, error, name):
     with pytest.raises(error, match=name):
         cs.Cloth(**{"shape": (4, 5), **change})
@@ -269,9 +311,15 @@ def test_cloths(change, error, name):
 
 @pytest.mark.parametrize(
     "x, error",
-    [(X[..., :2], ValueError), (X[0], ValueError), (nan_at(X), ValueError),
-     (np.empty((0, 5, 3)), ValueError), ("x", TypeError), (X.astype(complex), TypeError)],
-)  # fmt: skip
+    [
+        (X[..., :2], ValueError),
+        (X[0], ValueError),
+        (nan_at(X), ValueError),
+        (np.empty((0, 5, 3)), ValueError),
+        ("x", TypeError),
+        (X.astype(complex), TypeError),
+    ],
+)
 def test_penetration(x, error):
     with pytest.raises(error, match="x must be"):
         cs.penetration(x, cs.Sphere())

@@ -34,9 +34,7 @@ def test_the_exact_check_finds_what_sampling_finds():
             assert (exact[k] < radius) == (sampled < radius) or abs(sampled - radius) < 2e-3
 
 
-@pytest.mark.parametrize(
-    "scene, end, dt", [("static", 0.3, 2e-4), ("moving", 0.32, 2e-4), ("fast", None, 1e-4)]
-)
+@pytest.mark.parametrize("scene, end, dt", [("static", 0.3, 2e-4), ("moving", 0.32, 2e-4), ("fast", None, 1e-4)])
 def test_no_triangle_dips_in_the_papers_scenes_and_at_100_m_per_s(scene, end, dt):
     """Every step is looked at; the whole scenes are in `clothsim contact`."""
     row = follow(scene, "continuous, face", end, 1, dt)

@@ -11,9 +11,9 @@ from clothsim.contact import face_drop, impact, lying, shots, squeezes, stick
 STEPS = (1e-4, 2e-5, 5e-6)
 
 
-@pytest.mark.parametrize(("speed", "precision"), [
-    (1e-3, "double"), (1.0, "double"), (300.0, "double"), (1.0, "single"), (300.0, "single"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("speed", "precision"), [(1e-3, "double"), (1.0, "double"), (300.0, "double"), (1.0, "single"), (300.0, "single")]
+)
 @pytest.mark.parametrize("dt", [1e-4, 1e-6])
 def test_an_elastic_impact_keeps_the_energy(dt, speed, precision):
     """In single at 1 mm/s the rounding of the springs alone is 1e-8 of it."""

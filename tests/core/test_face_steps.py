@@ -20,9 +20,7 @@ def test_a_sphere_that_passes_a_triangle_within_a_step_is_met_from_either_side(k
     cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
     center, radius = np.array((0.25, 0.0, 0.25)), 0.05
     # At the side of the cloth first, where its direction is +y or -y, then through it in one step.
-    motion = cs.Keyframes(
-        [0.0, DT, 2 * DT], center + np.array([(0, -1.4, 0), (0, -1.0, 0), (0, 1.0, 0)]) * way
-    )
+    motion = cs.Keyframes([0.0, DT, 2 * DT], center + np.array([(0, -1.4, 0), (0, -1.0, 0), (0, 1.0, 0)]) * way)
     sphere = cs.Sphere((0, 0, 0), radius, motion, "continuous", "face", 0.0, 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0)), kernel=kernel)
     stepper.advance(1, DT)
@@ -39,9 +37,7 @@ def test_a_triangle_that_starts_inside_is_pushed_out_at_the_speed_of_the_push():
     """The middle of a diagonal: its two corners alone, by push_out_speed dt a step, to the rim."""
     cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
     radius, depth, push = 0.3, 0.011, 0.4
-    sphere = cs.Sphere(
-        (0.5, depth - radius, 0.5), radius, None, "continuous", "face", push_out_speed=push
-    )
+    sphere = cs.Sphere((0.5, depth - radius, 0.5), radius, None, "continuous", "face", push_out_speed=push)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0)))
     for k in range(1, 6):
         stepper.advance(1, DT)
@@ -89,10 +85,17 @@ def test_a_link_turns_between_two_spheres(way):
     speed = way / (1 - 2 * (0.25 + 0.1 * np.sin(angle)))
     cloth = cs.Cloth((1, 2), (1.0, 1.0), 2.0, 0.0, 0.0, springs=("structural",), pins=())
     spheres = [
-        cs.Sphere((0.5 - 0.25 * up, -0.1 * up * (1 + 1e-8 + 5 * way), 0), 0.1,
-                  cs.Linear((0, up * way / DT, 0)), "continuous", "face", 0.0, 0.0)
+        cs.Sphere(
+            (0.5 - 0.25 * up, -0.1 * up * (1 + 1e-8 + 5 * way), 0),
+            0.1,
+            cs.Linear((0, up * way / DT, 0)),
+            "continuous",
+            "face",
+            0.0,
+            0.0,
+        )
         for up in (1, -1)
-    ]  # fmt: skip
+    ]
     stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)))
     stepper.advance(1, DT)
     y, u = stepper.positions[0, :, 1], stepper.velocities[0, :, 1] * DT
@@ -117,8 +120,6 @@ def test_a_sphere_that_touches_early_and_is_far_off_at_the_end_is_met():
     assert weights.min() > 0.05
     expected = weights / (weights @ weights) * way[1] / DT
     np.testing.assert_allclose(stepper.velocities.reshape(4, 3)[1:, 1], expected, rtol=1e-5)
-    np.testing.assert_allclose(
-        stepper.positions.reshape(4, 3)[1:, 1], expected * DT * (1 - gap / way[1]), rtol=1e-5
-    )
+    np.testing.assert_allclose(stepper.positions.reshape(4, 3)[1:, 1], expected * DT * (1 - gap / way[1]), rtol=1e-5)
     assert (stepper.velocities[0, 0] == 0).all()
     np.testing.assert_allclose(stepper.velocities[..., ::2], 0, atol=1e-9)

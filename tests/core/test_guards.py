@@ -91,10 +91,14 @@ def test_another_time_step_begins_another_guard(same_bits):
     assert same_bits((stepper.positions, stepper.velocities), expected)
 
 
-@pytest.mark.parametrize("motion", [
-    cs.Linear((0, 40.0, 0)),
-    cs.Keyframes((0.0, 0.0175, 0.0185), ((0.44, -2, 0.37), (0.44, -2, 0.37), (0.44, -0.45, 0.37))),
-], ids=["linear", "keyframes"])  # fmt: skip
+@pytest.mark.parametrize(
+    "motion",
+    [
+        cs.Linear((0, 40.0, 0)),
+        cs.Keyframes((0.0, 0.0175, 0.0185), ((0.44, -2, 0.37), (0.44, -2, 0.37), (0.44, -0.45, 0.37))),
+    ],
+    ids=["linear", "keyframes"],
+)
 def test_a_sphere_that_moves_is_seen_coming(motion, kernel):
     """From far below to the cloth within less than 64 steps."""
     cloth = cs.Cloth((16, 16), stiffness=10.0, damping=0.0, pins=())

@@ -17,10 +17,14 @@ OSCILLATOR = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1}
 # Time steps a second in which the error of the order shows: below, the next order adds to it, above,
 # rounding does.
 COUNTS = {
-    "rk4": (128, 256, 512), "semi_implicit_euler": (4096, 8192, 16384),
-    "velocity_verlet": (256, 512, 1024), "pefrl": (64, 96, 128), "dopri5": (128, 192, 256),
-    "dop853": (16, 20, 24, 28), "implicit_midpoint": (256, 512, 1024),
-}  # fmt: skip
+    "rk4": (128, 256, 512),
+    "semi_implicit_euler": (4096, 8192, 16384),
+    "velocity_verlet": (256, 512, 1024),
+    "pefrl": (64, 96, 128),
+    "dopri5": (128, 192, 256),
+    "dop853": (16, 20, 24, 28),
+    "implicit_midpoint": (256, 512, 1024),
+}
 
 
 def oscillation(t, stiffness, mass, amplitude, damping):
@@ -267,16 +271,21 @@ def test_names_are_checked():
 
 @pytest.mark.parametrize(
     ("alias", "name"),
-    [("RK4", "rk4"), ("rk45", "dopri5"), ("RK45", "dopri5"), ("DOP853", "dop853"),
-     ("euler", "semi_implicit_euler"), ("Semi-Implicit Euler", "semi_implicit_euler"),
-     ("verlet", "velocity_verlet"), ("midpoint", "implicit_midpoint")],
-)  # fmt: skip
+    [
+        ("RK4", "rk4"),
+        ("rk45", "dopri5"),
+        ("RK45", "dopri5"),
+        ("DOP853", "dop853"),
+        ("euler", "semi_implicit_euler"),
+        ("Semi-Implicit Euler", "semi_implicit_euler"),
+        ("verlet", "velocity_verlet"),
+        ("midpoint", "implicit_midpoint"),
+    ],
+)
 def test_other_names_of_a_method_are_taken_everywhere(alias, name, same_bits):
     scene = cs.scenes.oscillator(damping=1.0)
     state = scene.initial_position, scene.initial_velocity
-    assert same_bits(
-        cs.step(scene, *state, 1e-3, integrator=alias), cs.step(scene, *state, 1e-3, integrator=name)
-    )
+    assert same_bits(cs.step(scene, *state, 1e-3, integrator=alias), cs.step(scene, *state, 1e-3, integrator=name))
     stepper = cs.Stepper(scene, integrator=alias)
     stepper.advance(steps=1, dt=1e-3)
     again = cs.Stepper.restore(stepper.snapshot())
@@ -285,9 +294,7 @@ def test_other_names_of_a_method_are_taken_everywhere(alias, name, same_bits):
     assert cs.max_stable_dt(scene, alias) == cs.max_stable_dt(scene, name)
     assert cs.convergence(scene, 0.1, [0.01], alias).integrator == name
     assert amplification(alias, 1.0, 0.5) == amplification(name, 1.0, 0.5)
-    swept = cs.sweep(
-        scene, {"integrator": [alias, "pefrl"]}, duration=1e-3, dt=1e-3, progress=False
-    )
+    swept = cs.sweep(scene, {"integrator": [alias, "pefrl"]}, duration=1e-3, dt=1e-3, progress=False)
     assert swept.integrator.values.tolist() == [name, "pefrl"] and swept.stable.all()
     one = cs.sweep(scene, integrator=alias, duration=1e-3, dt=1e-3, progress=False)
     assert one.clothsim.provenance["identity"]["settings"]["integrator"] == name

@@ -42,9 +42,7 @@ def test_every_shape_agrees_with_the_reference(variant, crumpled, relative, shap
 
 
 @pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
-def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(
-    variant, crumpled, relative, damped
-):
+def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, crumpled, relative, damped):
     """There the edge kernel's four stages follow each other a few rows apart: also half of it, and of 2 MiB."""
     (scene, x, v, dt), expected = _reference(crumpled, 6, shape=(340, 100), damped=damped)
     for threads in (1, 2):
@@ -57,22 +55,16 @@ def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(
 @pytest.mark.parametrize("mass", MASS)
 @pytest.mark.parametrize("damping", DAMPING)
 @pytest.mark.parametrize("springs", SUBSETS, ids="-".join)
-def test_every_feature_agrees_with_the_reference(
-    variant, crumpled, relative, springs, damping, mass, shape
-):
+def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, springs, damping, mass, shape):
     # A sheet without bend springs magnifies rounding: in single to 1.5e-5 in 40 steps, to 6e-5 in 100.
     steps = 40
-    (scene, x, v, dt), expected = _reference(
-        crumpled, steps, shape=shape, springs=springs, mass=mass, **_features(damping)
-    )
+    (scene, x, v, dt), expected = _reference(crumpled, steps, shape=shape, springs=springs, mass=mass, **_features(damping))
     result = cs.step(scene, x, v, dt, steps, **variant.options)
     assert relative(result, expected, x) < BOUND[variant.precision]
 
 
 # The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
-@pytest.mark.parametrize(
-    "shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)], ids=str
-)
+@pytest.mark.parametrize("shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)], ids=str)
 @pytest.mark.parametrize("mass", MASS)
 def test_damping_that_all_families_share(variant, crumpled, relative, mass, shape):
     """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""
@@ -134,12 +126,8 @@ def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("shape", [(2, 1), (17, 33), (40, 7)], ids=str)
-def test_strict_has_the_same_bits_on_every_instruction_set(
-    monkeypatch, crumpled, same_bits, shape, precision
-):
-    scene, x, v, dt = crumpled(
-        shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
-    )
+def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
+    scene, x, v, dt = crumpled(shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1))
     results = {}
     for name in cs.build_config()["instruction_sets_supported"]:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
@@ -211,10 +199,7 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
         y, w = x + part * dt * dx, v + part * dt * dv
         k.append((w, oracle.acceleration(scene, y, w)))
     weights = np.array([1, 2, 2, 1]) / 6
-    expected = [
-        start + dt * sum(w * slope[i] for w, slope in zip(weights, k))
-        for i, start in enumerate((x, v))
-    ]
+    expected = [start + dt * sum(w * slope[i] for w, slope in zip(weights, k)) for i, start in enumerate((x, v))]
     for result, wanted in zip(cs.reference_step(scene, x, v, dt), expected):
         np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
 

@@ -53,8 +53,7 @@ def test_two_point_oscillator(variant, damping):
 def test_two_free_points_swing_about_their_centre_of_mass():
     """Unequal masses: w^2 = K (1/m1 + 1/m2), and the centre of mass stands still."""
     masses = np.array([[1.0, 3.0]])
-    cloth = cs.Cloth((1, 2), mass=masses, stiffness=60.0, damping=0.0, springs=("structural",),
-                     pins=())  # fmt: skip
+    cloth = cs.Cloth((1, 2), mass=masses, stiffness=60.0, damping=0.0, springs=("structural",), pins=())
     x = cloth.rest_positions + np.array([[[0, 0, 0], [0.2, 0, 0]]])
     scene = cs.Scene(cloth, gravity=(0, 0, 0), position=x)
     t = 0.4
@@ -149,9 +148,7 @@ def test_a_mirrored_sheet_does_the_mirrored_motion(double_variant, crumpled, rel
     """Rows and columns reversed: each neighbour takes the place of its opposite."""
     scene, x, v, dt = crumpled()
     cloth = scene.cloth
-    turned = scene.replace(
-        cloth=cloth.replace(mass=cloth.mass_per_point[::-1, ::-1], pins=cloth.pinned[::-1, ::-1])
-    )
+    turned = scene.replace(cloth=cloth.replace(mass=cloth.mass_per_point[::-1, ::-1], pins=cloth.pinned[::-1, ::-1]))
     there = cs.step(scene, x, v, dt, 100, **double_variant.options)
     back = cs.step(turned, x[::-1, ::-1], v[::-1, ::-1], dt, 100, **double_variant.options)
     assert relative([part[::-1, ::-1] for part in back], there, x) < 1e-12
@@ -162,11 +159,8 @@ def test_a_transposed_sheet_does_the_same_motion(double_variant, crumpled, relat
     scene, x, v, dt = crumpled()
     cloth = scene.cloth
     turned = scene.replace(
-        cloth=cloth.replace(
-            shape=cloth.shape[::-1], size=cloth.size[::-1], mass=cloth.mass_per_point.T,
-            pins=cloth.pinned.T,
-        )
-    )  # fmt: skip
+        cloth=cloth.replace(shape=cloth.shape[::-1], size=cloth.size[::-1], mass=cloth.mass_per_point.T, pins=cloth.pinned.T)
+    )
     there = cs.step(scene, x, v, dt, 100, **double_variant.options)
     back = cs.step(turned, x.swapaxes(0, 1), v.swapaxes(0, 1), dt, 100, **double_variant.options)
     assert relative([part.swapaxes(0, 1) for part in back], there, x) < 1e-12
@@ -191,10 +185,7 @@ def test_damping_takes_the_power_it_should(double_variant, crumpled, oracle, mod
     scene, x, v, _ = crumpled(damping_model=model)
     cloth = scene.cloth
     h = 1e-6
-    before, after = (
-        cs.energy(scene, *cs.step(scene, x, v, h, 1 + k, **double_variant.options))["total"]
-        for k in (0, 2)
-    )
+    before, after = (cs.energy(scene, *cs.step(scene, x, v, h, 1 + k, **double_variant.options))["total"] for k in (0, 2))
     x, v = cs.step(scene, x, v, h, 2, **double_variant.options)
     table = cloth.spring_table()
     flat_x, flat_v = x.reshape(-1, 3), v.reshape(-1, 3)
@@ -230,25 +221,18 @@ def _scaled(scene, length=1.0, time=1.0, mass=1.0):
             damping={f: c * force / length * time for f, c in cloth.family_damping.items()},
         ),
         gravity=tuple(g * length / time**2 for g in scene.gravity),
-        spheres=[
-            s.replace(center=tuple(c * length for c in s.center), radius=s.radius * length)
-            for s in scene.spheres
-        ],
+        spheres=[s.replace(center=tuple(c * length for c in s.center), radius=s.radius * length) for s in scene.spheres],
     )
 
 
 @pytest.mark.parametrize(
-    "units",
-    [{"length": 4.0}, {"time": 0.25}, {"mass": 8.0}, {"length": 0.5, "time": 2.0, "mass": 0.25}],
-    ids=str,
+    "units", [{"length": 4.0}, {"time": 0.25}, {"mass": 8.0}, {"length": 0.5, "time": 2.0, "mass": 0.25}], ids=str
 )
 def test_units_scaled_by_powers_of_two_give_the_same_bits(variant, crumpled, units):
     ball = cs.Sphere((0.6, -0.2, 0.4), 0.25)
     scene, x, v, dt = crumpled(spheres=ball)
     length, time = units.get("length", 1.0), units.get("time", 1.0)
     xt, vt = cs.step(scene, x, v, dt, 100, **variant.options)
-    xs, vs = cs.step(
-        _scaled(scene, **units), x * length, v * (length / time), dt * time, 100, **variant.options
-    )
+    xs, vs = cs.step(_scaled(scene, **units), x * length, v * (length / time), dt * time, 100, **variant.options)
     np.testing.assert_array_equal(xs, xt * length)
     np.testing.assert_array_equal(vs, vt * (length / time))

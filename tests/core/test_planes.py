@@ -16,8 +16,9 @@ def both(scene, steps, dt, *, v=None, threads=1, **options):
     """Positions and velocities by the kernel's test and by the oracle, and whether there was a contact."""
     states = []
     for tracked in (False, True):
-        stepper = cs.Stepper(scene, v=v, kernel="edge", threads=1 if tracked else threads,
-                             track_contact_energy=tracked, **options)  # fmt: skip
+        stepper = cs.Stepper(
+            scene, v=v, kernel="edge", threads=1 if tracked else threads, track_contact_energy=tracked, **options
+        )
         stepper.advance(steps, dt)
         states.append((stepper.positions, stepper.velocities))
     return *states, sum(stepper._state.core.contacts) > 0
@@ -62,8 +63,12 @@ def test_points_that_are_fast(threads, same_bits):
 
 def test_several_spheres_and_a_batch(same_bits):
     """Each sphere has its own plane, each member and each of its bands too."""
-    balls = (cs.Sphere((0.5, -0.3, 0.5), 0.2), cs.Sphere((3.0, 0.0, 0.5), 0.2),
-             cs.Sphere((0.2, -0.15, 0.2), 0.1), cs.Sphere((0.5, -9.0, 0.5), 0.2, response="reflect"))  # fmt: skip
+    balls = (
+        cs.Sphere((0.5, -0.3, 0.5), 0.2),
+        cs.Sphere((3.0, 0.0, 0.5), 0.2),
+        cs.Sphere((0.2, -0.15, 0.2), 0.1),
+        cs.Sphere((0.5, -9.0, 0.5), 0.2, response="reflect"),
+    )
     scenes = [falling(*balls), falling(balls[1]), falling(*balls[2:])]
     x = np.stack([s.initial_position for s in scenes])
     v = np.zeros_like(x)

@@ -85,8 +85,7 @@ def test_what_float32_cannot_hold_is_no_finite_state(crumpled, value):
             assert np.isfinite(raised.value.x).all()
 
 
-@pytest.mark.parametrize("shape, strict, moves", [((33, 33), True, False), ((33, 33), False, True),
-                                                  ((32, 32), True, True)])  # fmt: skip
+@pytest.mark.parametrize("shape, strict, moves", [((33, 33), True, False), ((33, 33), False, True), ((32, 32), True, True)])
 def test_a_sheet_at_rest_in_single_moves_by_rounding_of_its_positions(shape, strict, moves):
     """A spacing of 1/32 m is exact in float32, one of 1/31 m is not; see docs/stability.md."""
     scene = cs.Scene(cs.Cloth(shape), gravity=(0, 0, 0))

@@ -28,8 +28,9 @@ def test_every_exponent_of_a_length(instruction_set, dtype):
     """Lengths from below what is added to the distance of padding."""
     rng = np.random.default_rng(1)
     exponents = np.arange(np.floor(np.log2(SMALLEST) / 2) - 1, np.log2(LONGEST))
-    mantissas = np.concatenate([1 + np.arange(128) / 128, 2 - np.arange(1, 128) * np.finfo(dtype).eps,
-                                rng.uniform(1, 2, 4000)])  # fmt: skip
+    mantissas = np.concatenate(
+        [1 + np.arange(128) / 128, 2 - np.arange(1, 128) * np.finfo(dtype).eps, rng.uniform(1, 2, 4000)]
+    )
     x = (2.0 ** exponents[:, None] * mantissas).astype(dtype).ravel()
     worst, squared = ulps(instruction_set, x, np.zeros_like(x))
     assert squared.min() <= 1.3 * SMALLEST and squared.max() > 1e30

@@ -57,9 +57,7 @@ def test_the_step_number_shows_the_order(columns):
     """A method of order p needs (tolerance ratio)^(1/p) times the steps; its error estimate is of
     the column before, so that p = 2 columns - 1."""
     scene = cs.scenes.oscillator()
-    coarse, fine = (
-        extrapolate(scene, [6.0], columns=columns, tolerance=tol)["steps"] for tol in (1e-9, 1e-12)
-    )
+    coarse, fine = (extrapolate(scene, [6.0], columns=columns, tolerance=tol)["steps"] for tol in (1e-9, 1e-12))
     order = math.log(1e3) / math.log(fine / coarse)
     assert order == pytest.approx(2 * columns - 1, rel=0.08, abs=0)
 
@@ -89,9 +87,7 @@ def test_agrees_with_small_steps_of_the_kernels(crumpled):
 def test_two_orders_agree_beyond_double(crumpled):
     scene, x, v, _ = crumpled()
     scene = scene.replace(position=x, velocity=v)
-    one, other = (
-        extrapolate(scene, [0.1], columns=n, tolerance=tol) for n, tol in ((8, 1e-16), (6, 1e-15))
-    )
+    one, other = (extrapolate(scene, [0.1], columns=n, tolerance=tol) for n, tol in ((8, 1e-16), (6, 1e-15)))
     assert abs(one["x"] - other["x"]).max() <= 2 * np.spacing(1.0)
 
 

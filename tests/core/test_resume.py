@@ -23,9 +23,7 @@ def end(run):
 
 @pytest.mark.parametrize("integrator", integrators())
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_a_resumed_run_is_the_one_that_would_have_gone_on(
-    integrator, precision, same_bits, tmp_path
-):
+def test_a_resumed_run_is_the_one_that_would_have_gone_on(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
     whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
     first = cs.simulate(SMALL, 0.3, t=0.25, fps=50, **options)
@@ -38,15 +36,11 @@ def test_a_resumed_run_is_the_one_that_would_have_gone_on(
     assert same_bits(end(thirds), end(whole)) and thirds.t[-1] == whole.t[-1]
     # The contact was before and after the break, and the sphere went on from where it was.
     assert whole.v[15].std() > 0.1
-    back = cs.simulate(
-        SMALL.replace(position=first.x[-1], velocity=first.v[-1]), 0.2, **options
-    )
+    back = cs.simulate(SMALL.replace(position=first.x[-1], velocity=first.v[-1]), 0.2, **options)
     assert abs(back.x[-1] - whole.x[-1]).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    "response, offset", [("continuous", "edge"), ("continuous", "face"), ("ray", "edge")]
-)
+@pytest.mark.parametrize("response, offset", [("continuous", "edge"), ("continuous", "face"), ("ray", "edge")])
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_resumed_in_contact(response, offset, precision, same_bits):
     scene = cs.scenes.paper_static("ray")
@@ -126,8 +120,12 @@ def test_a_run_without_its_final_state_is_not_resumed():
     bare = cs.Run(run.scene, run.t, run.x, run.v, run.report)
     with pytest.raises(ValueError, match="cannot be resumed"):
         bare.resume(0.1)
-    for change, name in (({"duration": 0}, "duration"), ({"every": 1}, "every"),
-                         ({"callback": 1}, "callback"), ({"times": [0.005]}, "times")):  # fmt: skip
+    for change, name in (
+        ({"duration": 0}, "duration"),
+        ({"every": 1}, "every"),
+        ({"callback": 1}, "callback"),
+        ({"times": [0.005]}, "times"),
+    ):
         with pytest.raises((ValueError, TypeError), match=name):
             run.resume(**{"duration": 0.1, **change})
 
@@ -173,17 +171,27 @@ def test_files_that_are_not_ours_are_refused(load, tmp_path, capsys):
     run = cs.simulate(SMALL, 0.01, dt=1e-3)
     whole = run.save(tmp_path / "run").read_bytes()
     made = {
-        "text": b"time,x\n0,1\n", "empty": b"", "hdf": b"\x89HDF\r\n\x1a\n" + bytes(64),
-        "pickle": pickle.dumps(Evil()), "cut": whole[: len(whole) // 2],
-    }  # fmt: skip
+        "text": b"time,x\n0,1\n",
+        "empty": b"",
+        "hdf": b"\x89HDF\r\n\x1a\n" + bytes(64),
+        "pickle": pickle.dumps(Evil()),
+        "cut": whole[: len(whole) // 2],
+    }
     for name, content in made.items():
         (tmp_path / name).write_bytes(content)
     np.save(tmp_path / "array.npy", np.zeros(3))
     np.savez(tmp_path / "other.npz", a=1)
-    np.savez(tmp_path / "evil.npz", t=np.array([Evil()], object), x=0, v=0, scene="{}", report="{}",
-             snapshot=np.array([Evil()], object), snapshot_state=0)  # fmt: skip
-    np.savez(tmp_path / "wrong.npz", t=0, x=0, v=0, scene="{}", report="{", snapshot="[]",
-             snapshot_state=0)  # fmt: skip
+    np.savez(
+        tmp_path / "evil.npz",
+        t=np.array([Evil()], object),
+        x=0,
+        v=0,
+        scene="{}",
+        report="{}",
+        snapshot=np.array([Evil()], object),
+        snapshot_state=0,
+    )
+    np.savez(tmp_path / "wrong.npz", t=0, x=0, v=0, scene="{}", report="{", snapshot="[]", snapshot_state=0)
     for name in (*made, "array.npy", "other.npz", "evil.npz", "wrong.npz"):
         with pytest.raises(ValueError, match=f"{name} is no (run|snapshot) of clothsim: "):
             load(tmp_path / name)
@@ -235,8 +243,7 @@ def test_set_state(precision, same_bits):
         one.advance(100, 1e-3)
     assert same_bits([other.positions], [stepper.positions])
     # What is not given stays, with the compensation of "single".
-    single = cs.Stepper(SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0,
-                        precision=precision, threads=1)  # fmt: skip
+    single = cs.Stepper(SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0, precision=precision, threads=1)
     single.advance(100, 1e-3)
     twin = cs.Stepper.restore(single.snapshot())
     single.set_state()
@@ -335,7 +342,7 @@ def test_set_scene_of_a_batch_keeps_frozen_members_and_contact_energy(same_bits)
         (lambda s: s.advance(1e-3, 10), TypeError, r"look swapped: the order is advance\(steps, dt\)"),
         (lambda s: cs.step(s.scene, s.positions, s.velocities, 10, 1e-3, t=0.0), TypeError, "swapped"),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused_changes_nothing(call, error, message, same_bits):
     stepper = cs.Stepper(SMALL)
     stepper.advance(50, 1e-3)

@@ -62,9 +62,7 @@ def test_the_reference_has_the_order(oracle):
     scene, exact = _swing(oracle)
     state = scene.initial_position, scene.initial_velocity
     counts = np.array([200, 283, 400])
-    errors = [
-        rms(cs.reference_step(scene, *state, DURATION / n, int(n))[0] - exact) for n in counts
-    ]
+    errors = [rms(cs.reference_step(scene, *state, DURATION / n, int(n))[0] - exact) for n in counts]
     assert abs(fitted_order(DURATION / counts, errors) - 4) < 0.15
 
 

@@ -25,9 +25,7 @@ def frame(run, k):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}],
-    ids=str,
+    "options", [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}], ids=str
 )
 def test_times_are_stored_as_given_between_the_ends(options):
     times = [0.0031, 0.005, 0.0082]
@@ -120,10 +118,15 @@ def test_refuses(change, error, message):
 
 @pytest.mark.parametrize(
     "options",
-    [{"dt": 1e-3}, {"rtol": 1e-4}, {"rtol": 1e-4, "integrator": "dop853"},
-     {"dt": 1e-3, "estimate_error": True}, {"integrator": "rk4"}],
+    [
+        {"dt": 1e-3},
+        {"rtol": 1e-4},
+        {"rtol": 1e-4, "integrator": "dop853"},
+        {"dt": 1e-3, "estimate_error": True},
+        {"integrator": "rk4"},
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_a_run_starts_at_its_time(options):
     """With the sphere's motion shifted by the same time it is the run from 0."""
     start, duration = 0.375, 0.25
@@ -145,9 +148,7 @@ def test_a_run_starts_at_its_time(options):
 
 def test_going_on_from_the_last_frame():
     whole = cs.simulate(MOVING, 0.4, dt=5e-4, times=[0.25])
-    rest = cs.simulate(
-        MOVING.replace(position=whole.x[1], velocity=whole.v[1]), 0.15, dt=5e-4, t=0.25
-    )
+    rest = cs.simulate(MOVING.replace(position=whole.x[1], velocity=whole.v[1]), 0.15, dt=5e-4, t=0.25)
     assert abs(rest.x[-1] - whole.x[-1]).max() < 1e-11
     assert rest.t.tolist() == [0.25, 0.4]
 
@@ -184,10 +185,9 @@ def test_the_callback_sees_every_frame(options, same_bits):
 
 @pytest.mark.parametrize(
     "options",
-    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-3}, {},
-     {"dt": 1e-3, "estimate_error": True}],
+    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-3}, {}, {"dt": 1e-3, "estimate_error": True}],
     ids=str,
-)  # fmt: skip
+)
 def test_the_callback_stops_the_run(options, same_bits):
     run = cs.simulate(SMALL, 0.1, fps=50, callback=lambda t, x, v: np.bool_(t > 0.05), **options)
     assert run.t.tolist() == [0.0, 0.02, 0.04, 0.06]
@@ -299,10 +299,7 @@ def test_an_unstable_run_is_handed_over():
 def test_a_run_that_ends_between_spheres_is_handed_over():
     """Six spheres close around a point from all sides."""
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
-    spheres = [
-        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none")
-        for d in directions
-    ]
+    spheres = [cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none") for d in directions]
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
     scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)

@@ -135,8 +135,14 @@ def test_a_run_is_six_short_lines(run):
     assert len(lines) == 6 and max(map(len, lines)) < 100 and repr(run) == str(run)
     text = "\n".join(lines)
     assert "array" not in text
-    for part in ("6 x 7 mass points", "2 spheres", "25 frames from t = 0.1 to 0.7 s", "600 steps of 0.001 s",
-                 "rk4 in double", "steps/s"):  # fmt: skip
+    for part in (
+        "6 x 7 mass points",
+        "2 spheres",
+        "25 frames from t = 0.1 to 0.7 s",
+        "600 steps of 0.001 s",
+        "rk4 in double",
+        "steps/s",
+    ):
         assert part in text
     report = run.report
     change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
@@ -145,9 +151,7 @@ def test_a_run_is_six_short_lines(run):
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
     assert "steps of about 0.0" in mean and "dopri5 in double" in mean
-    assert "stopped early (callback)" in repr(
-        cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
-    )
+    assert "stopped early (callback)" in repr(cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True))
 
 
 def test_a_run_whose_report_tells_little_can_be_shown(run):
@@ -175,8 +179,15 @@ def test_the_summary_of_a_scene():
     lines = scene_lines(SCENE)
     assert len(lines) <= 6 and max(map(len, lines)) < 100
     text = "\n".join(lines)
-    for part in ("6 x 7 mass points", "1 x 1 m", "21 kg", f"{SCENE.cloth.spring_count()} springs",
-                 "2 pinned points", "1 moving, response reflect; 1 response reflect", "-9.80665"):  # fmt: skip
+    for part in (
+        "6 x 7 mass points",
+        "1 x 1 m",
+        "21 kg",
+        f"{SCENE.cloth.spring_count()} springs",
+        "2 pinned points",
+        "1 moving, response reflect; 1 response reflect",
+        "-9.80665",
+    ):
         assert part in text
 
 

@@ -22,12 +22,21 @@ def test_only_the_first_and_last_frame_by_default(same_bits):
 
 @pytest.mark.parametrize(
     "every, times",
-    [(4, [0, 0.004, 0.008, 0.01]), (5, [0, 0.005, 0.01]), ("step", np.arange(11) * 1e-3),
-     (10, [0, 0.01]), (99, [0, 0.01]), (np.int64(5), [0, 0.005, 0.01]),
-     (0.004, [0, 0.004, 0.008, 0.01]), (0.0025, [0, 0.0025, 0.005, 0.0075, 0.01]),
-     (0.01, [0, 0.01]), (3.0, [0, 0.01]), (np.float64(0.005), [0, 0.005, 0.01])],
+    [
+        (4, [0, 0.004, 0.008, 0.01]),
+        (5, [0, 0.005, 0.01]),
+        ("step", np.arange(11) * 1e-3),
+        (10, [0, 0.01]),
+        (99, [0, 0.01]),
+        (np.int64(5), [0, 0.005, 0.01]),
+        (0.004, [0, 0.004, 0.008, 0.01]),
+        (0.0025, [0, 0.0025, 0.005, 0.0075, 0.01]),
+        (0.01, [0, 0.01]),
+        (3.0, [0, 0.01]),
+        (np.float64(0.005), [0, 0.005, 0.01]),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_frames(every, times):
     run = cs.simulate(SCENE, 0.01, dt=1e-3, every=every)
     np.testing.assert_allclose(run.t, times, rtol=1e-12)
@@ -83,9 +92,7 @@ def test_spheres_move_with_the_time_of_the_run():
 
 
 def test_the_report():
-    run = cs.simulate(
-        SCENE, 0.01, dt=1e-3, precision="single", threads=2, kernel="gather", strict=True
-    )
+    run = cs.simulate(SCENE, 0.01, dt=1e-3, precision="single", threads=2, kernel="gather", strict=True)
     report = run.report
     assert report["steps"] == 10 and report["force_evaluations"] == 40
     assert report["dt"] == 1e-3 and report["integrator"] == "rk4"
@@ -146,19 +153,30 @@ def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
 
 @pytest.mark.parametrize(
     "change, error, name",
-    [({"duration": 0.0}, ValueError, "duration"), ({"duration": -1.0}, ValueError, "duration"),
-     ({"duration": math.nan}, ValueError, "duration"), ({"duration": "1"}, TypeError, "duration"),
-     ({"dt": 0.0}, ValueError, "dt"), ({"dt": -1e-3}, ValueError, "dt"),
-     ({"dt": math.inf}, ValueError, "dt"), ({"dt": True}, TypeError, "dt"),
-     ({"every": 0}, ValueError, "every"), ({"every": -0.1}, ValueError, "every"),
-     ({"every": True}, TypeError, "every"), ({"every": "2"}, TypeError, "every"),
-     ({"every": 1}, ValueError, "every='step' .* every=1.0"),
-     ({"every": math.nan}, ValueError, "every"),
-     ({"progress": 1}, TypeError, "progress"), ({"precision": "half"}, ValueError, "precision"),
-     ({"integrator": "rk5"}, ValueError, "integrator"), ({"kernel": "fast"}, ValueError, "kernel"),
-     ({"scene": 3}, TypeError, "scene"), ({"scene": [SCENE]}, TypeError, "scene")],
+    [
+        ({"duration": 0.0}, ValueError, "duration"),
+        ({"duration": -1.0}, ValueError, "duration"),
+        ({"duration": math.nan}, ValueError, "duration"),
+        ({"duration": "1"}, TypeError, "duration"),
+        ({"dt": 0.0}, ValueError, "dt"),
+        ({"dt": -1e-3}, ValueError, "dt"),
+        ({"dt": math.inf}, ValueError, "dt"),
+        ({"dt": True}, TypeError, "dt"),
+        ({"every": 0}, ValueError, "every"),
+        ({"every": -0.1}, ValueError, "every"),
+        ({"every": True}, TypeError, "every"),
+        ({"every": "2"}, TypeError, "every"),
+        ({"every": 1}, ValueError, "every='step' .* every=1.0"),
+        ({"every": math.nan}, ValueError, "every"),
+        ({"progress": 1}, TypeError, "progress"),
+        ({"precision": "half"}, ValueError, "precision"),
+        ({"integrator": "rk5"}, ValueError, "integrator"),
+        ({"kernel": "fast"}, ValueError, "kernel"),
+        ({"scene": 3}, TypeError, "scene"),
+        ({"scene": [SCENE]}, TypeError, "scene"),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_refuses(change, error, name):
     arguments = {"scene": SCENE, "duration": 0.01, "dt": 1e-3, **change}
     with pytest.raises(error, match=name):

@@ -43,16 +43,11 @@ def test_what_it_gives_are_copies(crumpled, same_bits):
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("batch", [None, 1, 3])
-def test_a_restored_snapshot_continues_with_the_same_bits(
-    variant, crumpled, same_bits, dtype, batch
-):
+def test_a_restored_snapshot_continues_with_the_same_bits(variant, crumpled, same_bits, dtype, batch):
     scene, x, v, dt = crumpled(spheres=BALL)
     if batch:
         x, v = np.stack([x] * batch), np.stack([v * (1 + k) for k in range(batch)])
-    stepper = cs.Stepper(
-        scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options,
-        track_contact_energy=True,
-    )  # fmt: skip
+    stepper = cs.Stepper(scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options, track_contact_energy=True)
     stepper.advance(40, dt)
     snapshot = pickle.loads(pickle.dumps(stepper.snapshot()))
     stepper.advance(60, dt)
@@ -70,9 +65,12 @@ def test_a_snapshot_of_a_batch_of_scenes(crumpled, same_bits):
     one, two = crumpled(seed=1), crumpled(seed=2, spheres=BALL)
     for states in ([one, two], [one]):
         stepper = cs.Stepper(
-            [s.scene for s in states], np.stack([s.x for s in states]),
-            np.stack([s.v for s in states]), t=0.0, precision="single",
-        )  # fmt: skip
+            [s.scene for s in states],
+            np.stack([s.x for s in states]),
+            np.stack([s.v for s in states]),
+            t=0.0,
+            precision="single",
+        )
         stepper.advance(30, one.dt)
         other = cs.Stepper.restore(stepper.snapshot())
         stepper.advance(30, one.dt)
@@ -120,9 +118,7 @@ def test_contact_energy_is_what_the_collision_passes_add(variant, crumpled, resp
     for _ in range(40):
         before = cs.step(free, *arrays(stepper), dt, **variant.options)
         stepper.advance(1, dt)
-        change = (
-            cs.energy(scene, *arrays(stepper))["total"] - cs.energy(scene, *before)["total"]
-        )
+        change = cs.energy(scene, *arrays(stepper))["total"] - cs.energy(scene, *before)["total"]
         expected += change
         changes += change != 0
     assert changes > 10 and abs(expected) > 0.1
@@ -162,9 +158,7 @@ def stiff(shape=(9, 20)):
 
 
 def disturbed(scene, size=1e-3):
-    return scene.initial_position + size * np.random.default_rng(1).normal(
-        size=scene.initial_position.shape
-    )
+    return scene.initial_position + size * np.random.default_rng(1).normal(size=scene.initial_position.shape)
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

@@ -12,9 +12,7 @@ SHAPES = [(61, 1531), (16, 5464), (40, 2600)]
 STEPS = 4
 
 UNIFORM = {"mass": "uniform", "pins": (), "damping_model": "spring"}
-FEATURES = {
-    "per point": {}, "uniform": UNIFORM, "no bend": {**UNIFORM, "springs": ("structural", "shear")}
-}  # fmt: skip
+FEATURES = {"per point": {}, "uniform": UNIFORM, "no bend": {**UNIFORM, "springs": ("structural", "shear")}}
 
 
 @pytest.fixture(params=["single", "double"])
@@ -111,9 +109,7 @@ def test_a_state_put_back_goes_on_the_same(options, crumpled, same_bits):
     stepper.advance(3, dt)
     again = cs.Stepper.restore(snapshot)
     again.advance(3, dt)
-    assert same_bits(
-        (again.positions, again.velocities), (stepper.positions, stepper.velocities)
-    )
+    assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

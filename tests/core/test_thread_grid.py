@@ -51,9 +51,16 @@ def test_refuses_other_groups(group):
 
 
 @pytest.mark.parametrize(
-    "shape, error", [((0, 4), ValueError), ((4, -1), ValueError), ((4,), ValueError),
-                     ((4.0, 4), TypeError), (16, TypeError), ("ab", TypeError)],
-)  # fmt: skip
+    "shape, error",
+    [
+        ((0, 4), ValueError),
+        ((4, -1), ValueError),
+        ((4,), ValueError),
+        ((4.0, 4), TypeError),
+        (16, TypeError),
+        ("ab", TypeError),
+    ],
+)
 def test_refuses_what_is_no_shape(shape, error):
     with pytest.raises(error, match="shape"):
         cs.thread_grid(shape)

@@ -29,16 +29,21 @@ def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits,
 
 @pytest.mark.parametrize(
     "feature",
-    [{"springs": families, "damped": damped}
-     for families in (("structural", "shear", "bend"), ("structural", "shear"), ("shear", "bend"),
-                      ("bend",), ("structural",))
-     for damped in (True, False)]
+    [
+        {"springs": families, "damped": damped}
+        for families in (
+            ("structural", "shear", "bend"),
+            ("structural", "shear"),
+            ("shear", "bend"),
+            ("bend",),
+            ("structural",),
+        )
+        for damped in (True, False)
+    ]
     + [{"damping_model": "point"}],
     ids=str,
-)  # fmt: skip
-def test_threads_tell_each_other_what_every_set_of_springs_needs(
-    variant, crumpled, same_bits, feature
-):
+)
+def test_threads_tell_each_other_what_every_set_of_springs_needs(variant, crumpled, same_bits, feature):
     scene, x, v, dt = crumpled(shape=(32, 32), **feature)
     one = cs.step(scene, x, v, dt, 6, **variant.options)
     for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
@@ -81,12 +86,17 @@ def test_a_member_left_over_for_a_team_is_named_when_it_becomes_unstable(crumple
 
 @pytest.mark.parametrize(
     "available, shape, members, threads",
-    [(16, (32, 32), 3, 3), (16, (128, 128), 3, 16), (16, (64, 64), 3, 8), (2, (32, 32), 3, 2),
-     (16, (32, 32), 64, 16), (16, (8, 8), 2, 2), (16, (32, 32), 1, 8)],
-)  # fmt: skip
-def test_a_batch_chooses_threads_for_members_or_for_a_team(
-    monkeypatch, available, shape, members, threads
-):
+    [
+        (16, (32, 32), 3, 3),
+        (16, (128, 128), 3, 16),
+        (16, (64, 64), 3, 8),
+        (2, (32, 32), 3, 2),
+        (16, (32, 32), 64, 16),
+        (16, (8, 8), 2, 2),
+        (16, (32, 32), 1, 8),
+    ],
+)
+def test_a_batch_chooses_threads_for_members_or_for_a_team(monkeypatch, available, shape, members, threads):
     monkeypatch.setattr(cs._core, "available_threads", lambda: available)
     assert plan.choose_threads(None, shape, members) == threads
 
@@ -109,9 +119,17 @@ def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bit
 
 @pytest.mark.parametrize(
     "threads, error",
-    [(0, ValueError), (-1, ValueError), (10**6, ValueError), (10**30, ValueError),
-     (True, TypeError), (1.5, TypeError), (2.0, TypeError), ("2", TypeError)],
-)  # fmt: skip
+    [
+        (0, ValueError),
+        (-1, ValueError),
+        (10**6, ValueError),
+        (10**30, ValueError),
+        (True, TypeError),
+        (1.5, TypeError),
+        (2.0, TypeError),
+        ("2", TypeError),
+    ],
+)
 def test_refuses_what_is_no_number_of_threads(crumpled, threads, error):
     scene, x, v, dt = crumpled()
     calls = [
@@ -157,15 +175,16 @@ print("30 forks")
 
 def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
     run = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", _FORK.format(kernel=kernel)],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-W", "ignore", "-c", _FORK.format(kernel=kernel)], capture_output=True, text=True, timeout=120
+    )
     assert run.stdout == "30 forks\n", run.stderr
 
 
-@pytest.mark.parametrize("limit", [{"OMP_THREAD_LIMIT": "1"}, {"OMP_THREAD_LIMIT": "2"},
-                                   {"OMP_DYNAMIC": "true"}, {"OMP_NUM_THREADS": "1"}],
-                         ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "limit",
+    [{"OMP_THREAD_LIMIT": "1"}, {"OMP_THREAD_LIMIT": "2"}, {"OMP_DYNAMIC": "true"}, {"OMP_NUM_THREADS": "1"}],
+    ids=str,
+)
 def test_fewer_threads_than_asked_for_give_the_same_bits(kernel, limit):
     """OpenMP may hand out fewer than a call asks for; nothing may wait for the missing ones."""
     code = f"""
@@ -178,8 +197,9 @@ for threads in (2, 3, 5, 3):
     assert (x == one[0]).all() and (v == one[1]).all(), threads
 print("same")
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
-                         env={**os.environ, **limit})  # fmt: skip
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ, **limit}
+    )
     assert run.stdout == "same\n", run.stderr
 
 
@@ -216,9 +236,8 @@ print("same")
 def test_threads_may_go_where_they_might_before(kernel):
     """A team spreads over the processors; which ones its threads may use stays as it was, one for all of them included."""
     run = subprocess.run(
-        [sys.executable, "-c", _PROCESSORS.format(kernel=kernel)],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+        [sys.executable, "-c", _PROCESSORS.format(kernel=kernel)], capture_output=True, text=True, timeout=60
+    )
     assert run.stdout == "same\n", run.stderr
 
 
@@ -266,9 +285,7 @@ def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, th
     if shape != (2, 2):  # there it has done too many steps to repeat
         again = cs.Stepper(scene, threads=1, kernel=kernel)
         again.advance(steps, dt)
-        assert same_bits(
-            (again.positions, again.velocities), (stepper.positions, stepper.velocities)
-        )
+        assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
     stepper.advance(1, dt)
     assert stepper.time == (steps + 1) * dt
 

@@ -38,8 +38,9 @@ def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
         for mine, theirs in zip(found, fresh(scene, x, v, **options)):
             assert np.array_equal(mine, theirs)
         a = cs.acceleration(scene, x, v, precision=options.get("precision", "double"))
-        assert np.array_equal(a, cs.acceleration(pickle.loads(pickle.dumps(scene)), x, v,
-                                                 precision=options.get("precision", "double")))
+        assert np.array_equal(
+            a, cs.acceleration(pickle.loads(pickle.dumps(scene)), x, v, precision=options.get("precision", "double"))
+        )
     assert 1 <= len(scene.engines) <= 2
     assert all(len(waiting) == 1 for waiting in scene.engines.values())
 

@@ -92,9 +92,7 @@ def test_they_are_those_of_every_state(name, integrator, precision):
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("name", ["reflect", "three of them", "face"])
 def test_they_are_the_same_for_every_number_of_threads(name, kernel):
-    reports = [
-        cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)
-    ]
+    reports = [cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)]
     assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])
 
 

@@ -31,9 +31,7 @@ def three(device, monkeypatch):
     monkeypatch.setattr(devices, "_described", described)
 
 
-@pytest.mark.parametrize(
-    "asked, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")]
-)
+@pytest.mark.parametrize("asked, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")])
 def test_the_best_is_used_or_the_one_that_is_asked_for(asked, name, three, monkeypatch):
     monkeypatch.setenv("CLOTHSIM_GPU_ADAPTER", asked)
     assert [adapter.name for adapter in devices.adapters()] == ["RTX", "Iris Xe", "soft"]
@@ -51,9 +49,7 @@ def run(*command):
     """A command on a machine whose Vulkan has no driver."""
     env = {k: v for k, v in os.environ.items() if k != "CLOTHSIM_TEST_GPU"}
     env |= {"VK_ICD_FILENAMES": "/nonexistent", "VK_DRIVER_FILES": "/nonexistent"}
-    return subprocess.run(
-        [sys.executable, *command], cwd=ROOT, env=env, capture_output=True, text=True, timeout=300
-    )
+    return subprocess.run([sys.executable, *command], cwd=ROOT, env=env, capture_output=True, text=True, timeout=300)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="drivers are taken away as Linux finds them")

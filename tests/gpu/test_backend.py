@@ -60,10 +60,13 @@ def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(crumpled, same_bi
     """Scenes of equal features share a dispatch; these are of four kinds, mixed up."""
     rough = BALL.replace(friction=0.0, restitution=0.5)
     states = [
-        crumpled(seed=1), crumpled(seed=2, spheres=BALL), crumpled(seed=3),
-        crumpled(seed=4, damping_model="point"), crumpled(seed=5, spheres=BALL.replace(radius=0.3)),
+        crumpled(seed=1),
+        crumpled(seed=2, spheres=BALL),
+        crumpled(seed=3),
+        crumpled(seed=4, damping_model="point"),
+        crumpled(seed=5, spheres=BALL.replace(radius=0.3)),
         crumpled(seed=6, spheres=(BALL, rough)),
-    ]  # fmt: skip
+    ]
     scenes = [s.scene for s in states]
     cloth = scenes[2].cloth  # shares a dispatch with the first, and none of its numbers
     softer = {family: 0.5 * k for family, k in cloth.family_stiffness.items()}
@@ -138,10 +141,7 @@ def test_simulate_finds_a_step_and_estimates_its_error():
 
 def test_simulate_sees_contact():
     scene = cs.scenes.paper_static("reflect")
-    runs = [
-        cs.simulate(scene, t, dt=5e-4, backend="gpu", precision="single", estimate_error=True)
-        for t in (0.01, 0.3)
-    ]
+    runs = [cs.simulate(scene, t, dt=5e-4, backend="gpu", precision="single", estimate_error=True) for t in (0.01, 0.3)]
     assert [run.report["chaotic"] for run in runs] == [False, True]
     assert [run.report["error_estimate"]["reason"][:8] for run in runs] == ["", "a sphere"]
     assert np.isnan(runs[1].report["penetration"]["points"]) and runs[1].report["penetration"]["reason"]
@@ -186,9 +186,8 @@ def test_out_is_written_and_inputs_are_not(crumpled, same_bits):
 
 @pytest.mark.parametrize(
     "name, value",
-    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "verlet"),
-     ("precision", "half")],
-)  # fmt: skip
+    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "verlet"), ("precision", "half")],
+)
 def test_what_it_does_not_have_is_refused(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):
         cs.Stepper(cs.scenes.paper_swing(), backend="gpu", **{name: value})

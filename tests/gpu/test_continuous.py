@@ -86,10 +86,7 @@ def test_a_batch_has_the_bits_of_its_members(same_bits):
 
 def test_points_without_a_place_are_the_cores_error():
     """Two spheres close on a point from above and below, three stand around it."""
-    closing = [
-        cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none")
-        for s in (1, -1)
-    ]
+    closing = [cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none") for s in (1, -1)]
     around = [
         cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none")
         for dx, dz in ((0.3, 0), (-0.15, 0.26), (-0.15, -0.26))

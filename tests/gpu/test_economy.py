@@ -12,9 +12,7 @@ FAMILIES = ("structural", "shear", "bend")
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("damped", [True, False])
-def test_what_a_scene_leaves_out_is_not_in_its_shader(
-    family, damped, crumpled, monkeypatch, same_bits
-):
+def test_what_a_scene_leaves_out_is_not_in_its_shader(family, damped, crumpled, monkeypatch, same_bits):
     """Its numbers are made NaN: whatever looked at one would spread it over the cloth."""
     features = {"springs": (family,), "damped": damped, "mass": "uniform", "pins": ()}
     scene, x, v, dt = crumpled(**features)
@@ -40,6 +38,7 @@ def test_the_same_numbers_are_used_where_a_scene_has_them(crumpled, monkeypatch)
     real = parameters.scene_parameters
     places = [3, 5, 8, 11, 14, 17, 6, parameters.FIRST_WEIGHT + 30]
     for place in places:
+
         def poisoned(*args, place=place):
             table = real(*args)
             table[place] = np.nan

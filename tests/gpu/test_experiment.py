@@ -24,10 +24,7 @@ def made(kind, size, rate, members=1, method=2):
 
 def speeds(*triples):
     """Measurements of (size, CPU steps/s, GPU steps/s)."""
-    return [
-        made(kind, size, rate)
-        for size, cpu, gpu in triples for kind, rate in ((SIMD, cpu), (GPU, gpu))
-    ]  # fmt: skip
+    return [made(kind, size, rate) for size, cpu, gpu in triples for kind, rate in ((SIMD, cpu), (GPU, gpu))]
 
 
 @pytest.mark.needs_no_adapter
@@ -57,9 +54,7 @@ def test_a_window_that_was_ended_early_is_told():
     whole.steps = [10, 10, 10]
     assert cut.shortened and not whole.shortened
     rows = report.rows([cut, whole])
-    assert [(r["shortened"], r["steps_asked"], r["steps_timed"]) for r in rows] == [
-        (True, 30, 24), (False, 30, 30),
-    ]  # fmt: skip
+    assert [(r["shortened"], r["steps_asked"], r["steps_timed"]) for r in rows] == [(True, 30, 24), (False, 30, 30)]
     assert [r["frames_per_run"] for r in rows] == [1.6, 2.0]
     text = report.text([cut, whole])
     assert "* 1 of 2 measurements are means over fewer steps" in text and "after 1.5 s" in text
@@ -70,9 +65,18 @@ def test_a_window_that_was_ended_early_is_told():
 @pytest.mark.needs_no_adapter
 def test_the_papers_cloth_has_a_limit_of_its_own_and_others_end_early():
     settings = Settings(
-        sizes=(32, 40), batches=(), methods=(2,), precisions=("double",), runs=1, frame_steps=5,
-        window_frames=4, seconds=0.0, paper_seconds=60.0, first_frames=3, first_seconds=0.0,
-    )  # fmt: skip
+        sizes=(32, 40),
+        batches=(),
+        methods=(2,),
+        precisions=("double",),
+        runs=1,
+        frame_steps=5,
+        window_frames=4,
+        seconds=0.0,
+        paper_seconds=60.0,
+        first_frames=3,
+        first_seconds=0.0,
+    )
     for m in run(settings, []):
         assert m.shortened == (m.size == 40) == (m.steps[0] < 20) and m.steps[0] >= 1
         assert len(m.first_frames[0]) == 2  # the first and, as that was over time, one more
@@ -90,18 +94,24 @@ def test_a_target_that_fails_is_left_out_by_name_and_the_rest_goes_on(device, mo
 
     monkeypatch.setattr(experiment, "measure", measure)
     settings = Settings(
-        sizes=(40, 20), batches=(), methods=(2,), precisions=("single",), runs=3, frame_steps=2,
-        window_frames=1, first_frames=1,
-    )  # fmt: skip
+        sizes=(40, 20),
+        batches=(),
+        methods=(2,),
+        precisions=("single",),
+        runs=3,
+        frame_steps=2,
+        window_frames=1,
+        first_frames=1,
+    )
     runs = []
     measurements = run(
-        settings, [device.adapter], advance=runs.append,
+        settings,
+        [device.adapter],
+        advance=runs.append,
         left_out=lambda m, why: told.append((m.target.kind, m.size, str(why))),
-    )  # fmt: skip
+    )
     assert told == [(GPU, 40, "gone")]
-    assert {(m.target.kind, m.size) for m in measurements if m.size == 40} == {
-        (SCALAR, 40), (SIMD, 40),
-    }  # fmt: skip
+    assert {(m.target.kind, m.size) for m in measurements if m.size == 40} == {(SCALAR, 40), (SIMD, 40)}
     assert any(m.target.kind == GPU and m.size == 20 for m in measurements)
     assert sum(runs) == experiment.count(settings, [device.adapter])
 
@@ -122,9 +132,18 @@ def test_the_scene_is_in_contact_and_stays_well(size):
 
 def test_every_target_is_measured_and_a_software_adapter_told(device):
     settings = Settings(
-        sizes=(16,), batches=(2,), batch_size=16, methods=(2,), precisions=("single",), runs=2,
-        seconds=0.02, first_frames=2, first_seconds=0.01, frame_steps=5, window_frames=4,
-    )  # fmt: skip
+        sizes=(16,),
+        batches=(2,),
+        batch_size=16,
+        methods=(2,),
+        precisions=("single",),
+        runs=2,
+        seconds=0.02,
+        first_frames=2,
+        first_seconds=0.01,
+        frame_steps=5,
+        window_frames=4,
+    )
     snapshots = []
     measurements = run(settings, [device.adapter], finished=lambda m: snapshots.append(len(m)))
     kinds = {m.target.kind for m in measurements}
@@ -138,10 +157,23 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
 
 def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
     command = [
-        sys.executable, str(ROOT / "benchmarks" / "gpu.py"), "--quick", "--sizes", "16",
-        "--batches", "--method", "2", "--runs", "1", "--seconds", "0.02",
-        "--out", str(tmp_path), "--name", "here",
-    ]  # fmt: skip
+        sys.executable,
+        str(ROOT / "benchmarks" / "gpu.py"),
+        "--quick",
+        "--sizes",
+        "16",
+        "--batches",
+        "--method",
+        "2",
+        "--runs",
+        "1",
+        "--seconds",
+        "0.02",
+        "--out",
+        str(tmp_path),
+        "--name",
+        "here",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900, env=os.environ)
     assert done.returncode == 0, done.stderr
     with open(tmp_path / "here.csv", encoding="utf-8") as file:

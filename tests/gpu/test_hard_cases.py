@@ -6,9 +6,7 @@ import pytest
 CASES = cs.scenes.hard_cases()
 STEPS = 300  # of the longer ones, the first
 RUNS = [
-    pytest.param(name, precision, id=f"{name}-{precision}")
-    for name, case in CASES.items()
-    for precision in case.precisions
+    pytest.param(name, precision, id=f"{name}-{precision}") for name, case in CASES.items() for precision in case.precisions
 ]
 
 

@@ -13,9 +13,7 @@ REORDERED_BOUND = 1e-7
 
 
 def core(scene, precision, x=None, v=None, **options):
-    return cs.Stepper(
-        scene, x, v, precision=precision, kernel="gather", strict=True, threads=1, **options
-    )
+    return cs.Stepper(scene, x, v, precision=precision, kernel="gather", strict=True, threads=1, **options)
 
 
 def whole_state(stepper):

@@ -7,9 +7,7 @@ from clothsim.gpu import thread_ids
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [(32, 32), (16, 48), (128, 64), (1, 2), (2, 2), (17, 16), (16, 17), (20, 33), (5, 100)],
-    ids=str,
+    "shape", [(32, 32), (16, 48), (128, 64), (1, 2), (2, 2), (17, 16), (16, 17), (20, 33), (5, 100)], ids=str
 )
 def test_every_point_has_the_same_ids_on_the_adapter_and_in_the_core(shape):
     written, expected = thread_ids(shape), cs.thread_grid(shape)

@@ -84,11 +84,7 @@ def test_a_solution_is_kept_in_memory_and_on_disk(own_cache, same_bits):
 def test_the_key_is_scene_times_and_code(own_cache, monkeypatch):
     scene = cs.scenes.oscillator()
     cs.reference(scene, 0.3)
-    for other, arguments in (
-        (cs.scenes.oscillator(damping=1e-9), (0.3,)),
-        (scene, (0.3 + 1e-12,)),
-        (scene, (0.3, 0.1)),
-    ):
+    for other, arguments in ((cs.scenes.oscillator(damping=1e-9), (0.3,)), (scene, (0.3 + 1e-12,)), (scene, (0.3, 0.1))):
         assert cs.reference(other, *arguments).report["kept"] == "computed"
     monkeypatch.setattr(_cache, "code", lambda: "another")
     assert cs.reference(scene, 0.3).report["kept"] == "computed"
@@ -163,9 +159,7 @@ def test_writers_at_the_same_time_leave_whole_files(own_cache):
     """Three processes write and read one entry: no reader ever finds none or a mixed one."""
     context = multiprocessing.get_context("fork")
     start = context.Event()
-    workers = [
-        context.Process(target=_write_many, args=(str(own_cache), n, start)) for n in range(3)
-    ]
+    workers = [context.Process(target=_write_many, args=(str(own_cache), n, start)) for n in range(3)]
     for worker in workers:
         worker.start()
     start.set()
@@ -223,10 +217,7 @@ def test_error_of():
         found.error_of(found.x)
 
 
-ORDERS = {
-    "rk4": 4, "semi_implicit_euler": 1, "velocity_verlet": 2, "dopri5": 5, "dop853": 8,
-    "implicit_midpoint": 2,
-}  # fmt: skip
+ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "velocity_verlet": 2, "dopri5": 5, "dop853": 8, "implicit_midpoint": 2}
 
 
 @pytest.mark.parametrize("integrator", ORDERS)
@@ -238,13 +229,10 @@ def test_convergence_shows_the_order(integrator):
     assert found.fitted.sum() >= 4
     assert abs(found.order - ORDERS[integrator]) < 0.15
     assert (np.diff(found.dt) < 0).all() and (found.steps * found.dt).tolist() == [1.0] * 6
-    exact = 1 + 0.1 * math.exp(-1.0) * (
-        math.cos(math.sqrt(99)) + math.sin(math.sqrt(99)) / math.sqrt(99)
-    )
+    exact = 1 + 0.1 * math.exp(-1.0) * (math.cos(math.sqrt(99)) + math.sin(math.sqrt(99)) / math.sqrt(99))
     x, _ = cs.step(
-        scene, scene.initial_position, scene.initial_velocity, found.dt[0], int(found.steps[0]),
-        integrator=integrator,
-    )  # fmt: skip
+        scene, scene.initial_position, scene.initial_velocity, found.dt[0], int(found.steps[0]), integrator=integrator
+    )
     assert found.max[0] == pytest.approx(abs(x[0, 1, 0] - exact), rel=1e-6, abs=1e-15)
 
 

@@ -42,9 +42,8 @@ def solution(scene):
 @pytest.fixture(scope="module")
 def data(scene, solution):
     return cs.work_precision(
-        scene, DURATION, ["rk4", "semi_implicit_euler"], dts=[2e-2, 1e-3, 5e-4], windows=2,
-        reference=solution,
-    )  # fmt: skip
+        scene, DURATION, ["rk4", "semi_implicit_euler"], dts=[2e-2, 1e-3, 5e-4], windows=2, reference=solution
+    )
 
 
 @dataclass
@@ -73,20 +72,19 @@ class Known:
 def test_errors_evaluations_and_drift_are_those_of_the_runs(data, scene, solution):
     assert data["rms_error"].dims == ("solver", "level")
     assert data["solver"].values.tolist() == [
-        "rk4 double", "rk4 single", "semi_implicit_euler double", "semi_implicit_euler single",
-    ]  # fmt: skip
+        "rk4 double",
+        "rk4 single",
+        "semi_implicit_euler double",
+        "semi_implicit_euler single",
+    ]
     assert data["setting"][0].values.tolist() == [2e-2, 1e-3, 5e-4]
     run = cs.simulate(scene, DURATION, 1e-3)
     distance = np.linalg.norm(run.x[-1] - solution.x[-1], axis=-1)
     one = data.sel(solver="rk4 double", level=1)
     assert float(one["max_error"]) == pytest.approx(distance.max(), rel=1e-9, abs=0)
-    assert float(one["rms_error"]) == pytest.approx(
-        math.sqrt((distance**2).mean()), rel=1e-9, abs=0
-    )
+    assert float(one["rms_error"]) == pytest.approx(math.sqrt((distance**2).mean()), rel=1e-9, abs=0)
     assert float(one["force_evaluations"]) == 400
-    drift = run.report["energy"]["end"]["total"] - cs.energy(
-        scene, solution.x[-1], solution.v[-1]
-    )["total"]
+    drift = run.report["energy"]["end"]["total"] - cs.energy(scene, solution.x[-1], solution.v[-1])["total"]
     assert float(one["energy_drift"]) == pytest.approx(drift, rel=1e-9, abs=0)
     ratio = data["rms_error"].sel(solver="rk4 double")
     assert 14 < float(ratio[1] / ratio[2]) < 18  # order 4
@@ -103,9 +101,7 @@ def test_an_unstable_run_has_an_infinite_error_and_no_time(data):
 
 def test_the_energy_drift_of_an_undamped_scene_is_the_change_of_energy():
     scene = cs.scenes.oscillator()
-    found = cs.work_precision(
-        scene, 1.0, ["rk4"], precisions=["double"], dts=[0.02], windows=1
-    )
+    found = cs.work_precision(scene, 1.0, ["rk4"], precisions=["double"], dts=[0.02], windows=1)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 0.02, 50)
     change = cs.energy(scene, x, v)["total"] - 0.5
     assert float(found["energy_drift"][0, 0]) == pytest.approx(change, rel=1e-6, abs=0)
@@ -152,9 +148,8 @@ def test_cheapest_finds_the_setting_and_asks_little():
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_front_takes_each_method_at_its_cheapest_setting(scene, solution):
     found = front(
-        scene, DURATION, [1e-7, 1e-10], methods=["rk4", "dop853"], precisions=["double"],
-        windows=2, reference=solution,
-    )  # fmt: skip
+        scene, DURATION, [1e-7, 1e-10], methods=["rk4", "dop853"], precisions=["double"], windows=2, reference=solution
+    )
     assert found.errors == (1e-7, 1e-10)
     for error in found.errors:
         rows = found.at(error)
@@ -195,9 +190,11 @@ def _front_of(*entries):
 
 def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
     found = _front_of(
-        (1e-6, "rk4", "clothsim", 0.010), (1e-6, "dop853", "clothsim", 0.004),
-        (1e-6, "DOP853", "SciPy", 0.044), (1e-6, "rk4", "numba", 0.030),
-    )  # fmt: skip
+        (1e-6, "rk4", "clothsim", 0.010),
+        (1e-6, "dop853", "clothsim", 0.004),
+        (1e-6, "DOP853", "SciPy", 0.044),
+        (1e-6, "rk4", "numba", 0.030),
+    )
     (one,) = statement(found)
     assert one["fastest"] == "dop853 double" and one["next"] == "rk4 double"
     assert one["wall_time"] == pytest.approx(0.008, rel=1e-12, abs=0)
@@ -237,9 +234,19 @@ def test_csv_and_picture(data, tmp_path):
 
 def test_the_command(tmp_path, capsys):
     arguments = [
-        "work-precision", "oscillator", "--duration", "0.2", "--method", "rk4", "--precision",
-        "double", "--windows", "1", "--out", str(tmp_path / "out"),
-    ]  # fmt: skip
+        "work-precision",
+        "oscillator",
+        "--duration",
+        "0.2",
+        "--method",
+        "rk4",
+        "--precision",
+        "double",
+        "--windows",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "rk4 double" in text and "oscillator.csv" in text
@@ -259,10 +266,15 @@ def test_the_command(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "arguments, option",
-    [("--fastest --out x", "--out"), ("--targets --out x", "--out"), ("--targets --bend", "--bend"),
-     ("oscillator --targets", "SCENE"), ("--targets --duration 0.2", "--duration"),
-     ("--targets --peers", "--peers")],
-)  # fmt: skip
+    [
+        ("--fastest --out x", "--out"),
+        ("--targets --out x", "--out"),
+        ("--targets --bend", "--bend"),
+        ("oscillator --targets", "SCENE"),
+        ("--targets --duration 0.2", "--duration"),
+        ("--targets --peers", "--peers"),
+    ],
+)
 def test_the_command_ignores_no_option(capsys, arguments, option):
     assert main(["work-precision", *arguments.split()]) == 2
     said = f"{option} does not go with {'--fastest' if 'fast' in arguments else '--targets'}"

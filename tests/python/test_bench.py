@@ -12,9 +12,15 @@ from clothsim.benchmark import Settings, bench, machine, targets, works
 from clothsim.benchmark.report import text
 
 BRIEF = Settings(
-    windows=1, seconds=1e-5, large_windows=1, error_steps=3, sizes=(8, 16), numba_sizes=(),
-    numba_parallel=False, reference_dt=5e-5,
-)  # fmt: skip
+    windows=1,
+    seconds=1e-5,
+    large_windows=1,
+    error_steps=3,
+    sizes=(8, 16),
+    numba_sizes=(),
+    numba_parallel=False,
+    reference_dt=5e-5,
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +45,12 @@ def test_errors_stand_beside_times(report):
     result, _ = report
     errors = {
         precision: [
-            f["error"] for f in result["figures"]
+            f["error"]
+            for f in result["figures"]
             if f["work"] == "swing+bend" and f["precision"] == precision and f["error"] is not None
         ]
         for precision in ("single", "double")
-    }  # fmt: skip
+    }
     assert len(errors["single"]) > 2 and len(errors["double"]) > 2
     assert max(errors["double"]) < 1e-14 < 1e-12 < min(errors["single"])
     assert max(errors["single"]) < 1e-5
@@ -134,10 +141,15 @@ def test_ratios_stand_beside_times(report):
 def test_what_a_call_adds_is_printed(report):
     result, _ = report
     assert {f["threads"] for f in result["figures"] if f["work"] == "32 x 32, cs.step"} == {
-        1, min(2, result["machine"]["cores"])
-    }  # fmt: skip
-    times = {("2 x 2", 1): (2.0, 3.5, 4.25), ("32 x 32", 1): (8.0, 9.0, 20.0),
-             ("32 x 32", 2): (5.0, 8.0, 21.0), ("grid 8", 1): (1.0, 0.0, 0.0)}  # fmt: skip
+        1,
+        min(2, result["machine"]["cores"]),
+    }
+    times = {
+        ("2 x 2", 1): (2.0, 3.5, 4.25),
+        ("32 x 32", 1): (8.0, 9.0, 20.0),
+        ("32 x 32", 2): (5.0, 8.0, 21.0),
+        ("grid 8", 1): (1.0, 0.0, 0.0),
+    }
     endings = ("", ", a step a call", ", cs.step")
     figures = [
         {**f, "work": work + ending, "threads": threads, "minimum": 1e-6 * seconds}
@@ -160,13 +172,8 @@ def test_what_a_call_adds_is_printed(report):
 def test_report_tells_of_processors_on_one_core(report, together, told):
     """A virtual machine's: the second adds nothing while it lasts."""
     result, _ = report
-    rates = [
-        ("single", 1, 117e9), ("single", 2, together), ("double", 1, 58e9), ("double", 2, 115e9),
-    ]  # fmt: skip
-    peak = [
-        {"instruction_set": "avx512", "precision": p, "threads": n, "flops_per_second": rate}
-        for p, n, rate in rates
-    ]
+    rates = [("single", 1, 117e9), ("single", 2, together), ("double", 1, 58e9), ("double", 2, 115e9)]
+    peak = [{"instruction_set": "avx512", "precision": p, "threads": n, "flops_per_second": rate} for p, n, rate in rates]
     speeds = dict.fromkeys(("bandwidth", "triad", "cache_bandwidth"), {1: 2e10, 2: 4e10})
     limits = {"peak": peak, **speeds, "round_trip": 1.2e-7}
     printed = text({**result, "limits": limits})

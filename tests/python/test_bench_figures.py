@@ -11,10 +11,20 @@ from clothsim.benchmark.ratios import ratios
 
 def figure(**changes):
     values = {
-        "work": "static", "by": "edge", "precision": "single", "threads": 2,
-        "instruction_set": "avx512", "strict": False, "points": 1024, "springs": 3906,
-        "minimum": 3e-6, "median": 4e-6, "windows": 1, "steps": 1, "flops": 400_000,
-    }  # fmt: skip
+        "work": "static",
+        "by": "edge",
+        "precision": "single",
+        "threads": 2,
+        "instruction_set": "avx512",
+        "strict": False,
+        "points": 1024,
+        "springs": 3906,
+        "minimum": 3e-6,
+        "median": 4e-6,
+        "windows": 1,
+        "steps": 1,
+        "flops": 400_000,
+    }
     return Figure(**{**values, **changes})
 
 
@@ -22,10 +32,14 @@ def measured(*figures, kernels=("gather", "edge"), threads=(1, 2), **changes):
     store = Figures()
     store.add(figures)
     values = {
-        "figures": store, "settings": QUICK, "kernels": kernels,
-        "instruction_sets": ("avx512", "avx2", "sse2"), "threads": threads, "limits": {},
+        "figures": store,
+        "settings": QUICK,
+        "kernels": kernels,
+        "instruction_sets": ("avx512", "avx2", "sse2"),
+        "threads": threads,
+        "limits": {},
         "accuracy": None,
-    }  # fmt: skip
+    }
     return targets.Measured(**{**values, **changes})
 
 
@@ -61,8 +75,7 @@ def test_a_missing_figure_says_why():
 
 def test_numba_on_one_thread_or_on_its_best_is_beside_ours():
     ours = figure(work="swing+bend", threads=1, minimum=8e-6, flops=760_000)
-    numba = figure(work="swing+bend", by="numba strided", threads=1, minimum=24e-6,
-                   instruction_set="")  # fmt: skip
+    numba = figure(work="swing+bend", by="numba strided", threads=1, minimum=24e-6, instruction_set="")
     ratio = row("numba (strong, 1 thread) / ours on 1, single", measured(ours, numba))
     assert ratio["value"] == pytest.approx(3.0) and ratio["met"]
     given = (ours, replace(ours, threads=2, minimum=4e-6), numba)
@@ -87,19 +100,18 @@ def test_share_of_the_peak():
 
 def test_efficiency_is_beside_the_limits_of_its_threads_and_of_memory_where_that_counts():
     small = {"work": "swing+bend", "threads": 1, "minimum": 8e-6, "flops": 760_000}
-    large = {"work": "grid 1024", "threads": 2, "points": 1024**2, "minimum": 6.291456e-3,
-             "flops": 786_432_000}  # fmt: skip
-    limits = {
-        "peak": {("avx512", "single", 1): 118.75e9, ("avx512", "single", 2): 250e9},
-        "bandwidth": {1: 12e9, 2: 24e9},
-    }
+    large = {"work": "grid 1024", "threads": 2, "points": 1024**2, "minimum": 6.291456e-3, "flops": 786_432_000}
+    limits = {"peak": {("avx512", "single", 1): 118.75e9, ("avx512", "single", 2): 250e9}, "bandwidth": {1: 12e9, 2: 24e9}}
     given = [figure(**{**work, "by": by}) for by in ("edge", "gather") for work in (small, large)]
     decoy = figure(**{**large, "threads": 1})
     rows = efficiency(measured(*given, decoy, limits=limits))
     assert [(r["work"], r["kernel"], r["threads"]) for r in rows] == [
-        ("swing+bend", "gather", 1), ("swing+bend", "edge", 1),
-        ("grid 1024", "gather", 2), ("grid 1024", "edge", 2),
-    ]  # fmt: skip
+        ("swing+bend", "gather", 1),
+        ("swing+bend", "edge", 1),
+        ("grid 1024", "gather", 2),
+        ("grid 1024", "edge", 2),
+    ]
+
     def nanoseconds(r):
         limits = ("arithmetic_seconds_per_point", "memory_seconds_per_point")
         return [1e9 * r[key] for key in ("seconds_per_point", *limits)]
@@ -181,8 +193,7 @@ def test_every_target_has_a_name_of_its_own():
 
 
 def peer(by, minimum, **changes):
-    return figure(**{"work": "swing", "by": by, "threads": 1, "instruction_set": "", **changes},
-                  minimum=minimum, flops=None)  # fmt: skip
+    return figure(**{"work": "swing", "by": by, "threads": 1, "instruction_set": "", **changes}, minimum=minimum, flops=None)
 
 
 PEERS = (

@@ -27,9 +27,7 @@ def test_files_say_what_a_run_lacks(settings, sections, lacks):
     assert files.name(run) == machine.slug(about) + lacks
 
 
-def test_sections_are_named_in_one_order_and_tables_of_nothing_are_not_written(
-    tmp_path, monkeypatch
-):
+def test_sections_are_named_in_one_order_and_tables_of_nothing_are_not_written(tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "limits", lambda *arguments: {})
     start = files.slug(machine.describe())
     bench(tmp_path, settings=BRIEF, sections=["limits"])
@@ -59,11 +57,8 @@ def test_a_target_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch)
         assert {**label, "reason": reason} in result["skipped"]
     rows = {one["target"]: one for one in result["targets"]}
     assert rows[other]["missing"] == "failed" and rows[chosen]["value"] is not None
-    assert rows["800 x 800, single, 2 threads, a step a frame"]["value"] is not None or (
-        result["machine"]["cores"] == 1
-    )
+    assert rows["800 x 800, single, 2 threads, a step a frame"]["value"] is not None or (result["machine"]["cores"] == 1)
     (written,) = tmp_path.glob("*.json")
     assert json.loads(written.read_text())["skipped"] == result["skipped"]
     assert [p.stem.rsplit("-")[-1] for p in tmp_path.glob("*.png")] == ["features"]
-    assert all(f"Left out ({k} {v}): {reason}" in text(result)
-               for k, v in (("target", other), ("plot", "grids")))  # fmt: skip
+    assert all(f"Left out ({k} {v}): {reason}" in text(result) for k, v in (("target", other), ("plot", "grids")))

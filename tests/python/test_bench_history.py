@@ -15,11 +15,21 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_a_saved_run_names_neither_host_nor_branch(tmp_path):
     done = subprocess.run(
         [
-            sys.executable, "-m", "pytest", "benchmarks", "-k", "scalar_reference",
-            "--benchmark-autosave", f"--benchmark-storage={tmp_path}", "-p", "no:cacheprovider",
+            sys.executable,
+            "-m",
+            "pytest",
+            "benchmarks",
+            "-k",
+            "scalar_reference",
+            "--benchmark-autosave",
+            f"--benchmark-storage={tmp_path}",
+            "-p",
+            "no:cacheprovider",
         ],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stdout
     (path,) = tmp_path.rglob("*.json")
     saved = json.loads(path.read_text())

@@ -17,22 +17,28 @@ def test_limits_are_of_their_instruction_set_precision_and_threads(monkeypatch):
 
     core = SimpleNamespace(
         multiply_add_peak=lambda precision, threads: (here(), precision, threads),
-        memory_bandwidth=bandwidth, core_round_trip=lambda: 1e-7,
-    )  # fmt: skip
+        memory_bandwidth=bandwidth,
+        core_round_trip=lambda: 1e-7,
+    )
     monkeypatch.setattr(machine, "_core", core)
     found = machine.limits(("avx2", "sse2"), (1, 2))
-    assert set(found["peak"]) == set(
-        itertools.product(("avx2", "sse2"), ("single", "double"), (1, 2))
-    )
+    assert set(found["peak"]) == set(itertools.product(("avx2", "sse2"), ("single", "double"), (1, 2)))
     assert all(rate == key for key, rate in found["peak"].items())
-    for name, kind, size in (("bandwidth", "update", 1 << 29), ("triad", "triad", 1 << 29),
-                             ("cache_bandwidth", "update", 1 << 14)):  # fmt: skip
+    for name, kind, size in (
+        ("bandwidth", "update", 1 << 29),
+        ("triad", "triad", 1 << 29),
+        ("cache_bandwidth", "update", 1 << 14),
+    ):
         assert found[name] == {n: (kind, "avx2", n, size) for n in (1, 2)}
     assert found["round_trip"] == 1e-7
     assert machine.limits(("sse2",), (1,))["round_trip"] is None
     rows = machine.as_plain(found)["peak"]
-    assert {"instruction_set": "sse2", "precision": "double", "threads": 2,
-            "flops_per_second": ("sse2", "double", 2)} in rows  # fmt: skip
+    assert {
+        "instruction_set": "sse2",
+        "precision": "double",
+        "threads": 2,
+        "flops_per_second": ("sse2", "double", 2),
+    } in rows
     assert len(rows) == 8 and machine.as_plain({}) == {}
 
 
@@ -45,7 +51,5 @@ def test_instruction_set_is_put_back(monkeypatch):
 
 def test_file_names_tell_processors_of_one_name_apart():
     about = {"cpu": "Some(R) CPU @ 2", "cores": 2, "build": {"instruction_set": "avx2"}}
-    assert machine.slug({**about, "family": 26, "model": 2}) == (
-        "some-cpu-2-family-26-model-2-2-cores-avx2"
-    )
+    assert machine.slug({**about, "family": 26, "model": 2}) == ("some-cpu-2-family-26-model-2-2-cores-avx2")
     assert machine.slug({**about, "family": None, "model": None}) == "some-cpu-2-2-cores-avx2"

@@ -12,10 +12,17 @@ COUNTS = (1, 2, 8)
 
 def figure(work, by, precision, threads, points, seconds, **changes):
     return {
-        "work": work, "by": by, "precision": precision, "threads": threads, "points": points,
-        "minimum": seconds, "springs": 6 * points, "flops": 500 * points,
-        "instruction_set": "avx512", **changes,
-    }  # fmt: skip
+        "work": work,
+        "by": by,
+        "precision": precision,
+        "threads": threads,
+        "points": points,
+        "minimum": seconds,
+        "springs": 6 * points,
+        "flops": 500 * points,
+        "instruction_set": "avx512",
+        **changes,
+    }
 
 
 def made_up():
@@ -23,28 +30,35 @@ def made_up():
     kernels = (("edge", 20e-9), ("gather", 40e-9))
     cases = list(itertools.product(kernels, ("single", "double"), COUNTS))
     grids = [
-        figure(f"grid {rows}", by, precision, threads, rows**2, rows**2 * seconds / threads,
-               flops=rows**2 * (500 if by == "edge" else 800))
+        figure(
+            f"grid {rows}",
+            by,
+            precision,
+            threads,
+            rows**2,
+            rows**2 * seconds / threads,
+            flops=rows**2 * (500 if by == "edge" else 800),
+        )
         for rows in (8, 32)
         for (by, seconds), precision, threads in cases
-    ]  # fmt: skip
+    ]
     steps = [
         figure(work, by, precision, threads, 1024, 1024 * seconds / threads, springs=springs)
         for work, springs in (("static", 3906), ("static+bend", 5826))
         for (by, seconds), precision, threads in cases
     ]
     peak = [
-        {"instruction_set": isa, "precision": precision, "threads": threads,
-         "flops_per_second": threads * rate}
+        {"instruction_set": isa, "precision": precision, "threads": threads, "flops_per_second": threads * rate}
         for isa, slower in (("sse2", 4), ("avx512", 1))
         for precision, rate in (("single", 100e9 / slower), ("double", 50e9 / slower))
         for threads in COUNTS
-    ]  # fmt: skip
+    ]
     return {
-        "figures": grids + steps, "settings": {"sizes": (8, 32)},
+        "figures": grids + steps,
+        "settings": {"sizes": (8, 32)},
         "limits": {"peak": peak, "bandwidth": {1: 12e9, 2: 24e9, 8: 48e9}},
         "machine": {"build": {"instruction_set": "avx512"}},
-    }  # fmt: skip
+    }
 
 
 def look(line):
@@ -96,8 +110,7 @@ def test_bars_have_a_look_for_each_kernel_and_thread_count():
     panel = ALL["threads"](made_up()).axes[0]
     looks = {bars.get_label(): bars.patches[0].get_facecolor() for bars in panel.containers}
     assert len(looks) == len(set(looks.values())) == 6
-    widths = {bars.get_label(): [patch.get_width() for patch in bars.patches]
-              for bars in panel.containers}  # fmt: skip
+    widths = {bars.get_label(): [patch.get_width() for patch in bars.patches] for bars in panel.containers}
     assert widths["gather, 8 threads"] == pytest.approx(4 * [1024 * 40e-3 / 8])
 
 

@@ -184,8 +184,9 @@ def test_numba_peers_compute_the_same_cloth(name):
 def test_nothing_is_run_between_pause_and_window(monkeypatch, cold_steps):
     seen = []
     start = works.paper(False, sphere=False)
-    work = works.Paused(start, cold_steps, by="edge", precision="double", threads=1,
-                        instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
+    work = works.Paused(
+        start, cold_steps, by="edge", precision="double", threads=1, instruction_set=cs.build_config()["instruction_set"]
+    )
 
     def steps():
         return round((work.stepper.time - start.t) / PAPER_DT)
@@ -204,8 +205,7 @@ def test_nothing_is_run_between_pause_and_window(monkeypatch, cold_steps):
 @pytest.mark.parametrize("make", [works.Core, works.StepCalls])
 def test_cloth_is_put_back_before_it_has_moved_far(make):
     start = works.paper(False, sphere=False)
-    work = make(start, by="gather", precision="double", threads=1,
-                instruction_set=cs.build_config()["instruction_set"])  # fmt: skip
+    work = make(start, by="gather", precision="double", threads=1, instruction_set=cs.build_config()["instruction_set"])
     work.run(3000)
     work.prepare()
     assert work.time == pytest.approx(start.t + 3000 * PAPER_DT)
@@ -218,8 +218,7 @@ def test_cloth_is_put_back_before_it_has_moved_far(make):
 @pytest.mark.parametrize("make", [works.Calls, works.Frames, works.StepCalls])
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_a_step_a_call_is_the_same_steps(make, precision):
-    options = {"by": "edge", "precision": precision, "threads": 1,
-               "instruction_set": cs.build_config()["instruction_set"]}  # fmt: skip
+    options = {"by": "edge", "precision": precision, "threads": 1, "instruction_set": cs.build_config()["instruction_set"]}
     start = works.paper(True, sphere=True)
     one, other = works.Core(start, **options), make(start, **options)
     one.run(20)
@@ -258,7 +257,11 @@ def test_the_bar_says_which_of_how_many_sections_it_is_in(monkeypatch):
     terminal = io.StringIO()
     terminal.isatty = lambda: True
     monkeypatch.setattr(sys, "stderr", terminal)
-    bench(None, settings=replace(QUICK, windows=1, seconds=1e-5, reference_dt=1e-4),
-          sections=["accuracy", "calls"], progress=True)  # fmt: skip
+    bench(
+        None,
+        settings=replace(QUICK, windows=1, seconds=1e-5, reference_dt=1e-4),
+        sections=["accuracy", "calls"],
+        progress=True,
+    )
     shown = terminal.getvalue()
     assert "calls (1 of 2)" in shown and "accuracy (2 of 2)" in shown

@@ -51,9 +51,21 @@ def test_info(capsys):
 def test_run_saves_what_simulate_gives(capsys, tmp_path):
     path = tmp_path / "swing.npz"
     code, out, err = run(
-        capsys, "run", "paper_swing", "--duration", "0.01", "--dt", "1e-3", "--every", "2",
-        "--threads", "1", "--out", path, "--json",
-    )  # fmt: skip
+        capsys,
+        "run",
+        "paper_swing",
+        "--duration",
+        "0.01",
+        "--dt",
+        "1e-3",
+        "--every",
+        "2",
+        "--threads",
+        "1",
+        "--out",
+        path,
+        "--json",
+    )
     assert (code, err) == (0, "")
     report = json.loads(out)
     assert report["steps"] == 10
@@ -115,10 +127,14 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
 
 @pytest.mark.parametrize(
     "command",
-    [("bench", "--quick", "--section", "limits"), ("reproduce", "--quick"),
-     ("work-precision", "paper_swing"), ("stability",)],
+    [
+        ("bench", "--quick", "--section", "limits"),
+        ("reproduce", "--quick"),
+        ("work-precision", "paper_swing"),
+        ("stability",),
+    ],
     ids=lambda command: command[0],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("below", ["", "made/by/it"])
 def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
     capsys, monkeypatch, tmp_path, command, below
@@ -163,15 +179,10 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
     pytest.importorskip("matplotlib")
     import clothsim.reproduce as module
 
-    small = module.Settings(
-        runs=2, speedup_steps=5, timing_dt=2e-4, gpu_sizes=(16,), gpu_batches=(), gpu_seconds=0.01
-    )
+    small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4, gpu_sizes=(16,), gpu_batches=(), gpu_seconds=0.01)
     monkeypatch.setattr(module, "QUICK", small)
     options = ["--json"] if as_json else []
-    code, out, _ = run(
-        capsys, "reproduce", "--quick", "--experiment", 4, "--threads", 1, "--out", tmp_path,
-        *options,
-    )  # fmt: skip
+    code, out, _ = run(capsys, "reproduce", "--quick", "--experiment", 4, "--threads", 1, "--out", tmp_path, *options)
     assert code == 0
     if as_json:
         report = json.loads(out)
@@ -184,16 +195,12 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
 
 
 def test_module_is_the_command():
-    done = subprocess.run(
-        [sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True)
     assert json.loads(done.stdout)["version"] == cs.__version__
 
 
 def test_reader_that_leaves_early_is_no_error():
-    process = subprocess.Popen(
-        [sys.executable, "-m", "clothsim", "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    process = subprocess.Popen([sys.executable, "-m", "clothsim", "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b""
     process.stderr.close()
@@ -215,7 +222,7 @@ def test_export_writes_the_files_and_names_them(capsys, tmp_path):
     [
         (("a.fbx",), "path must end in one of .usd, .usda"),
         (("missing/a.obj",), "path must be in an existing folder"),
-        (("a.obj", "--fps", "fast"), 'argument --fps: must be a number or "stored", got \'fast\''),
+        (("a.obj", "--fps", "fast"), "argument --fps: must be a number or \"stored\", got 'fast'"),
         (("a.obj", "--fps", "-1"), "fps must be a finite number > 0"),
     ],
 )
@@ -230,17 +237,16 @@ def test_export_refuses_wrong_input_in_one_line(capsys, tmp_path, arguments, mes
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("--dt", "5e-4", "--integrator", "velocity_verlet", "--kernel", "gather", "--strict"),
-         {"integrator": "velocity_verlet", "kernel": "gather", "strict": True}),
-        (("--rtol", "1e-4", "--integrator", "dop853"),
-         {"integrator": "dop853", "tolerance": {"asked": 1e-4}}),
+        (
+            ("--dt", "5e-4", "--integrator", "velocity_verlet", "--kernel", "gather", "--strict"),
+            {"integrator": "velocity_verlet", "kernel": "gather", "strict": True},
+        ),
+        (("--rtol", "1e-4", "--integrator", "dop853"), {"integrator": "dop853", "tolerance": {"asked": 1e-4}}),
         (("--rtol", "1e-4", "--atol", "1e-5"), {"tolerance": {"asked": 1.1e-4}}),
     ],
-)  # fmt: skip
+)
 def test_run_hands_on_how_to_integrate(capsys, arguments, expected):
-    code, out, err = run(
-        capsys, "run", "paper_swing", "--duration", "0.01", *arguments, "--json"
-    )
+    code, out, err = run(capsys, "run", "paper_swing", "--duration", "0.01", *arguments, "--json")
     assert (code, err) == (0, "")
     report = json.loads(out)
     if "tolerance" in expected:

@@ -13,11 +13,7 @@ SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 
 def springs_by_definition(rows, columns):
     """{(i, j): (family, steps along the rows, along the columns)}, point by point."""
-    steps = {
-        "structural": [(0, 1), (1, 0)],
-        "shear": [(1, 1), (1, -1)],
-        "bend": [(0, 2), (2, 0)],
-    }
+    steps = {"structural": [(0, 1), (1, 0)], "shear": [(1, 1), (1, -1)], "bend": [(0, 2), (2, 0)]}
     found = {}
     for r in range(rows):
         for c in range(columns):
@@ -208,21 +204,13 @@ REFUSED = [
     ({"stiffness": INF}, ValueError, "stiffness must be.*finite.*inf"),
     ({"stiffness": "1"}, TypeError, "stiffness must be"),
     ({"stiffness": {"structural": 1.0}}, ValueError, "stiffness lacks the key 'shear', 'bend'"),
-    (
-        {"stiffness": {"structual": 1.0}},
-        ValueError,
-        "stiffness has the unknown key 'structual'.*did you mean 'structural'",
-    ),
+    ({"stiffness": {"structual": 1.0}}, ValueError, "stiffness has the unknown key 'structual'.*did you mean 'structural'"),
     (
         {"springs": ("shear",), "stiffness": {"shear": 1, "bend": 1}},
         ValueError,
         "stiffness has the unknown key 'bend'.*accepted: 'shear'",
     ),
-    (
-        {"springs": ("shear",), "damping": {"shear": -1}},
-        ValueError,
-        r"damping\['shear'\] must be.*>= 0, got -1",
-    ),
+    ({"springs": ("shear",), "damping": {"shear": -1}}, ValueError, r"damping\['shear'\] must be.*>= 0, got -1"),
     ({"damping": NAN}, ValueError, "damping must be.*nan"),
     ({"damping_model": "points"}, ValueError, "damping_model.*'points'.*did you mean 'point'"),
     ({"damping_model": 1}, TypeError, "damping_model must be one of"),

@@ -20,8 +20,13 @@ def never(*arguments, **options):
 
 @pytest.fixture
 def nothing_runs(monkeypatch):
-    for module, name in [("_state", "State"), ("stability.map", "is_stable"), ("accuracy.work", "Bench"),
-                         ("accuracy.work", "solution_for"), ("sweep.session", "run_all")]:  # fmt: skip
+    for module, name in [
+        ("_state", "State"),
+        ("stability.map", "is_stable"),
+        ("accuracy.work", "Bench"),
+        ("accuracy.work", "solution_for"),
+        ("sweep.session", "run_all"),
+    ]:
         monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
 
 
@@ -87,9 +92,7 @@ def test_a_dataset_of_no_sweep_says_so():
 
 
 def sweep(path):
-    return cs.sweep(
-        SCENE, {"stiffness": [1.0, 2.0]}, duration=0.1, dt=0.01, metrics="stable", store=path, progress=False
-    )
+    return cs.sweep(SCENE, {"stiffness": [1.0, 2.0]}, duration=0.1, dt=0.01, metrics="stable", store=path, progress=False)
 
 
 def test_a_store_that_xarray_opens_has_the_accessor(tmp_path):

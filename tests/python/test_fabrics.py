@@ -27,9 +27,7 @@ def energy_per_area(name, spacing, deform, families, **options):
 @pytest.mark.parametrize("name", FABRICS)
 def test_uniform_strain_stores_the_energy_of_the_continuum(name, spacing):
     fabric, e = FABRICS[name], 1e-5
-    stretched = [
-        energy_per_area(name, spacing, lambda x, k=k: x * (1 + e * np.eye(3)[k]), None) for k in (0, 2)
-    ]
+    stretched = [energy_per_area(name, spacing, lambda x, k=k: x * (1 + e * np.eye(3)[k]), None) for k in (0, 2)]
     assert sum(stretched) == pytest.approx((fabric.warp + fabric.weft) * e**2 / 2, rel=1e-3)
 
     def sheared(x):
@@ -37,9 +35,7 @@ def test_uniform_strain_stores_the_energy_of_the_continuum(name, spacing):
         x[..., 0] += e * x[..., 2]
         return x
 
-    assert energy_per_area(name, spacing, sheared, None) == pytest.approx(
-        fabric.shear * e**2 / 2, rel=1e-3
-    )
+    assert energy_per_area(name, spacing, sheared, None) == pytest.approx(fabric.shear * e**2 / 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("fold", [0.5, 1.0])

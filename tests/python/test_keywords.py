@@ -7,9 +7,10 @@ import clothsim as cs
 import pytest
 
 SCENES = [
-    name for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)
+    name
+    for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)
     if name[0] != "_" and function.__module__ == cs.scenes.__name__
-]  # fmt: skip
+]
 # The package makes these itself; `convergence` passes what it does not know to `simulate`.
 MADE_BY_OTHERS = {"Convergence", "Reference", "Run", "Snapshot", "convergence"}
 
@@ -79,14 +80,13 @@ def test_what_goes_through_to_simulate_is_refused_there():
 def test_other_errors_pass_as_they_are():
     assert message_of(cs.Cloth, 1, shape=(2, 2)).endswith("got multiple values for argument 'shape'")
     assert "missing 1 required positional argument: 'shape'" in message_of(cs.triangles)
+
     # An unknown keyword inside of a call is not one of the call.
     def broken(outcome):
         return cs.Cloth(stifness=1)
+
     with pytest.warns(RuntimeWarning, match=r"Cloth\(\) got an unknown argument 'stifness'"):
-        cs.sweep(
-            cs.scenes.oscillator(), {"stiffness": [1.0]}, duration=0.01, dt=0.01, metrics=broken,
-            progress=False,
-        )  # fmt: skip
+        cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0]}, duration=0.01, dt=0.01, metrics=broken, progress=False)
 
 
 def test_signature_and_documentation_stay():

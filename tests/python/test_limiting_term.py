@@ -18,12 +18,14 @@ def given(category, run):
 @pytest.mark.parametrize("method", ["rk4", "velocity_verlet", "dop853"])
 @pytest.mark.parametrize(
     "features, kind, families",
-    [({"mass": 0.2}, "damping", None), ({"damping": 0.0}, "stiffness", None),
-     ({"damping": {"structural": 1.0, "shear": 900.0, "bend": 0.0}}, "damping", ("shear",)),
-     ({"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0}, "stiffness",
-      ("bend",)),
-     ({"damping": 9000.0, "damping_model": "point"}, "damping", ("points",))],
-)  # fmt: skip
+    [
+        ({"mass": 0.2}, "damping", None),
+        ({"damping": 0.0}, "stiffness", None),
+        ({"damping": {"structural": 1.0, "shear": 900.0, "bend": 0.0}}, "damping", ("shear",)),
+        ({"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0}, "stiffness", ("bend",)),
+        ({"damping": 9000.0, "damping_model": "point"}, "damping", ("points",)),
+    ],
+)
 def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, kind, families):
     scene = cs.Scene(cs.Cloth((6, 7), **{"mass": 21.0, **features}))
     term = limiting_term(scene, method)
@@ -89,16 +91,15 @@ def test_the_order_is_the_one_that_is_measured(method, damping):
     exact = 0.1 * np.exp(-damping / 2) * (np.cos(omega) + damping / (2 * omega) * np.sin(omega))
     errors = []
     for steps in (400, 800):
-        x, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, 1 / steps, steps,
-                       integrator=method)  # fmt: skip
+        x, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, 1 / steps, steps, integrator=method)
         errors.append(abs(float(x[0, 1, 0] - scene.cloth.rest_positions[0, 1, 0]) - exact))
     expected = cs.integrators()[method].order_of(scene)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(expected, abs=0.15)
 
 
-test_the_order_is_the_one_that_is_measured = pytest.mark.filterwarnings(
-    "ignore::clothsim.OrderWarning"
-)(test_the_order_is_the_one_that_is_measured)
+test_the_order_is_the_one_that_is_measured = pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")(
+    test_the_order_is_the_one_that_is_measured
+)
 
 
 def test_pefrl_with_damping_is_announced():
@@ -110,9 +111,8 @@ def test_pefrl_with_damping_is_announced():
             lambda: cs.step(scene, *state, 1e-3, integrator="pefrl"),
             lambda: cs.Stepper(scene, integrator="pefrl").advance(3, 1e-3),
             lambda: cs.simulate(scene, 0.01, 1e-3, integrator="pefrl"),
-            lambda: cs.sweep(scene, {"integrator": ["rk4", "pefrl"]}, duration=0.01, dt=1e-3,
-                             progress=False),
-        )  # fmt: skip
+            lambda: cs.sweep(scene, {"integrator": ["rk4", "pefrl"]}, duration=0.01, dt=1e-3, progress=False),
+        )
 
     for call in calls(damped):
         (message,) = given(cs.OrderWarning, call)
@@ -144,20 +144,23 @@ def test_the_time_of_a_step_is_measured():
     assert 0.2 < each / ((time.perf_counter() - start) / 2000) < 5
 
 
-@pytest.mark.parametrize("call", [
-    lambda masked, scene: cs.energy(scene, masked, scene.initial_velocity),
-    lambda masked, scene: cs.largest_stretch(scene, masked),
-    lambda masked, scene: cs.penetration(masked, cs.Sphere()),
-    lambda masked, scene: cs.max_stable_dt(scene, x=masked),
-    lambda masked, scene: cs.step(scene, masked, scene.initial_velocity, 1e-3),
-    lambda masked, scene: cs.Stepper([scene, scene], [masked, masked]),
-    lambda masked, scene: cs.Scene(scene.cloth, position=masked),
-    lambda masked, scene: cs.Cloth((3, 3), mass=masked[..., 0]),
-    lambda masked, scene: cs.Cloth((3, 3), pins=masked[..., 0] > 0),
-    lambda masked, scene: cs.Sphere(center=masked[0, 0]),
-    lambda masked, scene: cs.Sphere().center_at(masked[0, 0]),
-    lambda masked, scene: cs.sweep(scene, {"stiffness": masked[0, :, 0]}, duration=1e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda masked, scene: cs.energy(scene, masked, scene.initial_velocity),
+        lambda masked, scene: cs.largest_stretch(scene, masked),
+        lambda masked, scene: cs.penetration(masked, cs.Sphere()),
+        lambda masked, scene: cs.max_stable_dt(scene, x=masked),
+        lambda masked, scene: cs.step(scene, masked, scene.initial_velocity, 1e-3),
+        lambda masked, scene: cs.Stepper([scene, scene], [masked, masked]),
+        lambda masked, scene: cs.Scene(scene.cloth, position=masked),
+        lambda masked, scene: cs.Cloth((3, 3), mass=masked[..., 0]),
+        lambda masked, scene: cs.Cloth((3, 3), pins=masked[..., 0] > 0),
+        lambda masked, scene: cs.Sphere(center=masked[0, 0]),
+        lambda masked, scene: cs.Sphere().center_at(masked[0, 0]),
+        lambda masked, scene: cs.sweep(scene, {"stiffness": masked[0, :, 0]}, duration=1e-3),
+    ],
+)
 def test_masked_arrays_are_refused(call):
     scene = cs.Scene(cs.Cloth((3, 3)))
     masked = np.ma.masked_less(1.0 + scene.initial_position, 1.2)
@@ -169,14 +172,16 @@ def test_a_measure_that_overflows_or_is_told_of_nan_names_the_point():
     scene = cs.Scene(cs.Cloth((4, 5)))
     x, v = scene.initial_position.copy(), scene.initial_velocity.copy()
     x[2, 3, 1] = 1e200
-    for call in (lambda: cs.energy(scene, x, v), lambda: cs.largest_stretch(scene, x),
-                 lambda: cs.energy(scene, v, x)):  # fmt: skip
+    for call in (lambda: cs.energy(scene, x, v), lambda: cs.largest_stretch(scene, x), lambda: cs.energy(scene, v, x)):
         with pytest.raises(ValueError, match=r"1e\+200 at mass point \(2, 3\)"):
             call()
     with pytest.raises(ValueError, match=r"mass point \(2, 3\) of batch member 1"):
         cs.energy(scene, [v, x], [v, v])
     x[2, 3, 1] = np.nan
-    for call in (lambda: cs.energy(scene, x, v), lambda: cs.largest_stretch(scene, x),
-                 lambda: cs.penetration(x, cs.Sphere())):  # fmt: skip
+    for call in (
+        lambda: cs.energy(scene, x, v),
+        lambda: cs.largest_stretch(scene, x),
+        lambda: cs.penetration(x, cs.Sphere()),
+    ):
         with pytest.raises(ValueError, match=r"nan at index \(2, 3, 1\), mass point \(2, 3\)"):
             call()

@@ -83,9 +83,7 @@ def test_reciprocate_tends_to_constant_speed_and_to_repeated_interpolation():
     t = np.linspace(0.0, 2.0, 41)
     even = Reciprocate((1, 0, 0), period=2.0, deceleration=0.0)
     tiny = even.replace(deceleration=1e-9)
-    np.testing.assert_allclose(
-        even.center_at(t, CENTER), tiny.center_at(t, CENTER), rtol=0, atol=1e-9
-    )
+    np.testing.assert_allclose(even.center_at(t, CENTER), tiny.center_at(t, CENTER), rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.abs(even.velocity_at(t)[:, 0]), 1.0, rtol=1e-15)
 
     # Frames that each go the same fraction of the rest of the way, over half a period.

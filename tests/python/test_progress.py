@@ -85,15 +85,15 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
         (("export", "{}/r.npz", "{}/a.obj", "--fps", "stored"), "6/6"),
         (("sweep", "paper_swing", "--dt", "1e-3,2e-3", "--duration", "0.01"), "2/2 members"),
         (("stability", "--scene", "oscillator", "--cells", "2", "2", "--steps", "10"), "4/4"),
-        (("work-precision", "oscillator", "--duration", "0.1", "--method", "rk4", "--windows", "1",
-          "--out", "{}/wp"), "methods"),
+        (
+            ("work-precision", "oscillator", "--duration", "0.1", "--method", "rk4", "--windows", "1", "--out", "{}/wp"),
+            "methods",
+        ),
         (("contact", "cone"), "1/1"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else None,
 )
-def test_commands_show_a_bar_in_a_terminal_alone(
-    tmp_path_factory, monkeypatch, arguments, shown
-):
+def test_commands_show_a_bar_in_a_terminal_alone(tmp_path_factory, monkeypatch, arguments, shown):
     terminal = stderr(monkeypatch, Terminal)
     folder = tmp_path_factory.getbasetemp()
     arguments = [text.format(folder) for text in arguments]

@@ -78,9 +78,7 @@ def test_cells_are_those_of_the_papers_tables(report):
     for experiment, frames in (("1", FULL.static_frames), ("2", FULL.moving_frames)):
         cells = report["experiments"][experiment]["cells"]
         keys = [(c["variant"], c["method"], c["frame"]) for c in cells]
-        assert sorted(keys) == sorted(
-            (v, m, f) for v in ("literal", "mended") for m in (1, 2) for f in frames
-        )
+        assert sorted(keys) == sorted((v, m, f) for v in ("literal", "mended") for m in (1, 2) for f in frames)
         for c in cells:
             assert c["time"] == pytest.approx(1.6e-3 * c["frame"], rel=1e-12)
             energy = c["energy"]
@@ -192,9 +190,7 @@ def test_text_shows_the_numbers_of_the_json(report, folder):
             assert shown == pytest.approx(expected, rel=5e-3)
             assert float(time) == pytest.approx(c["time"], abs=5e-3)
     for row, shown in zip(
-        report["experiments"]["4"]["rows"],
-        table_rows(lines, "4", report["experiments"]["4"]),
-        strict=True,
+        report["experiments"]["4"]["rows"], table_rows(lines, "4", report["experiments"]["4"]), strict=True
     ):
         assert float(shown[4].replace(",", "")) == pytest.approx(row["steps_per_second"], rel=5e-3)
 
@@ -305,13 +301,7 @@ def test_pictures_decode_and_show_something(report, folder):
 
 
 def test_unstable_run_is_reported_not_hidden(tmp_path):
-    settings = Settings(
-        static_dt=3.2e-3,
-        frame_dt=3.2e-3,
-        static_frames=(10, 150),
-        study_dts=(3.2e-3,),
-        picture_width=60,
-    )
+    settings = Settings(static_dt=3.2e-3, frame_dt=3.2e-3, static_frames=(10, 150), study_dts=(3.2e-3,), picture_width=60)
     entry = reproduce(tmp_path, settings=settings, experiments=(1,))["experiments"]["1"]
     assert all(h["failure"] for h in entry["histories"])
     assert {c["frame"] for c in entry["cells"]} == {10}

@@ -105,11 +105,7 @@ REFUSED = [
     (lambda: Scene(CLOTH, 3), TypeError, "spheres must be a Sphere or a sequence"),
     (lambda: Scene(CLOTH, gravity=9.8), TypeError, "gravity must be a sequence of 3"),
     (lambda: Scene(CLOTH, gravity=(0, 1)), ValueError, "gravity must be a sequence of 3"),
-    (
-        lambda: Scene(CLOTH, position=np.zeros((4, 3, 3))),
-        ValueError,
-        r"position.*\(3, 4, 3\).*got shape \(4, 3, 3\)",
-    ),
+    (lambda: Scene(CLOTH, position=np.zeros((4, 3, 3))), ValueError, r"position.*\(3, 4, 3\).*got shape \(4, 3, 3\)"),
     (lambda: Scene(CLOTH, position=nonfinite()), ValueError, r"position.*nan at index \(1, 2, 0\)"),
     (lambda: Scene(CLOTH, position="flat"), TypeError, "position.*'flat'"),
     (
@@ -125,11 +121,7 @@ REFUSED = [
         ValueError,
         "unknown key 'sphere'.*did you mean 'spheres'",
     ),
-    (
-        lambda: Scene.from_dict({"schema": 1, "cloth": {}, "spheres": {}}),
-        TypeError,
-        "spheres must be a list",
-    ),
+    (lambda: Scene.from_dict({"schema": 1, "cloth": {}, "spheres": {}}), TypeError, "spheres must be a list"),
     (
         lambda: Scene.from_dict({"schema": 1, "cloth": {"sizes": [1, 1]}}),
         ValueError,
@@ -146,9 +138,7 @@ def test_refused(call, error, message):
 
 def test_unstable_error_carries_its_state_and_survives_pickling():
     x, v = state()
-    error = UnstableError(
-        step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3
-    )
+    error = UnstableError(step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3)
     assert isinstance(error, ArithmeticError)
     for e in (error, pickle.loads(pickle.dumps(error)), copy.copy(error)):
         assert (e.step, e.time, e.point, e.dt) == (4, 0.04, (1, 2), 0.01)

@@ -12,16 +12,19 @@ from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
 SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]
-DAMPINGS = {"none": (0.0, "spring"), "spring": (0.3, "spring"), "much": (3.0, "spring"),
-            "point": (0.5, "point")}  # fmt: skip
+DAMPINGS = {"none": (0.0, "spring"), "spring": (0.3, "spring"), "much": (3.0, "spring"), "point": (0.5, "point")}
 
 
 def sheet(shape, stiffness, damping, model="spring", **changes):
     """Half a kilogram a point; `damping` in parts of sqrt(K m)."""
     cloth = cs.Cloth(
-        shape, mass=0.5 * shape[0] * shape[1], stiffness=stiffness, damping_model=model,
-        damping=damping * math.sqrt(stiffness * 0.5), **changes,
-    )  # fmt: skip
+        shape,
+        mass=0.5 * shape[0] * shape[1],
+        stiffness=stiffness,
+        damping_model=model,
+        damping=damping * math.sqrt(stiffness * 0.5),
+        **changes,
+    )
     return cs.Scene(cloth, gravity=(0, 0, 0))
 
 
@@ -106,9 +109,7 @@ def test_the_tangent_is_the_derivative_of_the_acceleration(crumpled, model):
 def test_the_projection_finds_the_limit_of_all_modes(crumpled, features):
     scene, x, v = moving(crumpled, **features)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
-    k, c = (
-        product(np.eye(x.size))[np.ix_(free, free)].T for product in tangent(scene, x, v)
-    )
+    k, c = (product(np.eye(x.size))[np.ix_(free, free)].T for product in tangent(scene, x, v))
     for integrator in ("rk4", "velocity_verlet"):
         exact = _limiting_modes(integrator, k, c)[0][0]
         assert spectral_limit(integrator, scene, x, v) == pytest.approx(exact, rel=2e-3, abs=0)
@@ -126,9 +127,7 @@ def test_a_light_pinned_point_does_not_count():
     even = cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)])))
     mass[0, 0] = 1e-6
     assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)]))) >= even
-    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(
-        even, rel=0.2, abs=0
-    )
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(even, rel=0.2, abs=0)
     free = cs.Scene(cs.Cloth((6, 6), mass=mass, pins=()))
     assert cs.max_stable_dt(free) < 1e-5 * even
     held = cs.Cloth((2, 2), pins=[(0, 0), (0, 1), (1, 0), (1, 1)])
@@ -164,19 +163,20 @@ def test_no_mode_up_to_the_bounds_grows(integrator, ratio):
 def test_the_limits_on_the_axes_are_those_of_the_table(integrator):
     method = cs.integrators()[integrator]
     found = mode_limit(integrator, [4.0, 0.0], [0.0, 5.0])
-    np.testing.assert_allclose(
-        found, [method.imaginary_limit / 4, method.real_limit / 5], rtol=2e-4
-    )
+    np.testing.assert_allclose(found, [method.imaginary_limit / 4, method.real_limit / 5], rtol=2e-4)
 
 
 @pytest.mark.parametrize(
     "x, v, error, named",
-    [(np.zeros((3, 4, 3)), None, ValueError, "x must be"), ("x", None, TypeError, "x must be"),
-     (np.zeros((2, 4, 4, 3)), None, ValueError, "one state"),
-     (np.full((4, 4, 3), np.nan), None, ValueError, "x must be"),
-     (np.zeros((4, 4, 3)), np.zeros((4, 3)), ValueError, "v must be"),
-     (None, np.zeros((4, 4, 3)), ValueError, "v must be None")],
-)  # fmt: skip
+    [
+        (np.zeros((3, 4, 3)), None, ValueError, "x must be"),
+        ("x", None, TypeError, "x must be"),
+        (np.zeros((2, 4, 4, 3)), None, ValueError, "one state"),
+        (np.full((4, 4, 3), np.nan), None, ValueError, "x must be"),
+        (np.zeros((4, 4, 3)), np.zeros((4, 3)), ValueError, "v must be"),
+        (None, np.zeros((4, 4, 3)), ValueError, "v must be None"),
+    ],
+)
 def test_states_that_are_none(x, v, error, named):
     with pytest.raises(error, match=named):
         cs.max_stable_dt(cs.Scene(cs.Cloth((4, 4))), "rk4", x, v)

@@ -18,7 +18,7 @@ def steps_around(scene, stiffness, factors):
     limits = [
         cs.max_stable_dt(scene.replace(cloth=scene.cloth.replace(stiffness=k)), x=scene.initial_position) / 0.97
         for k in stiffness
-    ]  # fmt: skip
+    ]
     return np.sort(np.outer(limits, factors).ravel())
 
 
@@ -32,9 +32,7 @@ def test_prediction_and_measurement_agree_within_a_few_percent_of_the_limit():
     for k, limit, guarantee in zip(STIFFNESS, found.limit, found.guarantee):
         one = SCENE.replace(cloth=SCENE.cloth.replace(stiffness=k))
         assert guarantee == cs.max_stable_dt(one)
-        assert cs.max_stable_dt(one, x=one.initial_position) == pytest.approx(
-            0.97 * limit, rel=1e-12, abs=0
-        )
+        assert cs.max_stable_dt(one, x=one.initial_position) == pytest.approx(0.97 * limit, rel=1e-12, abs=0)
 
 
 def test_threads_and_spheres_make_no_difference():
@@ -65,13 +63,20 @@ def test_without_xarray_the_error_names_the_extra(monkeypatch):
 
 @pytest.mark.parametrize(
     "change, error, named",
-    [({"stiffness": []}, ValueError, "stiffness"), ({"stiffness": [0.0]}, ValueError, "stiffness"),
-     ({"stiffness": 1e3}, ValueError, "stiffness"), ({"dt": [[1e-3]]}, ValueError, "dt"),
-     ({"dt": [math.nan]}, ValueError, "dt"), ({"dt": "1"}, TypeError, "dt"),
-     ({"steps": 0}, ValueError, "steps"), ({"scene": None}, TypeError, "scene"),
-     ({"integrator": "rk5"}, ValueError, "integrator"), ({"threads": 0}, ValueError, "threads")],
+    [
+        ({"stiffness": []}, ValueError, "stiffness"),
+        ({"stiffness": [0.0]}, ValueError, "stiffness"),
+        ({"stiffness": 1e3}, ValueError, "stiffness"),
+        ({"dt": [[1e-3]]}, ValueError, "dt"),
+        ({"dt": [math.nan]}, ValueError, "dt"),
+        ({"dt": "1"}, TypeError, "dt"),
+        ({"steps": 0}, ValueError, "steps"),
+        ({"scene": None}, TypeError, "scene"),
+        ({"integrator": "rk5"}, ValueError, "integrator"),
+        ({"threads": 0}, ValueError, "threads"),
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_wrong_arguments(change, error, named):
     with pytest.raises(error, match=f"{named} must be"):
         measure_map(**{"scene": SCENE, "stiffness": [1e3], "dt": [1e-3], **change})
@@ -124,10 +129,12 @@ def test_the_table_needs_no_extra(capsys, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(
     "arguments, named",
-    [(("--out", __file__), "--out must be a folder"),
-     (("--integrator", "implicit_midpoint"), "--dt must be given"),
-     (("--hard-cases",), "--scene does not go with --hard-cases")],
-)  # fmt: skip
+    [
+        (("--out", __file__), "--out must be a folder"),
+        (("--integrator", "implicit_midpoint"), "--dt must be given"),
+        (("--hard-cases",), "--scene does not go with --hard-cases"),
+    ],
+)
 def test_wrong_options_of_the_command(capsys, arguments, named):
     assert main([*SMALL, *arguments]) == 2
     err = capsys.readouterr().err
@@ -158,9 +165,7 @@ def test_the_command_runs_the_hard_cases(capsys, monkeypatch, as_json):
         assert out.splitlines()[-1] == "4 of 4 runs as expected"
 
 
-@pytest.mark.parametrize(
-    "option", ["--out x", "--cells 2 2", "--dt 1e-3 1e-2", "--precision single"]
-)
+@pytest.mark.parametrize("option", ["--out x", "--cells 2 2", "--dt 1e-3 1e-2", "--precision single"])
 def test_hard_cases_take_no_option_of_the_map(capsys, option):
     assert main(["stability", "--hard-cases", *option.split()]) == 2
     assert f"{option.split()[0]} does not go with --hard-cases" in capsys.readouterr().err

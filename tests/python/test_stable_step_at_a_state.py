@@ -60,8 +60,7 @@ def test_of_random_scenes(number):
 
 @pytest.mark.parametrize("method", bench.METHODS)
 def test_nothing_limits_where_no_spring_pulls_on_a_free_point(method):
-    for features in ({"springs": ()}, {"stiffness": 0.0, "damping": 0.0},
-                     {"pins": np.ones((3, 4), bool)}):  # fmt: skip
+    for features in ({"springs": ()}, {"stiffness": 0.0, "damping": 0.0}, {"pins": np.ones((3, 4), bool)}):
         cloth = cs.Cloth((3, 4), **features)
         assert cs.max_stable_dt(cs.Scene(cloth), method, cloth.rest_positions) == math.inf
 

@@ -12,10 +12,7 @@ from clothsim.sweep.reference import reference_steps, solve
 xarray = pytest.importorskip("xarray")
 
 SMALL = cs.scenes.hanging(shape=(6, 7), springs=("structural", "shear"))
-BALL = cs.Scene(
-    cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2),
-    cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5),
-)
+BALL = cs.Scene(cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2), cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5))
 
 
 def sweep(*args, **options):
@@ -32,23 +29,16 @@ def member(scene, dt, duration=0.2, index=0, **numerics):
 
 def test_members_have_the_bits_of_simulate(crumpled):
     scene = crumpled(shape=(5, 9)).scene.replace(spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15))
-    over = {"damping_shear": [0.1, 0.5], "precision": ["single", "double"],
-            "dt": [7e-4, 1e-3], "kernel": ["edge", "gather"]}  # fmt: skip
-    result = sweep(scene, over, duration=0.1, every=0.033, frames=True,
-                   metrics=["stable", "largest_stretch", "penetration"])  # fmt: skip
+    over = {"damping_shear": [0.1, 0.5], "precision": ["single", "double"], "dt": [7e-4, 1e-3], "kernel": ["edge", "gather"]}
+    result = sweep(scene, over, duration=0.1, every=0.033, frames=True, metrics=["stable", "largest_stretch", "penetration"])
     assert result.stable.all() and result.sizes["time"] == 5
     for k, damping in enumerate(over["damping_shear"]):
-        changed = scene.replace(
-            cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping})
-        )
+        changed = scene.replace(cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping}))
         for precision in over["precision"]:
             for dt in over["dt"]:
                 for kernel in over["kernel"]:
-                    alone = cs.simulate(changed, 0.1, dt=dt, every=0.033, precision=precision,
-                                        kernel=kernel, threads=1)  # fmt: skip
-                    mine = result.isel(damping_shear=k).sel(
-                        precision=precision, dt=dt, kernel=kernel
-                    )
+                    alone = cs.simulate(changed, 0.1, dt=dt, every=0.033, precision=precision, kernel=kernel, threads=1)
+                    mine = result.isel(damping_shear=k).sel(precision=precision, dt=dt, kernel=kernel)
                     assert mine.position.values.tobytes() == alone.x.tobytes()
                     assert mine.velocity.values.tobytes() == alone.v.tobytes()
                     assert np.array_equal(result.time, alone.t)
@@ -84,8 +74,7 @@ UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
 @pytest.mark.parametrize(("scene", "dt", "first"), [(SMALL, 2e-2, 1), (UNDAMPED, 7.6e-3, 65)])
 def test_a_member_that_diverges_is_marked(scene, dt, first):
     with pytest.warns(RuntimeWarning, match="'len'"):
-        result = sweep(scene, {"dt": [1e-3, dt]}, duration=2.0,
-                       metrics=["stable", "energy_drift", len])  # fmt: skip
+        result = sweep(scene, {"dt": [1e-3, dt]}, duration=2.0, metrics=["stable", "energy_drift", len])
     with pytest.raises(cs.UnstableError) as caught:
         cs.simulate(scene, 2.0, dt=dt)
     assert caught.value.step >= first  # the core is first called for 64 steps
@@ -104,10 +93,7 @@ def test_a_point_that_spheres_shut_in_harms_its_member_alone():
     def scene(speed):
         """Six large spheres close on a mass point from all sides."""
         sides = np.vstack([np.eye(3), -np.eye(3)])
-        spheres = tuple(
-            cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none")
-            for side in sides
-        )
+        spheres = tuple(cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none") for side in sides)
         position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
         cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
         return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
@@ -130,11 +116,9 @@ def test_a_point_that_spheres_shut_in_harms_its_member_alone():
 
 def test_energy_stretch_and_penetration_are_those_of_the_run():
     names = ["energy_drift", "largest_stretch", "penetration"]
-    result = sweep(BALL, {"sphere_radius": [0.1, 0.25]}, duration=0.4, dt=1e-3, metrics=names,
-                   sampling=400)  # fmt: skip
+    result = sweep(BALL, {"sphere_radius": [0.1, 0.25]}, duration=0.4, dt=1e-3, metrics=names, sampling=400)
     for radius in (0.1, 0.25):
-        run = cs.simulate(BALL.replace(spheres=BALL.spheres[0].replace(radius=radius)), 0.4,
-                          dt=1e-3, every="step")  # fmt: skip
+        run = cs.simulate(BALL.replace(spheres=BALL.spheres[0].replace(radius=radius)), 0.4, dt=1e-3, every="step")
         mine = result.sel(sphere_radius=radius)
         energy = run.report["energy"]
         assert float(mine.energy_drift) == energy["end"]["total"] - energy["start"]["total"]
@@ -149,12 +133,7 @@ def test_energy_stretch_and_penetration_are_those_of_the_run():
 
 def test_sampling_looks_at_so_many_states():
     fine, coarse = (
-        float(
-            sweep(
-                BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n
-            ).largest_stretch
-        )
-        for n in (400, 4)
+        float(sweep(BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n).largest_stretch) for n in (400, 4)
     )
     run = cs.simulate(BALL, 0.4, dt=1e-3, every=100)
     looked_at = cs.largest_stretch(BALL, run.x)
@@ -190,9 +169,7 @@ def test_error_is_the_distance_from_the_solution(solution):
         distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
         mine = result.sel(dt=dt)
         assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
-        assert float(mine.error_rms) == pytest.approx(
-            np.sqrt((distance**2).mean()), rel=1e-4, abs=0
-        )
+        assert float(mine.error_rms) == pytest.approx(np.sqrt((distance**2).mean()), rel=1e-4, abs=0)
     orders = np.log2(result.error.values[:-1] / result.error.values[1:])
     assert orders == pytest.approx([4, 4], abs=0.25)
 
@@ -230,18 +207,14 @@ def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
 
     solved = []
     monkeypatch.setattr(reference, "_kept", reference._Kept())
-    monkeypatch.setattr(
-        reference, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args)
-    )
+    monkeypatch.setattr(reference, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args))
     over = {"stiffness": [100.0, 200.0], "dt": [1e-3, 2e-3], "precision": ["single", "double"]}
     assert BALL.cloth.stiffness == 200.0
     shared = sweep(BALL, over, duration=0.05, metrics="error")
     assert sorted(solved) == [100.0, 200.0]
     # and what a member gets does not depend on which others there are
     alone = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
-    assert float(alone.error) == float(
-        shared.error.sel(stiffness=200.0, dt=2e-3, precision="double")
-    )
+    assert float(alone.error) == float(shared.error.sel(stiffness=200.0, dt=2e-3, precision="double"))
 
 
 def without_contact(scene):
@@ -261,9 +234,7 @@ def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precisi
     found = sweep(scene, duration=0.5, dt=dt, metrics="first_contact", precision=precision)
     with_ball = cs.simulate(scene, 0.5, dt=dt, every="step", precision=precision)
     without = cs.simulate(without_contact(scene), 0.5, dt=dt, every="step", precision=precision)
-    changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(
-        axis=(1, 2, 3)
-    )
+    changed = (with_ball.x != without.x).any(axis=(1, 2, 3)) | (with_ball.v != without.v).any(axis=(1, 2, 3))
     first = with_ball.t[changed.argmax()]
     assert 0.05 < first < 0.45
     assert float(found.first_contact) == pytest.approx(first, rel=1e-12, abs=0)
@@ -291,8 +262,14 @@ def ends(run):
 
 
 def test_functions_of_the_run():
-    result = sweep(SMALL, {"mass": [1.0, 2.0]}, duration=0.2, dt=1e-3, every=0.05,
-                   metrics={"height": mean_height, "stable": "stable", "ends": ends})  # fmt: skip
+    result = sweep(
+        SMALL,
+        {"mass": [1.0, 2.0]},
+        duration=0.2,
+        dt=1e-3,
+        every=0.05,
+        metrics={"height": mean_height, "stable": "stable", "ends": ends},
+    )
     run = cs.simulate(SMALL.replace(cloth=SMALL.cloth.replace(mass=2.0)), 0.2, dt=1e-3, every=0.05)
     assert result.height.dims == ("mass", "height_0")
     assert np.array_equal(result.height[1], mean_height(run))
@@ -306,9 +283,7 @@ def test_a_function_that_fails_harms_its_member_alone():
         return 1.0
 
     with pytest.warns(RuntimeWarning, match="1 of 3 members failed.*no such luck"):
-        result = sweep(
-            SMALL, {"mass": [1.0, 2.0, 3.0]}, duration=0.1, dt=1e-3, metrics=[half, "stable"]
-        )
+        result = sweep(SMALL, {"mass": [1.0, 2.0, 3.0]}, duration=0.1, dt=1e-3, metrics=[half, "stable"])
     assert result.status.values.tolist() == [1, 3, 1]
     assert np.isnan(result.half[1]) and result.half[2] == 1.0
 
@@ -322,9 +297,16 @@ def test_coordinates_carry_their_units():
     assert result.stiffness.attrs == {"long_name": "stiffness", "units": "N/m"}
     assert result.dt.attrs["units"] == "s" and result.largest_stretch.attrs["units"] == "1"
     assert result.sel(stiffness=2e3, dt=1e-3).stable
-    assert set(result.data_vars) == {"status", "max_stable_dt", "unstable_step", "unstable_time",
-                                     "message", "stable", "energy_drift",
-                                     "largest_stretch"}  # fmt: skip
+    assert set(result.data_vars) == {
+        "status",
+        "max_stable_dt",
+        "unstable_step",
+        "unstable_time",
+        "message",
+        "stable",
+        "energy_drift",
+        "largest_stretch",
+    }
 
 
 def test_shapes_of_many_sizes_with_frames():
@@ -335,17 +317,14 @@ def test_shapes_of_many_sizes_with_frames():
     assert result.rows.values.tolist() == [4, 6] and result.columns.values.tolist() == [5, 3]
     assert result.position.shape == (2, 2, 6, 5, 3)
     for name, (rows, columns) in zip(("4x5", "6x3"), shapes, strict=True):
-        run = cs.simulate(
-            scene.replace(cloth=scene.cloth.replace(shape=(rows, columns))), 0.05, dt=1e-3
-        )
+        run = cs.simulate(scene.replace(cloth=scene.cloth.replace(shape=(rows, columns))), 0.05, dt=1e-3)
         frames = result.position.sel(shape=name).values
         assert frames[:, :rows, :columns].tobytes() == run.x.tobytes()
         assert np.isfinite(frames).sum() == run.x.size
 
 
 def test_zipped_lists_and_labelled_values():
-    over = {("stiffness", "dt"): [(1e3, 1e-3), (4e3, 5e-4)],
-            "sphere_motion": {"still": None, "up": cs.Linear((0, 1, 0))}}  # fmt: skip
+    over = {("stiffness", "dt"): [(1e3, 1e-3), (4e3, 5e-4)], "sphere_motion": {"still": None, "up": cs.Linear((0, 1, 0))}}
     result = sweep(BALL, over, duration=0.05, metrics=["stable", ends])
     assert result.stable.dims == ("stiffness_dt", "sphere_motion")
     assert result.stiffness.dims == result.dt.dims == ("stiffness_dt",)
@@ -390,11 +369,7 @@ def test_durations_may_differ():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (
-            {"over": {"stiffness": [1.0, -5.0]}},
-            ValueError,
-            "member stiffness=-5.0.*stiffness must be",
-        ),
+        ({"over": {"stiffness": [1.0, -5.0]}}, ValueError, "member stiffness=-5.0.*stiffness must be"),
         ({"over": {"dt": [0.0]}}, ValueError, "dt must be"),
         ({"over": {"precision": ["half"]}}, ValueError, "precision must be one of"),
         ({"over": {"integrator": ["rk5"]}}, ValueError, "integrator must be one of"),

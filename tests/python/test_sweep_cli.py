@@ -51,9 +51,7 @@ def test_values(name, text, values):
     if isinstance(values, np.ndarray):
         assert parsed == pytest.approx(values, rel=1e-11, abs=0)
     else:
-        assert parsed == values and list(map(type, parsed)) == list(
-            map(type, parse_values(name, text))
-        )
+        assert parsed == values and list(map(type, parsed)) == list(map(type, parse_values(name, text)))
 
 
 @pytest.mark.parametrize("text", ["1:2", "1:2:3", "0:2:log4", "1:2:log1", "1:b:lin3", "1:2:geo4"])
@@ -67,13 +65,30 @@ def test_ranges_that_are_none(text):
 
 def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     store, picture = tmp_path / "s.zarr", tmp_path / "s.png"
-    command = ("sweep", scene, "--stiffness", "1e3:1e5:log3", "--dt", "1e-3,1e-2",
-               "--duration", "0.3",
-               "--metric", "error,stable", "--store", store, "--plot")  # fmt: skip
+    command = (
+        "sweep",
+        scene,
+        "--stiffness",
+        "1e3:1e5:log3",
+        "--dt",
+        "1e-3,1e-2",
+        "--duration",
+        "0.3",
+        "--metric",
+        "error,stable",
+        "--store",
+        store,
+        "--plot",
+    )
     code, out, err = run(capsys, *command)
     assert (code, err) == (0, "")
-    expected = cs.sweep(cs.load_scene(scene), {"stiffness": [1e3, 1e4, 1e5], "dt": [1e-3, 1e-2]},
-                        duration=0.3, metrics=["error", "stable"], progress=False)  # fmt: skip
+    expected = cs.sweep(
+        cs.load_scene(scene),
+        {"stiffness": [1e3, 1e4, 1e5], "dt": [1e-3, 1e-2]},
+        duration=0.3,
+        metrics=["error", "stable"],
+        progress=False,
+    )
     stored = cs.open_sweep(store)
     assert np.array_equal(stored.error, expected.error, equal_nan=True)
     assert out.startswith("6 members (4 done, 2 unstable); ")
@@ -91,17 +106,27 @@ def test_a_sweep_from_a_file(capsys, scene, tmp_path):
 
 def test_json_and_single_values(capsys):
     code, out, err = run(
-        capsys, "sweep", "paper_swing", "--mass", "100,200", "--dt", "1e-3", "--duration", "0.01",
-        "--precision", "single", "--stiffness-shear", "5", "--metric", "largest_stretch", "--json",
-    )  # fmt: skip
+        capsys,
+        "sweep",
+        "paper_swing",
+        "--mass",
+        "100,200",
+        "--dt",
+        "1e-3",
+        "--duration",
+        "0.01",
+        "--precision",
+        "single",
+        "--stiffness-shear",
+        "5",
+        "--metric",
+        "largest_stretch",
+        "--json",
+    )
     assert (code, err) == (0, "")
     data = json.loads(out)
     assert data["variables"]["largest_stretch"]["dims"] == ["mass"]
-    assert data["coordinates"]["mass"] == {
-        "dims": ["mass"],
-        "values": [100.0, 200.0],
-        "units": "kg",
-    }
+    assert data["coordinates"]["mass"] == {"dims": ["mass"], "values": [100.0, 200.0], "units": "kg"}
     settings = data["provenance"]["identity"]
     assert settings["settings"]["dt"] == 1e-3 and settings["settings"]["precision"] == "single"
     assert settings["scene"]["cloth"]["stiffness"]["shear"] == 5.0
@@ -109,10 +134,23 @@ def test_json_and_single_values(capsys):
 
 def test_zip_and_set(capsys):
     code, out, err = run(
-        capsys, "sweep", "paper_static", "--mass", "100,200", "--dt", "1e-3,2e-3",
-        "--zip", "mass,dt",
-        "--set", "sphere0_radius=0.1,0.2,0.3", "--duration", "0.01", "--metric", "stable", "--json",
-    )  # fmt: skip
+        capsys,
+        "sweep",
+        "paper_static",
+        "--mass",
+        "100,200",
+        "--dt",
+        "1e-3,2e-3",
+        "--zip",
+        "mass,dt",
+        "--set",
+        "sphere0_radius=0.1,0.2,0.3",
+        "--duration",
+        "0.01",
+        "--metric",
+        "stable",
+        "--json",
+    )
     assert (code, err) == (0, "")
     data = json.loads(out)
     assert data["variables"]["stable"]["dims"] == ["mass_dt", "sphere0_radius"]
@@ -153,12 +191,7 @@ def test_the_bar_tells_members_rate_and_time_left(monkeypatch):
     monkeypatch.setattr(sys, "stderr", terminal)
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = terminal.getvalue().split("\r")[-1]
-    assert (
-        "100%" in last
-        and "2/2 members, 1 unstable, " in last
-        and "/s [" in last
-        and "<00:00]" in last
-    )
+    assert "100%" in last and "2/2 members, 1 unstable, " in last and "/s [" in last and "<00:00]" in last
 
 
 # Pictures
@@ -167,8 +200,13 @@ def test_the_bar_tells_members_rate_and_time_left(monkeypatch):
 @pytest.fixture(scope="module")
 def swept():
     scene = cs.scenes.hanging(shape=(6, 7))
-    return cs.sweep(scene, {"stiffness": np.geomspace(500, 5e4, 4), "dt": [1e-3, 2e-3, 4e-3, 3e-2]},
-                    duration=0.3, metrics=["error", "largest_stretch"], progress=False)  # fmt: skip
+    return cs.sweep(
+        scene,
+        {"stiffness": np.geomspace(500, 5e4, 4), "dt": [1e-3, 2e-3, 4e-3, 3e-2]},
+        duration=0.3,
+        metrics=["error", "largest_stretch"],
+        progress=False,
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -178,8 +216,20 @@ def _close():
 
 
 def test_zipped_tolerances_and_steps_are_told_by_their_values(capsys, scene):
-    command = ["sweep", str(scene), "--zip", "dt,rtol", "--dt", "1e-3,none", "--rtol", "none,1e-6",
-               "--duration", "0.05", "--metric", "stable"]  # fmt: skip
+    command = [
+        "sweep",
+        str(scene),
+        "--zip",
+        "dt,rtol",
+        "--dt",
+        "1e-3,none",
+        "--rtol",
+        "none,1e-6",
+        "--duration",
+        "0.05",
+        "--metric",
+        "stable",
+    ]
     assert main(command) == 0
     out = capsys.readouterr().out
     assert "dt=0.001 rtol=none    True" in out and "dt=none rtol=1e-06    True" in out
@@ -205,17 +255,12 @@ def test_the_convergence_fan(swept):
     lines = {line.get_label(): line for line in axes.get_lines()}
     for stiffness in swept.stiffness.values:
         line = lines[f"{stiffness:.4g}"]
-        assert np.array_equal(
-            line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True
-        )
+        assert np.array_equal(line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True)
         assert np.array_equal(line.get_xdata(), swept.dt)
     slope = np.diff(np.log(lines["order 4"].get_ydata())) / np.diff(np.log(swept.dt.values))
     assert slope == pytest.approx([4, 4, 4], rel=1e-9)
     assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert (
-        axes.get_xlabel() == "dt [s]"
-        and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
-    )
+    assert axes.get_xlabel() == "dt [s]" and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
     crosses = sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == "x")
     assert crosses == int((swept.status == 2).sum()) > 0
 
@@ -232,9 +277,7 @@ def test_the_stability_map(swept):
 def test_heat_maps(swept):
     axes = swept.clothsim.plot.heatmap("largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
-    assert np.array_equal(
-        np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True
-    )
+    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
     line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     assert plots.suggested(swept.drop_vars("error")) == "stability"
@@ -243,8 +286,7 @@ def test_heat_maps(swept):
 
 def test_labels_on_an_axis():
     over = {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]}
-    result = cs.sweep(cs.scenes.paper_swing(), over,
-                      duration=0.01, dt=1e-4, progress=False)  # fmt: skip
+    result = cs.sweep(cs.scenes.paper_swing(), over, duration=0.01, dt=1e-4, progress=False)
     axes = result.clothsim.plot.heatmap("energy_drift")
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["4x4", "4x8", "8x8"]
 
@@ -270,15 +312,12 @@ def test_pictures_that_cannot_be(swept, draw, message):
 def test_plot_draws_a_store(capsys, scene, tmp_path):
     store = tmp_path / "s.zarr"
     over = {"stiffness": [1e3, 1e4], "dt": [1e-3, 2e-2], "mass": [1.0, 2.0]}
-    cs.sweep(cs.load_scene(scene), over,
-             duration=0.1, metrics=["error"], store=store, progress=False)  # fmt: skip
+    cs.sweep(cs.load_scene(scene), over, duration=0.1, metrics=["error"], store=store, progress=False)
     code, _, err = run(capsys, "plot", store)
     assert code == 2 and "room for one dimension" in err
     for options in (["--kind", "stability"], ["--metric", "error_rms"], []):
         picture = tmp_path / "p.png"
-        code, out, err = run(
-            capsys, "plot", store, "--select", "mass=1.1", "--out", picture, *options
-        )
+        code, out, err = run(capsys, "plot", store, "--select", "mass=1.1", "--out", picture, *options)
         assert (code, err) == (0, "") and picture.read_bytes().startswith(b"\x89PNG")
         picture.unlink()
     for wrong, message in (

@@ -23,11 +23,7 @@ from clothsim.sweep.task import Task, TaskResult, run_task
 pytest.importorskip("xarray")
 
 SCENE = cs.scenes.hanging(shape=(6, 7))
-OVER = {
-    "stiffness": np.geomspace(5e2, 5e3, 6),
-    "dt": [1e-3, 3e-2],
-    "precision": ["double", "single"],
-}
+OVER = {"stiffness": np.geomspace(5e2, 5e3, 6), "dt": [1e-3, 3e-2], "precision": ["double", "single"]}
 METRICS = ["stable", "energy_drift", "error", "penetration"]
 
 
@@ -64,9 +60,7 @@ def recorded(monkeypatch):
 def check(result, expected, recorded):
     assert sorted(recorded) == list(range(24)), "nothing lost, nothing twice"
     for name in expected.data_vars:
-        assert np.array_equal(
-            result[name], expected[name], equal_nan=expected[name].dtype.kind == "f"
-        )
+        assert np.array_equal(result[name], expected[name], equal_nan=expected[name].dtype.kind == "f")
 
 
 def test_threads_of_this_process(expected, small_tasks, recorded):
@@ -91,9 +85,7 @@ def test_a_process_pool(expected, small_tasks, recorded, start):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
-def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
-    expected, small_tasks, recorded, tmp_path, monkeypatch
-):
+def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(expected, small_tasks, recorded, tmp_path, monkeypatch):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
     learn, killed = Planner.learn, []
@@ -119,10 +111,12 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
 def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, recorded, monkeypatch):
     distributed = pytest.importorskip("distributed")
     learn, killed = Planner.learn, []
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
-        silence_logs=50,
-    ) as cluster, distributed.Client(cluster) as client:  # fmt: skip
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
         pids = list(client.run(os.getpid).values())
         assert len(set(pids)) == 2 and os.getpid() not in pids
 
@@ -149,9 +143,7 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
 
     monkeypatch.setattr(Planner, "learn", interrupting)
     close = results.Results.close
-    monkeypatch.setattr(
-        results.Results, "close", lambda self: gathered.append(self.pending) or close(self)
-    )
+    monkeypatch.setattr(results.Results, "close", lambda self: gathered.append(self.pending) or close(self))
     with pytest.raises(KeyboardInterrupt):
         sweep(threads=2)
     (pending,) = gathered
@@ -210,8 +202,7 @@ PLAIN = cs.Scene(cs.Cloth((6, 7), mass=2.5, stiffness=1e3, damping=0.1))
 
 
 def planner(over, metrics, seconds_per_weight, workers=2, duration=1.0, shortest=None):
-    settings = Settings(duration, 1e-3, "rk4", "double", "auto", False, None, False, 32,
-                        choose_metrics(metrics))  # fmt: skip
+    settings = Settings(duration, 1e-3, "rk4", "double", "auto", False, None, False, 32, choose_metrics(metrics))
     grid = make_grid(over)
     members = Members(PLAIN, grid, settings)
     made = Planner(members, np.arange(grid.size), workers, shortest=shortest)
@@ -234,9 +225,7 @@ def test_tasks_take_at_least_a_fifth_of_a_second(over, metrics):
     made = planner(over, metrics, each)
     tasks = list(made.tasks())
     assert len(tasks) > 1
-    assert sorted(index for task in tasks for index, _ in task.members) == list(
-        range(made.grid.size)
-    )
+    assert sorted(index for task in tasks for index, _ in task.members) == list(range(made.grid.size))
     seconds = [sum(cost(made, task)) * each for task in tasks]
     assert min(seconds) > 0.2 and [task.weight * each for task in tasks] == pytest.approx(seconds)
 

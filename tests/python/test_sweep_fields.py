@@ -52,8 +52,14 @@ def test_the_rest_stays():
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_parts_are_parts_of_the_new_whole(order):
-    values = [("stiffness", 5.0), ("stiffness_bend", 2.0), ("sphere0_motion", cs.Linear((2, 0, 0))),
-              ("sphere0_speed", 3.0), ("gravity", (1, 1, 1)), ("gravity_x", 4.0)]  # fmt: skip
+    values = [
+        ("stiffness", 5.0),
+        ("stiffness_bend", 2.0),
+        ("sphere0_motion", cs.Linear((2, 0, 0))),
+        ("sphere0_speed", 3.0),
+        ("gravity", (1, 1, 1)),
+        ("gravity_x", 4.0),
+    ]
     changed = change_scene(SCENE, dict(values[::order]))
     assert dict(changed.cloth.stiffness) == {"structural": 5.0, "shear": 5.0, "bend": 2.0}
     assert changed.spheres[0].motion.velocity == (3.0, 0.0, 0.0)
@@ -72,9 +78,14 @@ def test_every_argument_of_the_model_has_a_name():
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("stifness", "'stiffness'"), ("sphere_radios", "'sphere_radius'"),
-     ("sphere1_radios", "'sphere_radius'"), ("timestep", "sweepable()"), (3, "sweepable()")],
-)  # fmt: skip
+    [
+        ("stifness", "'stiffness'"),
+        ("sphere_radios", "'sphere_radius'"),
+        ("sphere1_radios", "'sphere_radius'"),
+        ("timestep", "sweepable()"),
+        (3, "sweepable()"),
+    ],
+)
 def test_an_unknown_name_is_refused_with_the_nearest(name, hint):
     with pytest.raises(ValueError, match=hint):
         cs.sweep(SCENE, {name: [1.0]}, progress=False)
@@ -82,9 +93,13 @@ def test_an_unknown_name_is_refused_with_the_nearest(name, hint):
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"sphere2_radius": 1.0}, "scene has 2"), ({"sphere0_period": 1.0}, "motion has it"),
-     ({"sphere_speed": -1.0}, ">= 0"), ({"stiffness": -1.0}, "stiffness must be")],
-)  # fmt: skip
+    [
+        ({"sphere2_radius": 1.0}, "scene has 2"),
+        ({"sphere0_period": 1.0}, "motion has it"),
+        ({"sphere_speed": -1.0}, ">= 0"),
+        ({"stiffness": -1.0}, "stiffness must be"),
+    ],
+)
 def test_values_that_do_not_fit_are_refused(values, message):
     with pytest.raises(ValueError, match=message):
         change_scene(SCENE, values)
@@ -95,17 +110,30 @@ def test_values_that_do_not_fit_are_refused(values, message):
 
 
 def test_units():
-    units = {"stiffness_shear": "N/m", "damping": "N s/m", "sphere1_speed": "m/s", "dt": "s",
-             "gravity_y": "m/s^2", "sphere_center_x": "m", "mass": "kg", "shape": "",
-             "precision": ""}  # fmt: skip
+    units = {
+        "stiffness_shear": "N/m",
+        "damping": "N s/m",
+        "sphere1_speed": "m/s",
+        "dt": "s",
+        "gravity_y": "m/s^2",
+        "sphere_center_x": "m",
+        "mass": "kg",
+        "shape": "",
+        "precision": "",
+    }
     assert {name: fields.units(name) for name in units} == units
 
 
 def test_numerics_make_no_other_physics():
     from clothsim.sweep.grid import make_grid
 
-    grid = make_grid({("stiffness", "dt"): [(1.0, 1e-3), (1.0, 1e-4), (2.0, 1e-4)],
-                      "precision": ["single", "double"], "gravity_x": [0.0, 1.0]})  # fmt: skip
+    grid = make_grid(
+        {
+            ("stiffness", "dt"): [(1.0, 1e-3), (1.0, 1e-4), (2.0, 1e-4)],
+            "precision": ["single", "double"],
+            "gravity_x": [0.0, 1.0],
+        }
+    )
     physics = grid.physics.reshape(grid.shape)
     assert np.array_equal(physics[0], physics[1])  # another dt, the same cloth
     assert np.array_equal(physics[:, 0], physics[:, 1])  # another precision

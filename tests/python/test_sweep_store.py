@@ -112,9 +112,7 @@ def test_what_is_missing_is_done_and_nothing_twice(tmp_path, counted, monkeypatc
 
 
 @pytest.mark.parametrize("killed_at", [0, 1, 7, 16, 21, *range(22, 43, 2)])
-def test_a_store_that_is_killed_between_two_writes_is_whole(
-    tmp_path, counted, monkeypatch, killed_at
-):
+def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, monkeypatch, killed_at):
     """The writes to the disk, file by file, end at any of them, as with a power cut."""
     from zarr.storage import _local
 
@@ -159,9 +157,24 @@ planning.SHORTEST_HERE = planning.LONGEST = 1e-9
 store._SECONDS_BETWEEN_WRITES = 0.0
 sys.exit(main(sys.argv[1:]))
 """
-COMMAND = [sys.executable, "-c", SCRIPT, "sweep", "paper_swing", "--stiffness", "1e4:4e4:log12",
-           "--dt", "1e-4,2e-3", "--duration", "0.6", "--metric", "stable,energy_drift",
-           "--threads", "1", "--store"]  # fmt: skip
+COMMAND = [
+    sys.executable,
+    "-c",
+    SCRIPT,
+    "sweep",
+    "paper_swing",
+    "--stiffness",
+    "1e4:4e4:log12",
+    "--dt",
+    "1e-4,2e-3",
+    "--duration",
+    "0.6",
+    "--metric",
+    "stable,energy_drift",
+    "--threads",
+    "1",
+    "--store",
+]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -186,9 +199,13 @@ def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
         assert process.returncode == 130
         assert f"{done.sum()} of {done.size} members are in" in err and "interrupted" in err
     whole = cs.sweep(
-        cs.scenes.paper_swing(), {"stiffness": part.stiffness.values, "dt": part.dt.values},
-        duration=0.6, metrics=["stable", "energy_drift"], store=path, progress=False,
-    )  # fmt: skip
+        cs.scenes.paper_swing(),
+        {"stiffness": part.stiffness.values, "dt": part.dt.values},
+        duration=0.6,
+        metrics=["stable", "energy_drift"],
+        store=path,
+        progress=False,
+    )
     assert (whole.status.values > 0).all()
     same(whole.where(done), part.where(done), but=("message",))
     assert np.array_equal(whole.message.values[done], part.message.values[done])
@@ -198,10 +215,7 @@ def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
 @pytest.mark.parametrize(
     ("change", "names"),
     [
-        (
-            {"scene": SCENE.replace(gravity=(0, -1.62, 0))},
-            ["scene.gravity[1]", "-9.80665", "-1.62"],
-        ),
+        ({"scene": SCENE.replace(gravity=(0, -1.62, 0))}, ["scene.gravity[1]", "-9.80665", "-1.62"]),
         ({"over": {**OVER, "dt": [1e-3, 3e-2]}}, ["over[1].values.dt[1]", "0.02", "0.03"]),
         ({"over": {**OVER, "dt": [1e-3]}}, ["over[1].values.dt"]),
         ({"over": {"dt": OVER["dt"]}}, ["over"]),
@@ -225,9 +239,7 @@ def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):
 def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
     sweep(tmp_path / "s.zarr")
     monkeypatch.setattr(session, "build_config", lambda: {"version": "99.0"})
-    with pytest.raises(
-        ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'
-    ):
+    with pytest.raises(ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'):
         sweep(tmp_path / "s.zarr")
     monkeypatch.setattr(store, "SCHEMA", 3)
     with pytest.raises(ValueError, match="schema 2, the version read here is 3"):

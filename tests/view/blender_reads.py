@@ -19,9 +19,11 @@ def open_file(bpy, path):
     scene.render.fps = 60
     mesh = path.with_suffix(".obj") if path.suffix in CACHES else path
     read = {
-        ".usdc": bpy.ops.wm.usd_import, ".glb": bpy.ops.import_scene.gltf,
-        ".obj": bpy.ops.wm.obj_import, ".ply": bpy.ops.wm.ply_import,
-    }[mesh.suffix]  # fmt: skip
+        ".usdc": bpy.ops.wm.usd_import,
+        ".glb": bpy.ops.import_scene.gltf,
+        ".obj": bpy.ops.wm.obj_import,
+        ".ply": bpy.ops.wm.ply_import,
+    }[mesh.suffix]
     read(filepath=str(mesh), **({"forward_axis": "Y", "up_axis": "Z"} if mesh.suffix in STILL else {}))
     cloth = next(one for one in scene.objects if not one.name.startswith(("run", "sphere")))
     if path.suffix in CACHES:

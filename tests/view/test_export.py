@@ -29,9 +29,7 @@ def moving(path, velocity, t, shape=(3, 4)):
 
 
 def test_frames_between_stored_ones_of_a_cubic_motion_are_exact():
-    run = moving(
-        lambda t: t**3 - 2 * t**2 + t, lambda t: 3 * t**2 - 4 * t + 1, [0, 0.1, 0.25, 0.3, 0.6]
-    )
+    run = moving(lambda t: t**3 - 2 * t**2 + t, lambda t: 3 * t**2 - 4 * t + 1, [0, 0.1, 0.25, 0.3, 0.6])
     clip = Clip(run, 30, False)
     assert len(clip) == 19
     for frame in clip.frames():

@@ -33,9 +33,8 @@ def test_blender_shows_the_positions_of_the_run(tmp_path):
     script = Path(__file__).with_name("blender_reads.py")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     result = subprocess.run(
-        [PYTHON, script, folder, "0", "7", "18"], env=environment, capture_output=True, text=True,
-        timeout=120,
-    )  # fmt: skip
+        [PYTHON, script, folder, "0", "7", "18"], env=environment, capture_output=True, text=True, timeout=120
+    )
     lines = [line for line in result.stdout.splitlines() if line.startswith("READ ")]
     assert lines, result.stdout + result.stderr
     read = json.loads(lines[0].removeprefix("READ "))

@@ -34,9 +34,7 @@ def normals(x, shape):
 
 
 def texture(shape):
-    return np.array(
-        [(c / (shape[1] - 1), 1 - r / (shape[0] - 1)) for r in range(shape[0]) for c in range(shape[1])]
-    )
+    return np.array([(c / (shape[1] - 1), 1 - r / (shape[0] - 1)) for r in range(shape[0]) for c in range(shape[1])])
 
 
 def close(found, expected, tolerance=SINGLE):
@@ -119,15 +117,13 @@ def test_glb_by_pygltflib(run, tmp_path):
     assert (values(primitive.indices).reshape(-1, 3) == cs.triangles((5, 7))).all()
     close(values(primitive.attributes.TEXCOORD_0), [0, 1] + texture((5, 7)) * [1, -1])
 
-    channels = {(c.target.node, c.target.path): file.animations[0].samplers[c.sampler]
-                for c in file.animations[0].channels}  # fmt: skip
+    channels = {(c.target.node, c.target.path): file.animations[0].samplers[c.sampler] for c in file.animations[0].channels}
     assert set(channels) == {(0, "weights"), (1, "translation")}
     assert {s.interpolation for s in channels.values()} == {"LINEAR"}
     weights = channels[0, "weights"]
     close(values(weights.input)[:, 0], run.t)
     table = values(weights.output).reshape(len(run.t), len(primitive.targets))
-    deltas = {name: np.array([values(target[name]) for target in primitive.targets])
-              for name in ("POSITION", "NORMAL")}  # fmt: skip
+    deltas = {name: np.array([values(target[name]) for target in primitive.targets]) for name in ("POSITION", "NORMAL")}
     for k in range(len(run.t)):
         x = points(run, k)
         shape = {n: first[n] + np.einsum("t,tpc->pc", table[k], deltas[n]) for n in deltas}
@@ -229,8 +225,7 @@ def check_polydata(run, k, mesh):
     assert (vtk_to_numpy(mesh.GetPoints().GetData()) == x).all()  # float64
     cells = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     assert (cells == cs.triangles((5, 7))).all()
-    data = {name: vtk_to_numpy(mesh.GetPointData().GetArray(name))
-            for name in ("velocity", "depth", "Normals", "TCoords")}  # fmt: skip
+    data = {name: vtk_to_numpy(mesh.GetPointData().GetArray(name)) for name in ("velocity", "depth", "Normals", "TCoords")}
     close(data["velocity"], run.v[k].reshape(-1, 3))
     close(data["depth"], depth(run, k))
     close(data["Normals"], normals(x, (5, 7)))

@@ -196,9 +196,13 @@ def addresses():
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [({"block": 1}, "block must be True or False"), ({"port": 0}, "port must be an integer >= 1"),
-     ({"dt": -1.0}, "dt must be a finite number > 0"), ({"integrator": "rk5"}, "integrator")],
-)  # fmt: skip
+    [
+        ({"block": 1}, "block must be True or False"),
+        ({"port": 0}, "port must be an integer >= 1"),
+        ({"dt": -1.0}, "dt must be a finite number > 0"),
+        ({"integrator": "rk5"}, "integrator"),
+    ],
+)
 def test_wrong_arguments_are_named(arguments, words):
     with pytest.raises((ValueError, TypeError), match=words):
         cs.view(cs.scenes.paper_static(), **{"block": False, **arguments})

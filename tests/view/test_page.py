@@ -49,8 +49,7 @@ def pixels(page, canvas=0):
 
 def seek(page, index):
     page.tab.evaluate(
-        "(k) => { const s = document.getElementById('time'); s.value = k; s.dispatchEvent(new Event('input')); }",
-        index,
+        "(k) => { const s = document.getElementById('time'); s.value = k; s.dispatchEvent(new Event('input')); }", index
     )
 
 
@@ -291,7 +290,7 @@ def test_without_scripts_or_webgl_the_picture_stays(alone, opened, tmp_path):
 @pytest.mark.slow
 def test_labels_are_text_whatever_they_hold(tmp_path, opened):
     run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, every=10)
-    label = "</script><script>alert(1)</script> & \"<b>"
+    label = '</script><script>alert(1)</script> & "<b>'
     page = opened(cs.compare({label: run, "ü": run}).to_html(tmp_path / "page.html", title="<i>&"))
     page.ready()
     assert label in page.tab.inner_text("#runs")

@@ -79,9 +79,7 @@ def test_nearest_triangle_agrees_with_a_ray_through_each_pixel():
     """Rays against every triangle by Moeller and Trumbore, which shares nothing with the raster."""
     rng = np.random.default_rng(3)
     triangles = cs.triangles((6, 7))
-    screen = np.stack(
-        [rng.uniform(-10, 70, 42), rng.uniform(-10, 50, 42), rng.uniform(-5, 5, 42)], axis=-1
-    )
+    screen = np.stack([rng.uniform(-10, 70, 42), rng.uniform(-10, 50, 42), rng.uniform(-5, 5, 42)], axis=-1)
     depth, nearest, _ = raster._nearest_triangles(screen, triangles, 60, 40)
     a, b, c = np.moveaxis(screen[triangles], 1, 0)
     towards = np.array([0.0, 0.0, -1.0])
@@ -112,7 +110,7 @@ def seen_by(colors, deficiency):
         "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
         "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
         "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
-    }  # fmt: skip
+    }
     linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
     linear = np.clip(linear @ np.transpose(machado[deficiency]), 0, 1)
     xyz = linear @ np.transpose([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])

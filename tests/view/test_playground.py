@@ -90,8 +90,7 @@ def test_every_control_changes_its_field_and_the_stable_step_follows():
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"stiffness": {"shear": -1.0}}, {"offset": "face"}, {"radius": 0.0}, {"dt": 0.0}, {"damping": np.nan}],
+    "change", [{"stiffness": {"shear": -1.0}}, {"offset": "face"}, {"radius": 0.0}, {"dt": 0.0}, {"damping": np.nan}]
 )
 def test_a_refused_change_changes_nothing(change):
     playground = Playground(level(), dt=1e-3)

@@ -5,6 +5,4 @@ from .order import Convergence, convergence
 from .solution import Reference, reference
 from .work import work_precision
 
-__all__ = [
-    "Convergence", "Reference", "cache_directory", "convergence", "reference", "work_precision",
-]  # fmt: skip
+__all__ = ["Convergence", "Reference", "cache_directory", "convergence", "reference", "work_precision"]

@@ -126,8 +126,7 @@ def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if part is not None:
             Path(part).unlink(missing_ok=True)
         warnings.warn(
-            f"the reference solution is kept in memory only: {error} "
-            f"({ENVIRONMENT_VARIABLE} names another folder)",
+            f"the reference solution is kept in memory only: {error} ({ENVIRONMENT_VARIABLE} names another folder)",
             RuntimeWarning,
             stacklevel=4,
         )

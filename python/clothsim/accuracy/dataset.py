@@ -53,9 +53,7 @@ def label(method: Method) -> str:
     return f"{method.name} {method.precision}{threads if method.threads else ''}"
 
 
-def dataset(
-    xr: Any, bench: Bench, methods: list[Method], results: dict[tuple[int, int], Measured]
-) -> xarray.Dataset:
+def dataset(xr: Any, bench: Bench, methods: list[Method], results: dict[tuple[int, int], Measured]) -> xarray.Dataset:
     """What `work_precision` returns."""
     shape = len(methods), 1 + max(n for _, n in results)
     duration = bench.duration
@@ -75,11 +73,7 @@ def dataset(
         "force_evaluations": (table(lambda r: r.force_evaluations), "force evaluations", "1"),
         "wall_time": (wall_time, "wall time per simulated second", "s/s"),
         "energy_drift": (table(lambda r: r.energy_drift), "total energy less the reference's", "J"),
-        "pareto": (
-            pareto(np.where(own[:, None], rms, np.nan), wall_time),
-            "on the front of clothsim's methods",
-            "",
-        ),
+        "pareto": (pareto(np.where(own[:, None], rms, np.nan), wall_time), "on the front of clothsim's methods", ""),
         "pareto_all": (pareto(rms, wall_time), "on the front of all methods", ""),
     }
     solution = bench.solution

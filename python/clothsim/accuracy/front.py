@@ -52,11 +52,7 @@ PEER_FACTOR = 5.0
 
 
 def cheapest(
-    error_of: Callable[[float], float],
-    coarsest: float,
-    finest: float,
-    wanted: float,
-    factor: float = 2.0,
+    error_of: Callable[[float], float], coarsest: float, finest: float, wanted: float, factor: float = 2.0
 ) -> float | None:
     """The largest setting found whose error is at most `wanted`.
 
@@ -183,9 +179,7 @@ def front(
     """
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     count = check.size("errors", errors)
-    wanted = [
-        check.number(f"errors[{k}]", errors[k], minimum=0, exclusive=True) for k in range(count)
-    ]
+    wanted = [check.number(f"errors[{k}]", errors[k], minimum=0, exclusive=True) for k in range(count)]
     wanted = sorted(set(wanted), reverse=True)
     missing: list[str] = []
     chosen: list[Method] = list(own_methods(methods, precisions, threads))
@@ -213,9 +207,7 @@ def front(
     return Front(scene, duration, tuple(wanted), tuple(rows), tuple(missing))
 
 
-def _search(
-    bench: Bench, method: Method, errors: list[float], longest: float, best: dict[float, float]
-) -> list[Row]:
+def _search(bench: Bench, method: Method, errors: list[float], longest: float, best: dict[float, float]) -> list[Row]:
     """The method at its cheapest setting for each error; `best` keeps the fewest evaluations."""
     seen: dict[float, Measured] = {}
     most = math.inf

@@ -114,17 +114,20 @@ class Own:
     def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
         adaptive = self.control == "rtol"
         run = simulate(
-            scene, duration, integrator=self.integrator, precision=self.precision,
-            threads=self.threads, dt=None if adaptive else setting, rtol=setting if adaptive else None,
-        )  # fmt: skip
+            scene,
+            duration,
+            integrator=self.integrator,
+            precision=self.precision,
+            threads=self.threads,
+            dt=None if adaptive else setting,
+            rtol=setting if adaptive else None,
+        )
         report = run.report
         return Outcome(run.x[-1], run.v[-1], report["solution_evaluations"], report["wall_time"])
 
 
 def own_methods(
-    names: Sequence[str] | None = None,
-    precisions: Sequence[Precision] = PRECISIONS,
-    threads: int | None = None,
+    names: Sequence[str] | None = None, precisions: Sequence[Precision] = PRECISIONS, threads: int | None = None
 ) -> list[Own]:
     """The integrators of this package as methods.
 
@@ -145,11 +148,7 @@ def own_methods(
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
     chosen = known if names is None else [_known(name, known) for name in names]
-    return [
-        Own(known[name][0], precision, threads, known[name][1])
-        for name in chosen
-        for precision in precisions
-    ]
+    return [Own(known[name][0], precision, threads, known[name][1]) for name in chosen for precision in precisions]
 
 
 def _known(name: str, known: Mapping[str, tuple[str, str]]) -> str:

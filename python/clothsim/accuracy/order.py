@@ -154,9 +154,7 @@ def convergence(
     solution = solution_for(scene, duration, reference)
     errors, evaluations = [], []
     for n in steps:
-        error, spent = _error_at(
-            scene, solution, duration / n, integrator=integrator, precision=precision, **options
-        )
+        error, spent = _error_at(scene, solution, duration / n, integrator=integrator, precision=precision, **options)
         errors.append(error)
         evaluations.append(spent)
     dt = duration / np.array(steps)
@@ -205,9 +203,7 @@ def solution_for(scene: Scene, duration: float, given: Reference | None) -> Refe
     return given
 
 
-def _error_at(
-    scene: Scene, solution: Reference, dt: float, **options: Any
-) -> tuple[dict[str, float], int]:
+def _error_at(scene: Scene, solution: Reference, dt: float, **options: Any) -> tuple[dict[str, float], int]:
     try:
         run = simulate(scene, float(solution.t[-1]), dt, **options)
     except UnstableError as error:

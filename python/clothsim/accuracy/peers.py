@@ -83,9 +83,14 @@ class SciPy:
         slopes = NumbaSlopes(scene, self.threads)
         start = perf_counter()
         run = solve_ivp(
-            slopes, (0.0, duration), slopes.start, method=self.method,
-            rtol=setting, atol=setting * extent(scene), t_eval=(duration,),
-        )  # fmt: skip
+            slopes,
+            (0.0, duration),
+            slopes.start,
+            method=self.method,
+            rtol=setting,
+            atol=setting * extent(scene),
+            t_eval=(duration,),
+        )
         seconds = perf_counter() - start
         if not run.success:
             raise ArithmeticError(f"{self.name}: {run.message}")
@@ -166,14 +171,18 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
     @jax.jit
     def run(state: Any, duration: float, rtol: float, atol: float) -> Any:
         found = diffrax.diffeqsolve(
-            diffrax.ODETerm(slope), getattr(diffrax, solver)(), 0.0, duration, None, state,
-            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol), max_steps=10**6,
-        )  # fmt: skip
+            diffrax.ODETerm(slope),
+            getattr(diffrax, solver)(),
+            0.0,
+            duration,
+            None,
+            state,
+            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
+            max_steps=10**6,
+        )
         return tuple(a[-1] for a in found.ys), found.stats["num_steps"]
 
-    start = tuple(
-        jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity)
-    )
+    start = tuple(jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity))
     return run, start
 
 
@@ -207,11 +216,7 @@ def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer
     peers : list
     missing : list of str
     """
-    missing = [
-        f"{name} is not installed"
-        for name in ("numba", "scipy", "diffrax")
-        if find_spec(name) is None
-    ]
+    missing = [f"{name} is not installed" for name in ("numba", "scipy", "diffrax") if find_spec(name) is None]
     peers: list[Peer] = []
     if find_spec("numba"):
         count = threads if threads and threads > 1 and parallel_pays(scene, threads) else 1

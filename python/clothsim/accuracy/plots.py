@@ -61,10 +61,17 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     front = data["pareto"].values
     order = np.argsort(data["wall_time"].values[front])
     panels[0].plot(
-        data["wall_time"].values[front][order], data["rms_error"].values[front][order],
-        color="k", lw=5, alpha=0.15, marker="o", ms=11, label="front of clothsim", zorder=0,
+        data["wall_time"].values[front][order],
+        data["rms_error"].values[front][order],
+        color="k",
+        lw=5,
+        alpha=0.15,
+        marker="o",
+        ms=11,
+        label="front of clothsim",
+        zorder=0,
         drawstyle="steps-post",
-    )  # fmt: skip
+    )
     texts = ("wall time per simulated second [s/s]", "force evaluations")
     for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
@@ -75,9 +82,14 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
         for panel in panels:
             panel.axhline(floor, color="0.5", lw=0.8)
         panels[1].annotate(
-            "error of the reference", (1, floor), xycoords=("axes fraction", "data"),
-            ha="right", va="bottom", fontsize=8, color="0.4",
-        )  # fmt: skip
+            "error of the reference",
+            (1, floor),
+            xycoords=("axes fraction", "data"),
+            ha="right",
+            va="bottom",
+            fontsize=8,
+            color="0.4",
+        )
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     figure.savefig(path, dpi=130)

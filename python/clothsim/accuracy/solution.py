@@ -121,12 +121,7 @@ class Reference(EqualByValue):
 
 @suggests
 def reference(
-    scene: Scene,
-    duration: float,
-    every: float | None = None,
-    *,
-    threads: int | None = None,
-    cache: bool = True,
+    scene: Scene, duration: float, every: float | None = None, *, threads: int | None = None, cache: bool = True
 ) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
@@ -190,14 +185,7 @@ def reference(
     threads = choose_threads(threads, scene.cloth.shape)
     check.boolean("cache", cache)
     times = _times(duration, every)
-    key = _cache.key_of(
-        {
-            "format": _FORMAT,
-            "code": _cache.code(),
-            "scene": scene.to_dict(),
-            "times": times,
-        }
-    )
+    key = _cache.key_of({"format": _FORMAT, "code": _cache.code(), "scene": scene.to_dict(), "times": times})
     found = _cache.load(key) if cache else None
     if found is None:
         arrays = _compute(scene, times, threads)
@@ -308,9 +296,7 @@ def _double(scene: Scene, times: list[float], threads: int) -> tuple[Floats, int
     return positions, evaluations
 
 
-def _dop853(
-    scene: Scene, times: list[float], largest: float, threads: int
-) -> tuple[Floats, int]:
+def _dop853(scene: Scene, times: list[float], largest: float, threads: int) -> tuple[Floats, int]:
     """Positions at `times` by equal steps between them, none above `largest`."""
     stepper = Stepper(scene, integrator="dop853", threads=threads)
     positions, steps = [], 0

@@ -11,9 +11,20 @@ from typing import Any
 from .front import PEER_FACTOR, TARGETS, Front, statement
 
 COLUMNS = (
-    "solver", "library", "precision", "threads", "control", "setting", "rms_error", "max_error",
-    "force_evaluations", "wall_time", "energy_drift", "pareto", "pareto_all",
-)  # fmt: skip
+    "solver",
+    "library",
+    "precision",
+    "threads",
+    "control",
+    "setting",
+    "rms_error",
+    "max_error",
+    "force_evaluations",
+    "wall_time",
+    "energy_drift",
+    "pareto",
+    "pareto_all",
+)
 
 
 def rows_of(data: Any) -> list[dict[str, Any]]:
@@ -22,9 +33,7 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
     for m, name in enumerate(data["solver"].values):
         labels = {c: data[c].values[m] for c in ("library", "precision", "threads", "control")}
         for level in range(data.sizes["level"]):
-            values = {
-                c: data[c].values[m, level] for c in COLUMNS if c not in labels and c != "solver"
-            }
+            values = {c: data[c].values[m, level] for c in COLUMNS if c not in labels and c != "solver"}
             if not math.isnan(values["setting"]):
                 plain = {key: getattr(v, "item", lambda v=v: v)() for key, v in values.items()}
                 rows.append({"solver": str(name), **labels, **plain})
@@ -66,9 +75,17 @@ def text_of_runs(data: Any) -> str:
 def text_of_front(found: Front) -> str:
     """At each error the fastest choice, the next method and the best peer."""
     header = (
-        "rms error [m]", "fastest", "setting", "evaluations", "s/s", "next method", "slower",
-        "best peer", "s/s", "slower",
-    )  # fmt: skip
+        "rms error [m]",
+        "fastest",
+        "setting",
+        "evaluations",
+        "s/s",
+        "next method",
+        "slower",
+        "best peer",
+        "s/s",
+        "slower",
+    )
     lines = []
     for one in statement(found):
         lines.append(
@@ -104,9 +121,17 @@ def targets_of(found: Front) -> list[dict[str, Any]]:
 def text_of_targets(found: Front) -> str:
     """Each target, what was measured and how much slower the best peer is."""
     header = (
-        "rms error [m]", "target s/s", "measured s/s", "reached", "by", "setting", "best peer",
-        "s/s", "slower", f">= {PEER_FACTOR:g}x",
-    )  # fmt: skip
+        "rms error [m]",
+        "target s/s",
+        "measured s/s",
+        "reached",
+        "by",
+        "setting",
+        "best peer",
+        "s/s",
+        "slower",
+        f">= {PEER_FACTOR:g}x",
+    )
     words = {True: "yes", False: "no", None: "-"}
     lines = [
         (

@@ -128,11 +128,7 @@ def work_precision(
 
 
 def _methods(
-    scene: Scene,
-    methods: Sequence[str | Method] | None,
-    precisions: Sequence[Precision],
-    peers: bool,
-    threads: int | None,
+    scene: Scene, methods: Sequence[str | Method] | None, precisions: Sequence[Precision], peers: bool, threads: int | None
 ) -> list[Method]:
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
@@ -151,18 +147,11 @@ def _methods(
 
 
 def _settings(
-    method: Method,
-    scene: Scene,
-    duration: float,
-    dts: Sequence[float] | None,
-    rtols: Sequence[float] | None,
+    method: Method, scene: Scene, duration: float, dts: Sequence[float] | None, rtols: Sequence[float] | None
 ) -> list[float]:
     name, given = ("dts", dts) if method.control == "dt" else ("rtols", rtols)
     if given is None:
         return method.settings(scene, duration)
     check.size(name, given)
-    values = {
-        check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
-        for k, value in enumerate(given)
-    }
+    values = {check.number(f"{name}[{k}]", value, minimum=0, exclusive=True) for k, value in enumerate(given)}
     return sorted(values, reverse=True)

@@ -91,9 +91,7 @@ def bench(
         if "limits" in chosen:
             begin("limits")
             limits = machine.limits(instruction_sets, counts)
-        plan = candidates.Bench(
-            settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance
-        )
+        plan = candidates.Bench(settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance)
         for name, measure in parts.ALL.items():
             if name in chosen:
                 begin(name)
@@ -102,9 +100,7 @@ def bench(
             begin("accuracy")
             accuracy = parts.accuracy(plan)
 
-    measured = targets.Measured(
-        figures, settings, kernels, instruction_sets, counts, limits, accuracy
-    )
+    measured = targets.Measured(figures, settings, kernels, instruction_sets, counts, limits, accuracy)
     skipped = figures.skipped
     result: dict[str, Any] = {
         "schema": 1,
@@ -114,14 +110,9 @@ def bench(
         "limits": machine.as_plain(limits),
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
-        "efficiency": attempt(
-            partial(efficiency.efficiency, measured), [], skipped, table="efficiency"
-        ),
+        "efficiency": attempt(partial(efficiency.efficiency, measured), [], skipped, table="efficiency"),
         "targets": [
-            attempt(
-                partial(target.evaluate, measured),
-                target.row(missing="failed"), skipped, target=target.name,
-            )
+            attempt(partial(target.evaluate, measured), target.row(missing="failed"), skipped, target=target.name)
             for target in targets.TARGETS
         ],
         "skipped": skipped,

@@ -36,9 +36,7 @@ class Bench:
     def best(self) -> str:
         return self.instruction_sets[0]
 
-    def core(
-        self, start: Start, make: Callable[..., Any] = works.Core, **options: Any
-    ) -> Candidate:
+    def core(self, start: Start, make: Callable[..., Any] = works.Core, **options: Any) -> Candidate:
         options = {"strict": False, "instruction_set": self.best, **options}
         return Candidate(start, partial(make, start, **options), options)
 
@@ -56,13 +54,7 @@ class Candidate:
     peer: bool = False
 
 
-def run(
-    bench: Bench,
-    candidates: Sequence[Candidate],
-    error_steps: int = 0,
-    large: bool = False,
-    longer: int = 1,
-) -> None:
+def run(bench: Bench, candidates: Sequence[Candidate], error_steps: int = 0, large: bool = False, longer: int = 1) -> None:
     """Time the candidates in turn and add their figures, with their errors if asked for.
 
     Windows are `longer` times as long as others, and as many times fewer. A peer that does not run
@@ -99,9 +91,7 @@ def run(
         )
 
 
-def _that_run(
-    bench: Bench, candidates: Sequence[Candidate]
-) -> tuple[list[Candidate], list[Any]]:
+def _that_run(bench: Bench, candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[Any]]:
     """The candidates without peers that fail in their first step, and their works."""
     kept, made = [], []
     for candidate in candidates:
@@ -128,9 +118,7 @@ def _errors(candidates: Sequence[Candidate], steps: int) -> list[float | None]:
     for candidate in candidates:
         start = candidate.start
         if start.name not in expected:
-            expected[start.name], _ = cs.reference_step(
-                start.one, start.x, start.v, PAPER_DT, steps, start.t
-            )
+            expected[start.name], _ = cs.reference_step(start.one, start.x, start.v, PAPER_DT, steps, start.t)
         if candidate.labels["by"] == "reference":
             errors.append(None)
             continue

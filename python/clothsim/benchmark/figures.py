@@ -116,9 +116,7 @@ class Figures:
         raise Missing("not measured in this run")
 
 
-def attempt(
-    function: Callable[[], Any], otherwise: Any, skipped: list[dict[str, Any]], **labels: str
-) -> Any:
+def attempt(function: Callable[[], Any], otherwise: Any, skipped: list[dict[str, Any]], **labels: str) -> Any:
     """What `function` gives; if it fails `otherwise`, and `skipped` learns why.
 
     For what is made of figures: they took minutes, and are not lost for a plot or a target.

@@ -87,8 +87,5 @@ def as_plain(measured: dict[str, Any]) -> dict[str, Any]:
     if not measured:
         return {}
     names = ("instruction_set", "precision", "threads")
-    rows = [
-        dict(zip(names, key, strict=True), flops_per_second=rate)
-        for key, rate in measured["peak"].items()
-    ]
+    rows = [dict(zip(names, key, strict=True), flops_per_second=rate) for key, rate in measured["peak"].items()]
     return {**measured, "peak": rows}

@@ -33,9 +33,7 @@ def _gather_acceleration(x, v, a, offsets, spring, gravity, inverse_mass, free):
                     wz = v[rr, cc, 2] - v[r, c, 2]
                     inverse = one / math.sqrt(dx * dx + dy * dy + dz * dz)
                     rate = (wx * dx + wy * dy + wz * dz) * inverse
-                    scale = (
-                        spring[n, 0] + (spring[n, 2] * rate - spring[n, 0] * spring[n, 1]) * inverse
-                    )
+                    scale = spring[n, 0] + (spring[n, 2] * rate - spring[n, 0] * spring[n, 1]) * inverse
                     fx += scale * dx
                     fy += scale * dy
                     fz += scale * dz
@@ -59,17 +57,8 @@ def _gather_finish(x, v, v2, v3, v4, a1, a2, a3, a4, sixth):
     for r in prange(rows):
         for c in range(columns):
             for j in range(3):
-                x[r, c, j] += sixth * (
-                    v[r, c, j] + v2[r, c, j] + v2[r, c, j] + v3[r, c, j] + v3[r, c, j] + v4[r, c, j]
-                )
-                v[r, c, j] += sixth * (
-                    a1[r, c, j]
-                    + a2[r, c, j]
-                    + a2[r, c, j]
-                    + a3[r, c, j]
-                    + a3[r, c, j]
-                    + a4[r, c, j]
-                )
+                x[r, c, j] += sixth * (v[r, c, j] + v2[r, c, j] + v2[r, c, j] + v3[r, c, j] + v3[r, c, j] + v4[r, c, j])
+                v[r, c, j] += sixth * (a1[r, c, j] + a2[r, c, j] + a2[r, c, j] + a3[r, c, j] + a3[r, c, j] + a4[r, c, j])
 
 
 _acceleration = njit(parallel=True, cache=True)(_gather_acceleration)
@@ -158,18 +147,13 @@ def strided(shape):
             ea = pull(s, q + down + down, x, y, z, u, w, t, spring, 5, down2, unit)
             eb = pull(s, q - down - down, x, y, z, u, w, t, spring, 5, up2, unit)
             m = free[o]
-            f[o] = m * (
-                e0[0] + e1[0] + e2[0] + e3[0] + e4[0] + e5[0] + e6[0] + e7[0] + e8[0]
-                + e9[0] + ea[0] + eb[0] + g0
-            )  # fmt: skip
+            f[o] = m * (e0[0] + e1[0] + e2[0] + e3[0] + e4[0] + e5[0] + e6[0] + e7[0] + e8[0] + e9[0] + ea[0] + eb[0] + g0)
             f[o + size] = m * (
-                e0[1] + e1[1] + e2[1] + e3[1] + e4[1] + e5[1] + e6[1] + e7[1] + e8[1]
-                + e9[1] + ea[1] + eb[1] + g1
-            )  # fmt: skip
+                e0[1] + e1[1] + e2[1] + e3[1] + e4[1] + e5[1] + e6[1] + e7[1] + e8[1] + e9[1] + ea[1] + eb[1] + g1
+            )
             f[o + size2] = m * (
-                e0[2] + e1[2] + e2[2] + e3[2] + e4[2] + e5[2] + e6[2] + e7[2] + e8[2]
-                + e9[2] + ea[2] + eb[2] + g2
-            )  # fmt: skip
+                e0[2] + e1[2] + e2[2] + e3[2] + e4[2] + e5[2] + e6[2] + e7[2] + e8[2] + e9[2] + ea[2] + eb[2] + g2
+            )
 
     @njit(**fast, inline="always")
     def move(q, o, s, state, f, out, h):

@@ -58,9 +58,7 @@ def set_threads(threads: int) -> None:
 class NumbaGather(Work):
     """The afternoon's kernel: per-point gather, parallel over rows, fastmath off."""
 
-    def __init__(
-        self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
-    ) -> None:
+    def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int) -> None:
         self.kernels = import_kernels()
         self.threads = threads
         self.x: np.ndarray
@@ -97,13 +95,7 @@ class NumbaStrided(Work):
     """The strong kernel: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
 
     def __init__(
-        self,
-        scene: Scene | Sequence[Scene],
-        x: np.ndarray,
-        v: np.ndarray,
-        dt: float,
-        dtype: type[Any],
-        threads: int,
+        self, scene: Scene | Sequence[Scene], x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
     ) -> None:
         self.kernels = kernels = import_kernels()
         self.threads = threads

@@ -26,13 +26,7 @@ def spring_kinds(scene: Scene) -> list[tuple[int, int, float, float, float]]:
     cloth = scene.cloth
     row, column = cloth.spacing
     return [
-        (
-            r,
-            c,
-            cloth.family_stiffness[f],
-            float(np.hypot(r * row, c * column)),
-            cloth.family_damping[f],
-        )
+        (r, c, cloth.family_stiffness[f], float(np.hypot(r * row, c * column)), cloth.family_damping[f])
         for f in cloth.families
         for r, c in OFFSETS[f]
     ]
@@ -59,8 +53,7 @@ class NumpyPeer(Work):
         self.inverse_mass = dtype(1 / scene.cloth.mass_per_point[0, 0])
         self.free: npt.NDArray[Any] = (~scene.cloth.pinned).astype(dtype)
         self.kinds = [
-            (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping))
-            for r, c, k, rest, damping in spring_kinds(scene)
+            (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping)) for r, c, k, rest, damping in spring_kinds(scene)
         ]
 
     def _acceleration(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -69,9 +62,7 @@ class NumpyPeer(Work):
             d = x[far] - x[near]
             w = v[far] - v[near]
             length = np.sqrt((d * d).sum(axis=0))
-            scale = stiffness * (1 - rest / length) + damping * (w * d).sum(axis=0) / (
-                length * length
-            )
+            scale = stiffness * (1 - rest / length) + damping * (w * d).sum(axis=0) / (length * length)
             d *= scale
             force[near] += d
             force[far] -= d

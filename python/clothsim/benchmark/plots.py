@@ -50,12 +50,16 @@ def _grids(report: dict[str, Any]) -> Any:
     for panel, precision in zip(panels, ("single", "double"), strict=True):
         chosen = [f for f in figures if f["precision"] == precision]
         for by, threads in dict.fromkeys((f["by"], f["threads"]) for f in chosen):
-            line = sorted((f["points"], 1e9 * f["minimum"] / f["points"]) for f in chosen
-                          if (f["by"], f["threads"]) == (by, threads))  # fmt: skip
+            line = sorted(
+                (f["points"], 1e9 * f["minimum"] / f["points"]) for f in chosen if (f["by"], f["threads"]) == (by, threads)
+            )
             panel.plot(
-                *zip(*line, strict=True), _LINES[counts.index(threads)], ms=4,
-                color=_COLORS.get(by, "0.4"), label=f"{by}, {_on(threads)}",
-            )  # fmt: skip
+                *zip(*line, strict=True),
+                _LINES[counts.index(threads)],
+                ms=4,
+                color=_COLORS.get(by, "0.4"),
+                label=f"{by}, {_on(threads)}",
+            )
         if report["limits"]:
             for threads in dict.fromkeys((counts[0], counts[-1])):
                 color = "k" if threads == counts[-1] else "0.6"
@@ -71,9 +75,8 @@ def _grids(report: dict[str, Any]) -> Any:
 
 
 def _limit_lines(
-    panel: Any, report: dict[str, Any], precision: str, figures: list[dict[str, Any]],
-    threads: int, color: str,
-) -> None:  # fmt: skip
+    panel: Any, report: dict[str, Any], precision: str, figures: list[dict[str, Any]], threads: int, color: str
+) -> None:
     """The time of the leanest kernel's flops at the peak, and of its traffic through memory."""
     limits = report["limits"]
     isa = report["machine"]["build"]["instruction_set"]
@@ -81,8 +84,9 @@ def _limit_lines(
     peak = next(p for p in limits["peak"] if all(p[k] == v for k, v in labels.items()))
     counted = [f for f in figures if f["flops"]]
     by = min(counted, key=lambda f: f["flops"] / f["points"])["by"]
-    compute = sorted({(f["points"], 1e9 * f["flops"] / f["points"] / peak["flops_per_second"])
-                      for f in counted if f["by"] == by})  # fmt: skip
+    compute = sorted(
+        {(f["points"], 1e9 * f["flops"] / f["points"] / peak["flops_per_second"]) for f in counted if f["by"] == by}
+    )
     look = {"color": color, "lw": 1.2}
     panel.plot(*zip(*compute, strict=True), ls=":", label=f"flops at peak, {_on(threads)}", **look)
     memory = 1e9 * STATE_TRAFFIC / limits["bandwidth"][threads]
@@ -90,9 +94,7 @@ def _limit_lines(
     panel.axhline(memory, ls="-.", label=name, **look)
 
 
-def _bars(
-    panel: Any, labels: list[str], groups: Sequence[tuple[str, str, int, list[float]]]
-) -> None:
+def _bars(panel: Any, labels: list[str], groups: Sequence[tuple[str, str, int, list[float]]]) -> None:
     """Bars of each group, which is a name, the kernel of its colour, its shade and its values."""
     height = 0.8 / len(groups)
     for k, (name, by, shade, values) in enumerate(groups):
@@ -114,8 +116,9 @@ def _threads(report: dict[str, Any]) -> Any:
     counts = sorted({f["threads"] for f in figures})
     groups = []
     for by, threads in sorted({(f["by"], f["threads"]) for f in figures}):
-        times = {(f["springs"], f["precision"]): 1e6 * f["minimum"] for f in figures
-                 if (f["by"], f["threads"]) == (by, threads)}  # fmt: skip
+        times = {
+            (f["springs"], f["precision"]): 1e6 * f["minimum"] for f in figures if (f["by"], f["threads"]) == (by, threads)
+        }
         values = [times[work] for work in works]
         groups.append((f"{by}, {_on(threads)}", by, counts.index(threads), values))
     figure, (panel,) = _figure(8, 4.5)
@@ -132,8 +135,7 @@ def _features(report: dict[str, Any]) -> Any:
     works = list(dict.fromkeys(f["work"] for f in figures))
     groups = []
     for by, precision in dict.fromkeys((f["by"], f["precision"]) for f in figures):
-        times = {f["work"]: 1e6 * f["minimum"] for f in figures
-                 if (f["by"], f["precision"]) == (by, precision)}  # fmt: skip
+        times = {f["work"]: 1e6 * f["minimum"] for f in figures if (f["by"], f["precision"]) == (by, precision)}
         values = [times[work] for work in works]
         groups.append((f"{by}, {precision}", by, int(precision == "double"), values))
     figure, (panel,) = _figure(8, 8)

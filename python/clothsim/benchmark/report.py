@@ -78,27 +78,17 @@ _ALMOST_ALL = 0.75
 
 def _limits(limits: dict[str, Any]) -> list[str]:
     rows = [
-        (
-            f"{p['instruction_set']}, {p['precision']}",
-            str(p["threads"]),
-            f"{p['flops_per_second'] / 1e9:.1f}",
-        )
+        (f"{p['instruction_set']}, {p['precision']}", str(p["threads"]), f"{p['flops_per_second'] / 1e9:.1f}")
         for p in limits["peak"]
     ]
     lines = ["Limits of this machine", *tables.table(("multiply-adds", "threads", "Gflop/s"), rows)]
-    peak = {
-        (p["instruction_set"], p["precision"], p["threads"]): p["flops_per_second"]
-        for p in limits["peak"]
-    }
+    peak = {(p["instruction_set"], p["precision"], p["threads"]): p["flops_per_second"] for p in limits["peak"]}
     for name in ("bandwidth", "triad", "cache_bandwidth"):
         rates = ", ".join(f"{rate / 1e9:.1f} on {t}" for t, rate in limits[name].items())
         lines.append(f"{name.replace('_', ' ')} [GB/s]: {rates} threads")
     if limits["round_trip"] is not None:
         lines.append(f"core to core and back: {1e9 * limits['round_trip']:.0f} ns")
-    shares = [
-        (p["flops_per_second"] / peak[p["instruction_set"], p["precision"], 1], p["threads"])
-        for p in limits["peak"]
-    ]
+    shares = [(p["flops_per_second"] / peak[p["instruction_set"], p["precision"], 1], p["threads"]) for p in limits["peak"]]
     ratio, threads = min(shares, key=lambda share: share[0] / share[1])
     if ratio < _ALMOST_ALL * threads:
         lines.append(
@@ -125,7 +115,6 @@ def _targets(targets: list[dict[str, Any]], instruction_set: str) -> list[str]:
     lines = [*tables.table(head, rows), "* without compensation"]
     if instruction_set != "avx512":
         lines.append(
-            "The targets are those of two cores with AVX-512. Here it is "
-            f"{instruction_set}, which has fewer lanes."
+            f"The targets are those of two cores with AVX-512. Here it is {instruction_set}, which has fewer lanes."
         )
     return lines

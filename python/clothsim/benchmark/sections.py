@@ -50,25 +50,14 @@ def steps(bench: Bench) -> None:
             for precision in PRECISIONS
             for name in bench.instruction_sets[1:]
         ]
-        candidates.append(
-            bench.peer(
-                start,
-                partial(works.Reference, start),
-                by="reference",
-                precision="double",
-                threads=1,
-            )
-        )
+        candidates.append(bench.peer(start, partial(works.Reference, start), by="reference", precision="double", threads=1))
         for precision in PRECISIONS:
             make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, DTYPES[precision])
             candidates.append(bench.peer(start, make, by="numpy", precision=precision, threads=1))
             for threads in bench.threads:
                 candidates += numba(bench, start, "numba gather", precision, threads)
     start = works.paper(True, False)
-    candidates += [
-        bench.core(start, by="gather", precision=precision, threads=1, strict=True)
-        for precision in PRECISIONS
-    ]
+    candidates += [bench.core(start, by="gather", precision=precision, threads=1, strict=True) for precision in PRECISIONS]
     for precision in PRECISIONS:
         for threads in bench.threads if bench.settings.numba_parallel else (1,):
             candidates += numba(bench, start, "numba strided", precision, threads)
@@ -205,17 +194,14 @@ def calls(bench: Bench) -> None:
     run(
         bench,
         [
-            bench.core(
-                Start(start.name + how, *_state(start)), make,
-                by=kernel, precision=precision, threads=threads,
-            )
+            bench.core(Start(start.name + how, *_state(start)), make, by=kernel, precision=precision, threads=threads)
             for kernel in bench.kernels
             for start, precision, counts in ((smallest, "double", (1,)), (paper, "single", (1, 2)))
             for threads in counts
             if threads in bench.threads
             for how, make in makers
         ],
-    )  # fmt: skip
+    )
 
 
 def accuracy(bench: Bench) -> dict[str, Any]:
@@ -224,9 +210,7 @@ def accuracy(bench: Bench) -> dict[str, Any]:
     x, v = scene.initial_position, scene.initial_velocity
     duration, dt = 0.25, 1e-4
     fine = bench.settings.reference_dt
-    expected, _ = cs.step(
-        scene, x, v, fine, round(duration / fine), kernel="gather", strict=True, threads=1
-    )
+    expected, _ = cs.step(scene, x, v, fine, round(duration / fine), kernel="gather", strict=True, threads=1)
     result: dict[str, Any] = {"duration": duration, "dt": dt, "reference_dt": fine}
     for kernel in (kernel for kernel in plan.KERNELS if kernel in bench.kernels):
         end, _ = cs.step(scene, x, v, dt, round(duration / dt), kernel=kernel, threads=1)
@@ -234,14 +218,7 @@ def accuracy(bench: Bench) -> dict[str, Any]:
     return result
 
 
-ALL = {
-    "steps": steps,
-    "features": features,
-    "batch": batch,
-    "grids": grids,
-    "frames": frames,
-    "calls": calls,
-}
+ALL = {"steps": steps, "features": features, "batch": batch, "grids": grids, "frames": frames, "calls": calls}
 
 
 def kernels() -> tuple[str, ...]:

@@ -63,11 +63,16 @@ def steps(figures: list[dict[str, Any]]) -> list[str]:
         columns = _columns(group)
         rows = [
             (
-                _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
-                f"{1e6 * f['median']:.2f}", _error(f), *_ratios(f, columns),
+                _label(f),
+                f["precision"],
+                _threads(f),
+                f"{1e6 * f['minimum']:.2f}",
+                f"{1e6 * f['median']:.2f}",
+                _error(f),
+                *_ratios(f, columns),
             )
             for f in sorted(group, key=lambda f: f["minimum"])
-        ]  # fmt: skip
+        ]
         head = ("by", "precision", "threads", "min us", "median", "error m", *columns)
         lines += ["", f"{work}: {group[0]['springs']:,} springs", *table(head, rows)]
     return lines
@@ -98,16 +103,20 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
     columns = _columns(figures)
     rows = [
         (
-            f["work"], _label(f), f["precision"], _threads(f), f"{1e6 * f['minimum']:.2f}",
-            f"{1e6 * f['median']:.2f}", f"{1e9 * f['minimum'] / f['points']:.2f}",
-            f"{1 / f['minimum']:,.0f}", _error(f), *_ratios(f, columns),
+            f["work"],
+            _label(f),
+            f["precision"],
+            _threads(f),
+            f"{1e6 * f['minimum']:.2f}",
+            f"{1e6 * f['median']:.2f}",
+            f"{1e9 * f['minimum'] / f['points']:.2f}",
+            f"{1 / f['minimum']:,.0f}",
+            _error(f),
+            *_ratios(f, columns),
         )
         for f in figures
-    ]  # fmt: skip
-    head = (
-        "work", "by", "precision", "threads", "min us", "median", "ns a point", "steps/s",
-        "error m", *columns,
-    )  # fmt: skip
+    ]
+    head = ("work", "by", "precision", "threads", "min us", "median", "ns a point", "steps/s", "error m", *columns)
     title = "Batch (a cloth-step), grids, frames, pauses and calls"
     return [title + _error_steps(figures), *table(head, rows)]
 
@@ -118,9 +127,7 @@ def calls(figures: list[dict[str, Any]]) -> list[str]:
     times = {(f["work"], *(f[k] for k in labels)): 1e6 * f["minimum"] for f in figures}
     rows = []
     for (work, by, precision, threads), within in times.items():
-        alone = [
-            times.get((work + how, by, precision, threads)) for how in (A_STEP_A_CALL, CS_STEP)
-        ]
+        alone = [times.get((work + how, by, precision, threads)) for how in (A_STEP_A_CALL, CS_STEP)]
         if any(alone):
             added = ("" if one is None else f"{one - within:.2f}" for one in alone)
             rows.append((work, by, precision, str(threads), f"{within:.2f}", *added))
@@ -145,10 +152,7 @@ def efficiency(rows: list[dict[str, Any]]) -> list[str]:
         )
         for r in rows
     ]
-    head = (
-        "work", "kernel", "threads", "flops", "Gflop/s", "% of peak", "bytes", "ns", "flops ns",
-        "memory ns", "bound by",
-    )  # fmt: skip
+    head = ("work", "kernel", "threads", "flops", "Gflop/s", "% of peak", "bytes", "ns", "flops ns", "memory ns", "bound by")
     return [
         "A point-step beside its limits: ns measured, of its flops at the multiply-add peak, and "
         "of its least bytes through memory",

@@ -24,15 +24,11 @@ class Measured:
     limits: dict[str, Any]
     accuracy: dict[str, Any] | None
 
-    def seconds(
-        self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any
-    ) -> float:
+    def seconds(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> float:
         """Least time of a step [s]; raises as `figure` does."""
         return self.figure(work, by, precision, threads, **labels).minimum
 
-    def figure(
-        self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any
-    ) -> Figure:
+    def figure(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> Figure:
         """The figure with these labels; of the core on the best instruction set by default.
 
         Raises
@@ -71,25 +67,21 @@ class Target:
         met = value <= self.bound if self.at_most else value >= self.bound
         return self.row(value=value, met=bool(met))
 
-    def row(
-        self, value: float | None = None, met: bool | None = None, missing: str | None = None
-    ) -> dict[str, Any]:
+    def row(self, value: float | None = None, met: bool | None = None, missing: str | None = None) -> dict[str, Any]:
         return {
-            "target": self.name, "unit": self.unit, "bound": self.bound, "at_most": self.at_most,
-            "prototype": self.prototype, "value": value, "met": met, "missing": missing,
-        }  # fmt: skip
+            "target": self.name,
+            "unit": self.unit,
+            "bound": self.bound,
+            "at_most": self.at_most,
+            "prototype": self.prototype,
+            "value": value,
+            "met": met,
+            "missing": missing,
+        }
 
 
-def _microseconds(
-    name: str, bound: float, prototype: str, work: str, by: str, precision: str, threads: int
-) -> Target:
-    return Target(
-        name,
-        "us",
-        bound,
-        lambda m: 1e6 * m.seconds(work, by, precision, threads),
-        prototype=prototype,
-    )
+def _microseconds(name: str, bound: float, prototype: str, work: str, by: str, precision: str, threads: int) -> Target:
+    return Target(name, "us", bound, lambda m: 1e6 * m.seconds(work, by, precision, threads), prototype=prototype)
 
 
 def _steps() -> Iterator[Target]:
@@ -108,8 +100,13 @@ def _steps() -> Iterator[Target]:
     for threads in (1, 2):
         yield _microseconds(
             f"step on the sphere, 3,906 springs, single, {threads} thread{'s' * (threads > 1)}",
-            3.5 if threads == 2 else 6.5, "", "contact", "edge", "single", threads,
-        )  # fmt: skip
+            3.5 if threads == 2 else 6.5,
+            "",
+            "contact",
+            "edge",
+            "single",
+            threads,
+        )
     for precision, bound in (("single", 14.0), ("double", 33.0)):
         name = f"step, 5,826 springs, {precision}, 1 thread, gather"
         yield _microseconds(name, bound, "", "swing+bend", "gather", precision, 1)
@@ -125,25 +122,40 @@ def _against_numba(m: Measured, precision: str, threads: int) -> float:
 def _peers() -> Iterator[Target]:
     for precision in ("single", "double"):
         yield Target(
-            f"numba (strong, 1 thread) / ours on 1, {precision}", "x", 2.9,
-            lambda m, precision=precision: _against_numba(m, precision, 1), False, "2.7",
-        )  # fmt: skip
+            f"numba (strong, 1 thread) / ours on 1, {precision}",
+            "x",
+            2.9,
+            lambda m, precision=precision: _against_numba(m, precision, 1),
+            False,
+            "2.7",
+        )
         yield Target(
-            f"numba (strong, its best thread count) / ours on 2, {precision}", "x", 5.0,
-            lambda m, precision=precision: _against_numba(m, precision, 2), False, "4.9-5.1",
-        )  # fmt: skip
+            f"numba (strong, its best thread count) / ours on 2, {precision}",
+            "x",
+            5.0,
+            lambda m, precision=precision: _against_numba(m, precision, 2),
+            False,
+            "4.9-5.1",
+        )
     yield Target(
-        "scalar reference / ours on 1, double", "x", 8.0,
-        lambda m: m.seconds("swing", "reference", "double") / min(
-            m.seconds("swing", k, "double") for k in m.kernels),
-        False, "9.6",
-    )  # fmt: skip
+        "scalar reference / ours on 1, double",
+        "x",
+        8.0,
+        lambda m: m.seconds("swing", "reference", "double") / min(m.seconds("swing", k, "double") for k in m.kernels),
+        False,
+        "9.6",
+    )
     yield Target(
-        "scalar reference / ours on 1, double, AVX2", "x", 4.0,
-        lambda m: m.seconds("swing", "reference", "double") / min(
-            m.seconds("swing", k, "double", instruction_set="avx2") for k in m.kernels),
-        False, "5.7",
-    )  # fmt: skip
+        "scalar reference / ours on 1, double, AVX2",
+        "x",
+        4.0,
+        lambda m: (
+            m.seconds("swing", "reference", "double")
+            / min(m.seconds("swing", k, "double", instruction_set="avx2") for k in m.kernels)
+        ),
+        False,
+        "5.7",
+    )
 
 
 def _throughput() -> Iterator[Target]:
@@ -152,14 +164,21 @@ def _throughput() -> Iterator[Target]:
         yield _microseconds(name, bound, prototype, "batch", "edge", precision, 2)
     for rows, bound, prototype in ((1024, 4.8, "6.0"), (4096, 5.5, "7.4")):
         yield Target(
-            f"{rows} x {rows}, a point-step, single, 2 threads", "ns", bound,
-            lambda m, rows=rows: 1e9 * _point_seconds(m, rows), prototype=prototype,
-        )  # fmt: skip
+            f"{rows} x {rows}, a point-step, single, 2 threads",
+            "ns",
+            bound,
+            lambda m, rows=rows: 1e9 * _point_seconds(m, rows),
+            prototype=prototype,
+        )
     yield Target("slowest / fastest grid from 64 x 64 on, single, 2 threads", "x", 1.2, _flatness)
     yield Target(
-        "800 x 800, single, 2 threads, a step a frame", "frames/s", 300.0,
-        lambda m: 1 / m.seconds(f"frame 800{A_STEP_A_CALL}", "edge", "single", 2), False, "260",
-    )  # fmt: skip
+        "800 x 800, single, 2 threads, a step a frame",
+        "frames/s",
+        300.0,
+        lambda m: 1 / m.seconds(f"frame 800{A_STEP_A_CALL}", "edge", "single", 2),
+        False,
+        "260",
+    )
 
 
 def _point_seconds(m: Measured, rows: int) -> float:
@@ -178,22 +197,27 @@ def _flatness(m: Measured) -> float:
 def _machine() -> Iterator[Target]:
     for name, bound, prototype in (("avx2", 1.4, "1.4"), ("sse2", 3.6, "3.9")):
         yield Target(
-            f"{name} / avx512, single, 1 thread", "x", bound,
-            lambda m, name=name: m.seconds("swing+bend", "edge", "single", instruction_set=name)
-            / m.seconds("swing+bend", "edge", "single", instruction_set="avx512"),
+            f"{name} / avx512, single, 1 thread",
+            "x",
+            bound,
+            lambda m, name=name: (
+                m.seconds("swing+bend", "edge", "single", instruction_set=name)
+                / m.seconds("swing+bend", "edge", "single", instruction_set="avx512")
+            ),
             prototype=prototype,
-        )  # fmt: skip
+        )
     for precision in ("single", "double"):
         yield Target(
-            f"share of the multiply-add peak, {precision}, 1 thread", "%", 75.0,
-            lambda m, precision=precision: 100 * share_of_peak(m, "edge", precision), False,
+            f"share of the multiply-add peak, {precision}, 1 thread",
+            "%",
+            75.0,
+            lambda m, precision=precision: 100 * share_of_peak(m, "edge", precision),
+            False,
             "75" if precision == "single" else "",
-        )  # fmt: skip
+        )
 
 
-def share_of_peak(
-    m: Measured, by: str, precision: str, work: str = "swing+bend", threads: int = 1
-) -> float:
+def share_of_peak(m: Measured, by: str, precision: str, work: str = "swing+bend", threads: int = 1) -> float:
     """Flops of a step, as `Scene.explain` counts them, over what the peak allows in its time."""
     if not m.limits:
         raise Missing("limits not measured in this run")
@@ -205,15 +229,25 @@ def share_of_peak(
 def _features() -> Iterator[Target]:
     for what in LEFT_OUT:
         yield Target(
-            f"time saved without {what} / its share of the flops, single", "x", 0.9,
-            lambda m, what=what: _saving(m, what), False,
-        )  # fmt: skip
+            f"time saved without {what} / its share of the flops, single",
+            "x",
+            0.9,
+            lambda m, what=what: _saving(m, what),
+            False,
+        )
     for name in ("1", *CONTINUOUS):
         yield Target(
-            f"price of {'a' if name == '1' else f'a {name}'} sphere out of reach, single", "%", 2.0,
-            lambda m, name=name: 100 * (m.seconds(f"{FEATURE}{name} sphere, far", "edge", "single")
-                                        / m.seconds(ALL_SPRINGS, "edge", "single") - 1),
-        )  # fmt: skip
+            f"price of {'a' if name == '1' else f'a {name}'} sphere out of reach, single",
+            "%",
+            2.0,
+            lambda m, name=name: (
+                100
+                * (
+                    m.seconds(f"{FEATURE}{name} sphere, far", "edge", "single") / m.seconds(ALL_SPRINGS, "edge", "single")
+                    - 1
+                )
+            ),
+        )
 
 
 ALL_SPRINGS = f"{FEATURE}all springs, damped"
@@ -227,21 +261,21 @@ def _saving(m: Measured, what: str) -> float:
 
 def _use() -> Iterator[Target]:
     yield Target(
-        "double, dt 1e-4 s, 1 thread: times real time", "x", 5.0,
-        lambda m: 1e-4 / m.seconds("swing+bend", "edge", "double"), False, "5",
-    )  # fmt: skip
-    yield Target(
-        "double, dt 1e-4 s: error after 0.25 s", "m", 1e-10, _accuracy, prototype="2.7e-12"
+        "double, dt 1e-4 s, 1 thread: times real time",
+        "x",
+        5.0,
+        lambda m: 1e-4 / m.seconds("swing+bend", "edge", "double"),
+        False,
+        "5",
     )
+    yield Target("double, dt 1e-4 s: error after 0.25 s", "m", 1e-10, _accuracy, prototype="2.7e-12")
     yield Target(
-        "overhead of a Stepper's call", "us", 1.0,
-        lambda m: 1e6 * (m.seconds("2 x 2, a step a call", "edge", "double")
-                         - m.seconds("2 x 2", "edge", "double")),
-    )  # fmt: skip
-    yield Target(
-        "threads=None / the best thread count, worst of 32 x 32 and the grids to 128 x 128",
-        "x", 1.05, _chosen,
-    )  # fmt: skip
+        "overhead of a Stepper's call",
+        "us",
+        1.0,
+        lambda m: 1e6 * (m.seconds("2 x 2, a step a call", "edge", "double") - m.seconds("2 x 2", "edge", "double")),
+    )
+    yield Target("threads=None / the best thread count, worst of 32 x 32 and the grids to 128 x 128", "x", 1.05, _chosen)
 
 
 def _accuracy(m: Measured) -> float:
@@ -255,13 +289,10 @@ def _accuracy(m: Measured) -> float:
 def _chosen(m: Measured) -> float:
     works = ["swing+bend", *(f"grid {rows}" for rows in m.settings.sizes if rows <= 128)]
     return max(
-        m.seconds(work, "edge", precision, None)
-        / min(m.seconds(work, "edge", precision, n) for n in m.threads)
+        m.seconds(work, "edge", precision, None) / min(m.seconds(work, "edge", precision, n) for n in m.threads)
         for work in works
         for precision in ("single", "double")
     )
 
 
-TARGETS = tuple(
-    target for part in (_steps, _peers, _throughput, _machine, _features, _use) for target in part()
-)
+TARGETS = tuple(target for part in (_steps, _peers, _throughput, _machine, _features, _use) for target in part())

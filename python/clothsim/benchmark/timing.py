@@ -108,7 +108,4 @@ def measure(
             works[k].run(steps[k])
             taken[k, window] = (clock() - start) / steps[k]
             advance(1)
-    return [
-        Timing(float(row.min()), float(np.median(row)), windows, count)
-        for row, count in zip(taken, steps, strict=True)
-    ]
+    return [Timing(float(row.min()), float(np.median(row)), windows, count) for row, count in zip(taken, steps, strict=True)]

@@ -39,9 +39,7 @@ class Start:
 
 
 def _after(scene: cs.Scene, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    return cs.step(
-        scene, scene.initial_position, scene.initial_velocity, STATE_DT, round(seconds / STATE_DT)
-    )
+    return cs.step(scene, scene.initial_position, scene.initial_velocity, STATE_DT, round(seconds / STATE_DT))
 
 
 @lru_cache
@@ -67,10 +65,7 @@ def contact(bend: bool) -> Start:
 def batch(members: int = BATCH) -> Start:
     """Cloths that differ in stiffness, in free fall."""
     scene = cs.scenes.paper_swing(bend=True)
-    scenes = [
-        scene.replace(cloth=scene.cloth.replace(stiffness=float(k)))
-        for k in np.linspace(30_000, 35_000, members)
-    ]
+    scenes = [scene.replace(cloth=scene.cloth.replace(stiffness=float(k))) for k in np.linspace(30_000, 35_000, members)]
     x, v = falling(True)
     name = "batch" if members == BATCH else f"batch of {members}"
     return Start(name, scenes, np.stack([x] * members), np.stack([v] * members), STATE_TIME)
@@ -91,20 +86,11 @@ class Core(Work):
     """A `Stepper` of one kernel, precision, thread count and instruction set."""
 
     def __init__(
-        self,
-        start: Start,
-        *,
-        by: str,
-        precision: str,
-        threads: int | None,
-        instruction_set: str,
-        strict: bool = False,
+        self, start: Start, *, by: str, precision: str, threads: int | None, instruction_set: str, strict: bool = False
     ) -> None:
         self.start = start
         self.instruction_set = instruction_set
-        self.options: dict[str, Any] = {
-            "kernel": by, "precision": precision, "threads": threads, "strict": strict,
-        }  # fmt: skip
+        self.options: dict[str, Any] = {"kernel": by, "precision": precision, "threads": threads, "strict": strict}
         self.rewind()
 
     def rewind(self) -> None:
@@ -179,9 +165,7 @@ class StepCalls(Core):
         scene = self.start.scene
         with machine.instruction_set(self.instruction_set):
             for _ in range(steps):
-                self.x, self.v = cs.step(
-                    scene, self.x, self.v, PAPER_DT, t=self.t, **self.options
-                )
+                self.x, self.v = cs.step(scene, self.x, self.v, PAPER_DT, t=self.t, **self.options)
                 self.t += PAPER_DT
 
     @property
@@ -202,6 +186,4 @@ class Reference(Work):
 
     def run(self, steps: int) -> None:
         start = self.start
-        self.positions, self.velocities = cs.reference_step(
-            start.one, start.x, start.v, PAPER_DT, steps, start.t
-        )
+        self.positions, self.velocities = cs.reference_step(start.one, start.x, start.v, PAPER_DT, steps, start.t)

@@ -16,11 +16,9 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, contact, export, info, plot, reproduce, run, stability, sweep, view, work_precision  # fmt: skip
+from . import bench, contact, export, info, plot, reproduce, run, stability, sweep, view, work_precision
 
-SUBCOMMANDS = (
-    info, run, view, export, sweep, plot, stability, work_precision, contact, reproduce, bench,
-)  # fmt: skip
+SUBCOMMANDS = (info, run, view, export, sweep, plot, stability, work_precision, contact, reproduce, bench)
 
 
 class _Parser(argparse.ArgumentParser):

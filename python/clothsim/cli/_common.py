@@ -59,8 +59,7 @@ def every(text: str) -> int | float | str:
     except ValueError:
         hint = "; for each step give step, for each second 1.0" if text == "1" else ""
         raise argparse.ArgumentTypeError(
-            "must be a whole number of steps >= 2, seconds > 0 (with a point or exponent) or "
-            f"'step', got {text!r}{hint}"
+            f"must be a whole number of steps >= 2, seconds > 0 (with a point or exponent) or 'step', got {text!r}{hint}"
         ) from None
     return value
 
@@ -106,9 +105,7 @@ def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = ""
     return "\n".join(f"{indent}{name:<{width}}  {text}".rstrip() for name, text in rows)
 
 
-def _rows(
-    data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: str
-) -> Iterator[tuple[str, str]]:
+def _rows(data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: str) -> Iterator[tuple[str, str]]:
     for key, value in data.items():
         name = before + key.replace("_", " ")
         own = units.get(key, unit)
@@ -120,10 +117,13 @@ def _rows(
             yield from _rows(value, units, own, f"{name}, ")
         else:
             told = {entry: number for entry, number in value.items() if entry != "reason"}
-            yield name, ", ".join(
-                f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}"
-                for entry, number in told.items()
-            ) or "none"
+            yield (
+                name,
+                ", ".join(
+                    f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}" for entry, number in told.items()
+                )
+                or "none",
+            )
 
 
 def short(value: Any, unit: str = "") -> str:

@@ -35,12 +35,7 @@ def _table(dataset: Any, name: str) -> list[str]:
     unit = variable.attrs.get("units", "1")
     title = name + (f" [{unit}]" if unit != "1" else "")
     companion = name not in METRICS and any(name in m.variables for m in METRICS.values())
-    if (
-        companion
-        or variable.ndim not in (1, 2)
-        or max(variable.shape) > 24
-        or min(variable.shape) > 8
-    ):
+    if companion or variable.ndim not in (1, 2) or max(variable.shape) > 24 or min(variable.shape) > 8:
         values = variable.values[dataset["status"].values == 1]
         if not values.size:
             return [f"{title}: no member came to its end"]
@@ -57,10 +52,7 @@ def _table(dataset: Any, name: str) -> list[str]:
         for at, values, states in zip(_labels(dataset, rows), variable.values, status, strict=True)
     ]
     widths = [max(map(len, column)) for column in zip(*head, *body, strict=True)]
-    table = [
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in [*head, *body]
-    ]
+    table = ["  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in [*head, *body]]
     return [title, *table]
 
 
@@ -100,8 +92,4 @@ def as_data(dataset: Any) -> dict[str, Any]:
         str(name): {"dims": list(v.dims), "values": v.values, "units": v.attrs.get("units")}
         for name, v in dataset.data_vars.items()
     }
-    return {
-        "coordinates": coordinates,
-        "variables": variables,
-        "provenance": dataset.clothsim.provenance,
-    }
+    return {"coordinates": coordinates, "variables": variables, "provenance": dataset.clothsim.provenance}

@@ -13,16 +13,10 @@ from ._common import add_command
 def add_parser(subparsers: Any) -> None:
     from clothsim.benchmark import SECTIONS
 
-    command = add_command(
-        subparsers, "bench", run, "Measure speed beside the machine's limits and the targets."
-    )
+    command = add_command(subparsers, "bench", run, "Measure speed beside the machine's limits and the targets.")
     size = command.add_mutually_exclusive_group()
-    size.add_argument(
-        "--quick", action="store_true", help="fewer and shorter windows: a minute or two"
-    )
-    size.add_argument(
-        "--full", action="store_true", help="more windows, and 4096 x 4096 (takes 8 GB of memory)"
-    )
+    size.add_argument("--quick", action="store_true", help="fewer and shorter windows: a minute or two")
+    size.add_argument("--full", action="store_true", help="more windows, and 4096 x 4096 (takes 8 GB of memory)")
     command.add_argument(
         "--out",
         default="benchmarks/results",
@@ -32,10 +26,7 @@ def add_parser(subparsers: Any) -> None:
         "do not replace the files of a whole run",
     )
     command.add_argument(
-        "--section",
-        choices=SECTIONS,
-        action="append",
-        help="only this one; may be given several times (default: all)",
+        "--section", choices=SECTIONS, action="append", help="only this one; may be given several times (default: all)"
     )
 
 

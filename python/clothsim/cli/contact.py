@@ -15,10 +15,21 @@ from ._common import add_command, as_table, short
 SLOPE = math.tan(0.35)
 
 UNITS = {
-    "deepest": "m", "points": "m", "triangles": "m", "depth": "m", "jitter": "m",
-    "normal_jitter": "m", "slip": "m", "expected": "m", "spread": "m", "dt": "s", "made": "J",
-    "kinetic_at_impact": "J", "elastic_afterwards": "J", "contact_energy": "J",
-}  # fmt: skip
+    "deepest": "m",
+    "points": "m",
+    "triangles": "m",
+    "depth": "m",
+    "jitter": "m",
+    "normal_jitter": "m",
+    "slip": "m",
+    "expected": "m",
+    "spread": "m",
+    "dt": "s",
+    "made": "J",
+    "kinetic_at_impact": "J",
+    "elastic_afterwards": "J",
+    "contact_energy": "J",
+}
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
@@ -37,22 +48,14 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "squeezes": ("spheres that close on sheets", {"count": 60}, {"count": 10_000}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
-}  # fmt: skip
+}
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers, "contact", run, "Measure what is claimed of continuous contact."
-    )
-    command.add_argument(
-        "figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)"
-    )
-    command.add_argument(
-        "--count", type=int, metavar="N", help="how many shots or squeezes, whatever the size"
-    )
-    command.add_argument(
-        "--full", action="store_true", help="the sizes that are claimed; many minutes"
-    )
+    command = add_command(subparsers, "contact", run, "Measure what is claimed of continuous contact.")
+    command.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
+    command.add_argument("--count", type=int, metavar="N", help="how many shots or squeezes, whatever the size")
+    command.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
@@ -73,15 +76,18 @@ def _functions() -> dict[str, Callable[..., Any]]:
             for radius in ((0.1, 0.25, 1.0, 10.0) if more else (0.25, 10.0))
         ],
         "impact": lambda phases: [
-            {"speed": speed, "dt": dt, "precision": precision,
-             **contact.impact(speed, dt, phases=phases, precision=precision)}
+            {
+                "speed": speed,
+                "dt": dt,
+                "precision": precision,
+                **contact.impact(speed, dt, phases=phases, precision=precision),
+            }
             for precision in ("double", "single")
             for dt in (1e-4, 2e-5, 5e-6, 1e-6)
             for speed in (1e-3, 0.1, 1.0, 30.0, 300.0)
         ],
         "bounce": lambda more=False: [
-            {"dt": dt, **contact.face_drop(dt)}
-            for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
+            {"dt": dt, **contact.face_drop(dt)} for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
         ],
         "lying": contact.lying,
         "shots": contact.shots,
@@ -121,8 +127,7 @@ def _text(result: Any) -> str:
     titles = [_title(heading) for heading in headings]
     widths = [max(map(len, column)) for column in zip(titles, *cells)]
     return "\n".join(
-        "  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip()
-        for line in (titles, *cells)
+        "  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in (titles, *cells)
     )
 
 

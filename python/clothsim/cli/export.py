@@ -14,20 +14,17 @@ from ._common import add_command, written
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers, "export", run, "Write a saved run as files for Blender, ParaView, browsers."
-    )
+    command = add_command(subparsers, "export", run, "Write a saved run as files for Blender, ParaView, browsers.")
     command.add_argument("run_file", metavar="RUN.npz", help="what `clothsim run --out` has written")
+    command.add_argument("file", metavar="FILE", help=f"file to write; its suffix is one of {', '.join(SUFFIXES)}")
     command.add_argument(
-        "file", metavar="FILE", help=f"file to write; its suffix is one of {', '.join(SUFFIXES)}"
-    )
-    command.add_argument(
-        "--fps", type=frame_rate, default=60.0, metavar="N",
+        "--fps",
+        type=frame_rate,
+        default=60.0,
+        metavar="N",
         help='frames a second, or "stored" for the frames of the run as they are (default 60)',
-    )  # fmt: skip
-    command.add_argument(
-        "--z-up", action="store_true", help="turn the y axis of the run to z, for Blender"
     )
+    command.add_argument("--z-up", action="store_true", help="turn the y axis of the run to z, for Blender")
 
 
 def frame_rate(text: str) -> float | None:
@@ -41,7 +38,5 @@ def frame_rate(text: str) -> float | None:
 
 
 def run(args: argparse.Namespace) -> None:
-    files = export(
-        cs.load_run(args.run_file), args.file, args.fps, args.z_up, progress=wanted_by_command()
-    )
+    files = export(cs.load_run(args.run_file), args.file, args.fps, args.z_up, progress=wanted_by_command())
     print(as_json({"files": files}) if args.json else written(files))

@@ -13,10 +13,7 @@ from ._common import add_command, as_text
 
 def add_parser(subparsers: Any) -> None:
     add_command(
-        subparsers,
-        "info",
-        run,
-        "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
+        subparsers, "info", run, "Print version, compiler, instruction sets, threads, libraries and graphics adapters."
     )
 
 

@@ -22,22 +22,26 @@ KINDS_OF_RUN = ("curves", "picture")
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "plot", run, "Draw a stored sweep or a saved run.")
     command.add_argument(
-        "store", metavar="STORE|RUN.npz",
-        help="what `clothsim sweep --store` or `clothsim run --out` has written",
-    )  # fmt: skip
+        "store", metavar="STORE|RUN.npz", help="what `clothsim sweep --store` or `clothsim run --out` has written"
+    )
     command.add_argument(
-        "--kind", choices=(*KINDS, *KINDS_OF_RUN),
+        "--kind",
+        choices=(*KINDS, *KINDS_OF_RUN),
         help="of a run: curves (default) or picture, its last frame; default of a sweep: what fits best",
-    )  # fmt: skip
+    )
     command.add_argument("--metric", metavar="NAME", help="of a heat map (default: the first)")
     command.add_argument(
-        "--select", action="append", default=[], metavar="NAME=VALUE",
+        "--select",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
         help="of a dimension that the picture has no room for, the value nearest to this one",
-    )  # fmt: skip
+    )
     command.add_argument(
-        "--out", metavar="FILE",
+        "--out",
+        metavar="FILE",
         help="default: beside the store, .png; of a run also .html (a page that plays it), .gif, .webp, .mp4",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -97,7 +101,5 @@ def _select(dataset: Any, entry: str) -> Any:
     if dataset[name].dtype.kind in "iuf":
         return dataset.sel({name: float(text)}, method="nearest")
     if text not in dataset[name].values:
-        raise ValueError(
-            f"--select {name} must be one of {list(dataset[name].values)}, got {text!r}"
-        )
+        raise ValueError(f"--select {name} must be one of {list(dataset[name].values)}, got {text!r}")
     return dataset.sel({name: text})

@@ -11,15 +11,11 @@ from ._common import add_command, count
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers, "reproduce", run, "Run the experiments of Kim et al. and write a report."
-    )
+    command = add_command(subparsers, "reproduce", run, "Run the experiments of Kim et al. and write a report.")
     command.add_argument(
         "--quick", action="store_true", help="fewer and coarser steps: about a minute and a half on two cores"
     )
-    command.add_argument(
-        "--out", default="report", metavar="DIR", help="folder of the report (default: report)"
-    )
+    command.add_argument("--out", default="report", metavar="DIR", help="folder of the report (default: report)")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
     command.add_argument(
         "--experiment",

@@ -27,11 +27,20 @@ FPS = 60  # frames a second that a run stores for pages, films and exports witho
 
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
-    "wall_time": "s", "estimate_wall_time": "s", "dt": "s",
-    "error_estimate": "m", "asked": "m", "energy": "J", "penetration": "m",
-    "first_contact": "s", "time": "s", "centre_of_mass": "m", "center_of_mass": "m",
-    "kinetic_energy": "J", "total_energy": "J",
-}  # fmt: skip
+    "wall_time": "s",
+    "estimate_wall_time": "s",
+    "dt": "s",
+    "error_estimate": "m",
+    "asked": "m",
+    "energy": "J",
+    "penetration": "m",
+    "first_contact": "s",
+    "time": "s",
+    "centre_of_mass": "m",
+    "center_of_mass": "m",
+    "kinetic_energy": "J",
+    "total_energy": "J",
+}
 
 
 def ready_scenes() -> dict[str, Callable[..., cs.Scene]]:
@@ -51,31 +60,21 @@ def scene_of(text: str) -> cs.Scene:
     if not text.endswith(".toml"):
         close = difflib.get_close_matches(text, ready, 1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise ValueError(
-            f"SCENE must be a file that ends in .toml or one of {', '.join(ready)}, got {text!r}{hint}"
-        )
+        raise ValueError(f"SCENE must be a file that ends in .toml or one of {', '.join(ready)}, got {text!r}{hint}")
     return cs.load_scene(text)
 
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "run", run, "Simulate a ready scene and print its report.")
     command.add_argument("scene", metavar="SCENE", help=_scene_help())
-    command.add_argument(
-        "--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)"
-    )
-    command.add_argument(
-        "--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)"
-    )
+    command.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)")
+    command.add_argument("--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)")
     stored = command.add_mutually_exclusive_group()
     stored.add_argument("--every", type=every, metavar="N|S|step", help=EVERY_HELP)
     stored.add_argument("--fps", type=float, metavar="F", help="frames a second")
-    command.add_argument(
-        "--precision", choices=("double", "single"), default="double", help="default: double"
-    )
+    command.add_argument("--precision", choices=("double", "single"), default="double", help="default: double")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
-    command.add_argument(
-        "--backend", choices=("cpu", "gpu"), default="cpu", help="default: cpu (gpu: docs/gpu.md)"
-    )
+    command.add_argument("--backend", choices=("cpu", "gpu"), default="cpu", help="default: cpu (gpu: docs/gpu.md)")
     _add_method(command)
     _add_files(command)
 
@@ -83,34 +82,23 @@ def add_parser(subparsers: Any) -> None:
 def _add_files(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", metavar="FILE.npz", help="save times, positions and velocities")
     command.add_argument("--html", metavar="FILE", help="write a page that plays the run")
-    command.add_argument(
-        "--view", action="store_true", help="play the run in the web browser: --html, opened"
-    )
-    command.add_argument(
-        "--gif", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}"
-    )
-    command.add_argument(
-        "--export", metavar="FILE", help="write files for other programs, as `clothsim export` does"
-    )
+    command.add_argument("--view", action="store_true", help="play the run in the web browser: --html, opened")
+    command.add_argument("--gif", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}")
+    command.add_argument("--export", metavar="FILE", help="write files for other programs, as `clothsim export` does")
     command.add_argument("--z-up", action="store_true", help="--export: turn the y axis to z")
 
 
 def _add_method(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--integrator", type=_integrator, metavar="NAME",
-        help=f"auto or one of {', '.join(cs.integrators())} (default: auto with --rtol or --atol, "
-        "else rk4)",
-    )  # fmt: skip
-    command.add_argument(
-        "--rtol", type=float, metavar="E", help="error asked for, relative to the cloth's longer side"
+        "--integrator",
+        type=_integrator,
+        metavar="NAME",
+        help=f"auto or one of {', '.join(cs.integrators())} (default: auto with --rtol or --atol, else rk4)",
     )
+    command.add_argument("--rtol", type=float, metavar="E", help="error asked for, relative to the cloth's longer side")
     command.add_argument("--atol", type=float, metavar="E", help="error asked for in metres")
-    command.add_argument(
-        "--kernel", choices=KERNELS, default="auto", help="default: auto (gather: the shader's)"
-    )
-    command.add_argument(
-        "--strict", action="store_true", help="same bits on every instruction set and the shader"
-    )
+    command.add_argument("--kernel", choices=KERNELS, default="auto", help="default: auto (gather: the shader's)")
+    command.add_argument("--strict", action="store_true", help="same bits on every instruction set and the shader")
 
 
 def _integrator(text: str) -> str:

@@ -16,51 +16,60 @@ from .._progress import wanted_by_command
 from ._common import add_command, count, integrator, refuse_ignored
 from .run import ready_scenes
 
-_OF_THE_MAP = (
-    "--scene", "--stiffness", "--dt", "--cells", "--integrator", "--precision", "--steps",
-    "--threads", "--out",
-)  # fmt: skip
+_OF_THE_MAP = ("--scene", "--stiffness", "--dt", "--cells", "--integrator", "--precision", "--steps", "--threads", "--out")
 
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(
-        subparsers, "stability", run,
-        "Map which time steps are stable at which stiffness, predicted and measured, or run the "
-        "hard cases.",
-    )  # fmt: skip
+        subparsers,
+        "stability",
+        run,
+        "Map which time steps are stable at which stiffness, predicted and measured, or run the hard cases.",
+    )
     command.add_argument("--hard-cases", action="store_true", help="run these instead of a map")
     command.add_argument(
-        "--scene", choices=ready_scenes(), default="paper_swing", metavar="SCENE",
+        "--scene",
+        choices=ready_scenes(),
+        default="paper_swing",
+        metavar="SCENE",
         help="one of " + ", ".join(ready_scenes()) + " (default: paper_swing)",
-    )  # fmt: skip
+    )
     command.add_argument(
-        "--stiffness", type=_positive, nargs=2, default=(1e2, 1e7), metavar=("LOW", "HIGH"),
+        "--stiffness",
+        type=_positive,
+        nargs=2,
+        default=(1e2, 1e7),
+        metavar=("LOW", "HIGH"),
         help="range in N/m (default: 1e2 1e7)",
-    )  # fmt: skip
+    )
     command.add_argument(
-        "--dt", type=_positive, nargs=2, metavar=("LOW", "HIGH"),
+        "--dt",
+        type=_positive,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
         help="range in seconds (default: 0.7 of the lowest to 1.5 of the highest predicted limit)",
-    )  # fmt: skip
+    )
     command.add_argument(
-        "--cells", type=count, nargs=2, default=(6, 24), metavar=("K", "DT"),
-        help="number of stiffnesses and of time steps, evenly spaced in the logarithm "
-        "(default: 6 24)",
-    )  # fmt: skip
+        "--cells",
+        type=count,
+        nargs=2,
+        default=(6, 24),
+        metavar=("K", "DT"),
+        help="number of stiffnesses and of time steps, evenly spaced in the logarithm (default: 6 24)",
+    )
     command.add_argument(
-        "--integrator", type=integrator, default="rk4", metavar="NAME",
+        "--integrator",
+        type=integrator,
+        default="rk4",
+        metavar="NAME",
         help=f"one of {', '.join(INTEGRATORS)} (default: rk4)",
-    )  # fmt: skip
-    command.add_argument(
-        "--precision", choices=PRECISIONS, default="double", help="of the map (default: double)"
     )
-    command.add_argument(
-        "--steps", type=count, default=1000, metavar="N", help="of each run (default: 1000)"
-    )
+    command.add_argument("--precision", choices=PRECISIONS, default="double", help="of the map (default: double)")
+    command.add_argument("--steps", type=count, default=1000, metavar="N", help="of each run (default: 1000)")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
     command.add_argument(
-        "--out", metavar="DIR",
-        help="folder of stability.png and stability.csv, made if missing (default: none are written)",
-    )  # fmt: skip
+        "--out", metavar="DIR", help="folder of stability.png and stability.csv, made if missing (default: none are written)"
+    )
 
 
 def _positive(text: str) -> float:
@@ -103,10 +112,15 @@ def _map(args: argparse.Namespace) -> None:
     shortest, longest = args.dt or _range(args, scene)
     stiffness = np.geomspace(softest, stiffest, args.cells[0])
     found = measure_map(
-        scene, stiffness, np.geomspace(shortest, longest, args.cells[1]),
-        args.integrator, args.precision, args.steps, args.threads,
+        scene,
+        stiffness,
+        np.geomspace(shortest, longest, args.cells[1]),
+        args.integrator,
+        args.precision,
+        args.steps,
+        args.threads,
         progress=wanted_by_command(),
-    )  # fmt: skip
+    )
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         draw_map(found, folder / "stability.png")
@@ -122,12 +136,9 @@ def _map(args: argparse.Namespace) -> None:
 
 def _range(args: argparse.Namespace, scene: cs.Scene) -> tuple[float, float]:
     limits = [
-        cs.max_stable_dt(
-            scene.replace(cloth=scene.cloth.replace(stiffness=k)), args.integrator,
-            scene.initial_position,
-        )
+        cs.max_stable_dt(scene.replace(cloth=scene.cloth.replace(stiffness=k)), args.integrator, scene.initial_position)
         for k in args.stiffness
-    ]  # fmt: skip
+    ]
     if not np.isfinite(limits).all():
         raise ValueError(f"--dt must be given: no time step limits {args.integrator}")
     return 0.7 * min(limits), 1.5 * max(limits)

@@ -27,31 +27,16 @@ _SPEC = (
 )
 
 # What an option cannot say.
-_NOT_OPTIONS = (
-    "scene",
-    "position",
-    "velocity",
-    "pins",
-    "sphere_motion",
-    "sphere_times",
-    "sphere_centers",
-)
+_NOT_OPTIONS = ("scene", "position", "velocity", "pins", "sphere_motion", "sphere_times", "sphere_centers")
 _VECTORS = ("shape", "size", "gravity", "sphere_center", "sphere_velocity", "sphere_direction")
 _MAY_BE_NONE = ("dt", "rtol", "atol")
 _BOOLEANS = ("strict", "sphere_literal")
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers,
-        "sweep",
-        run,
-        "Run a scene for every combination of values, and label the results.",
-    )
+    command = add_command(subparsers, "sweep", run, "Run a scene for every combination of values, and label the results.")
     command.allow_abbrev = False
-    command.add_argument(
-        "scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes())
-    )
+    command.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes()))
     command.add_argument(
         "--metric",
         default=",".join(("stable", "energy_drift", "largest_stretch")),
@@ -59,37 +44,38 @@ def add_parser(subparsers: Any) -> None:
         help=f"with commas between, of: {', '.join(METRICS)} (default: %(default)s)",
     )
     command.add_argument(
-        "--zip", action="append", default=[], metavar="NAMES",
+        "--zip",
+        action="append",
+        default=[],
+        metavar="NAMES",
         help="take the values of these names side by side, not in all combinations",
-    )  # fmt: skip
+    )
     command.add_argument("--store", metavar="DIR", help="keep the results in a zarr store")
     command.add_argument(
-        "--resume", action=argparse.BooleanOptionalAction, default=True,
+        "--resume",
+        action=argparse.BooleanOptionalAction,
+        default=True,
         help="do what is missing in a store that exists (default), or refuse the store",
-    )  # fmt: skip
-    command.add_argument(
-        "--every", type=every, metavar="N|S|step", help=EVERY_HELP
     )
+    command.add_argument("--every", type=every, metavar="N|S|step", help=EVERY_HELP)
     command.add_argument("--frames", action="store_true", help="store the frames too")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work")
     command.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work"
+        "--plot", nargs="?", const="", metavar="FILE", help="draw the result (default: sweep.png, or beside the store)"
     )
-    command.add_argument(
-        "--plot", nargs="?", const="", metavar="FILE",
-        help="draw the result (default: sweep.png, or beside the store)",
-    )  # fmt: skip
     group = command.add_argument_group("what can be swept", _SPEC)
     for name in fields.NAMES:
         if name not in _NOT_OPTIONS:
             unit = fields.units(name)
-            group.add_argument(
-                _option(name), metavar="VALUES", dest=f"over_{name}", help=unit and f"[{unit}]"
-            )
+            group.add_argument(_option(name), metavar="VALUES", dest=f"over_{name}", help=unit and f"[{unit}]")
     group.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUES",
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUES",
         help="the same for a name that has no option, as sphere1_radius",
-    )  # fmt: skip
+    )
 
 
 def _option(name: str) -> str:
@@ -171,10 +157,7 @@ def _range(name: str, item: str) -> list[float]:
     except ValueError:
         rule = ""
     if rule not in ("log", "lin") or steps < 2 or (rule == "log" and min(low, high) <= 0):
-        raise ValueError(
-            f"{_option(name)}: a range must be first:last:log9 (both > 0) or first:last:lin9, "
-            f"got {item!r}"
-        )
+        raise ValueError(f"{_option(name)}: a range must be first:last:log9 (both > 0) or first:last:lin9, got {item!r}")
     middle = range(1, steps - 1)
     if rule == "lin":
         return [low, *(low + (high - low) * k / (steps - 1) for k in middle), high]
@@ -246,7 +229,4 @@ def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: An
 
 def _so_far(store: str) -> str:
     status = cs.open_sweep(store)["status"].values
-    return (
-        f"{int((status > 0).sum())} of {status.size} members are in {store}; the same command does "
-        "the rest"
-    )
+    return f"{int((status > 0).sum())} of {status.size} members are in {store}; the same command does the rest"

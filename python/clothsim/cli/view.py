@@ -15,19 +15,17 @@ from .run import scene_of
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "view", run, "Step a scene live, in the browser.")
     command.add_argument(
-        "scene", metavar="SCENE", nargs="?", default="paper_static",
+        "scene",
+        metavar="SCENE",
+        nargs="?",
+        default="paper_static",
         help="a scene file (TOML) or a ready scene (default: paper_static)",
-    )  # fmt: skip
-    command.add_argument(
-        "--dt", type=float, metavar="S",
-        help="time step in seconds (default: what this machine keeps up with)",
-    )  # fmt: skip
-    command.add_argument(
-        "--precision", choices=("double", "single"), default="double", help="default: double"
     )
     command.add_argument(
-        "--host", default="127.0.0.1", help="address to serve at (default: this machine alone)"
+        "--dt", type=float, metavar="S", help="time step in seconds (default: what this machine keeps up with)"
     )
+    command.add_argument("--precision", choices=("double", "single"), default="double", help="default: double")
+    command.add_argument("--host", default="127.0.0.1", help="address to serve at (default: this machine alone)")
     command.add_argument("--port", type=int, default=8080, help="default: 8080, or the next that is free")
 
 

@@ -34,9 +34,7 @@ def add_parser(subparsers: Any) -> None:
         help="one without contact (default: paper_swing)",
     )
     command.add_argument("--bend", action="store_true", help="with bend springs (paper_* scenes)")
-    command.add_argument(
-        "--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)"
-    )
+    command.add_argument("--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)")
     command.add_argument(
         "--method",
         action="append",
@@ -44,19 +42,10 @@ def add_parser(subparsers: Any) -> None:
         help="only this integrator at fixed steps, or 'NAME adaptive' at tolerances; may be given "
         "several times (default: all)",
     )
-    command.add_argument(
-        "--precision",
-        action="append",
-        choices=("double", "single"),
-        help="only this one (default: both)",
-    )
-    command.add_argument(
-        "--peers", action="store_true", help="also what is installed of numba, SciPy and diffrax"
-    )
+    command.add_argument("--precision", action="append", choices=("double", "single"), help="only this one (default: both)")
+    command.add_argument("--peers", action="store_true", help="also what is installed of numba, SciPy and diffrax")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
-    command.add_argument(
-        "--windows", type=count, default=5, metavar="N", help="timed runs of each (default 5)"
-    )
+    command.add_argument("--windows", type=count, default=5, metavar="N", help="timed runs of each (default 5)")
     what = command.add_mutually_exclusive_group()
     what.add_argument(
         "--fastest",
@@ -132,17 +121,12 @@ def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
         refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--out"])
     else:
         refuse_ignored(args, "--fastest", ["--out"])
-    options = {
-        "methods": args.method, "precisions": precisions, "windows": args.windows,
-        "progress": progress,
-    }  # fmt: skip
+    options = {"methods": args.method, "precisions": precisions, "windows": args.windows, "progress": progress}
     if args.targets:
         scene, threads = cs.scenes.paper_swing(bend=True), args.threads or 2
         errors = [target.error for target in TARGETS]
         found = front(scene, 0.5, errors, peers=True, threads=threads, **options)
         print(as_json(targets_of(found)) if args.json else text_of_targets(found))
         return
-    found = front(
-        _scene(args), args.duration, ERRORS, peers=args.peers, threads=args.threads, **options
-    )
+    found = front(_scene(args), args.duration, ERRORS, peers=args.peers, threads=args.threads, **options)
     print(as_json(statement(found)) if args.json else text_of_front(found))

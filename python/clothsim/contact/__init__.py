@@ -14,6 +14,19 @@ from .table import comparison, faces
 from .triangles import triangle_cases
 
 __all__ = [
-    "comparison", "cone", "cost", "crossings", "drop", "face_drop", "faces", "impact", "lying",
-    "resting", "shots", "squeezes", "stick", "triangle_cases", "under_whole_cloth",
-]  # fmt: skip
+    "comparison",
+    "cone",
+    "cost",
+    "crossings",
+    "drop",
+    "face_drop",
+    "faces",
+    "impact",
+    "lying",
+    "resting",
+    "shots",
+    "squeezes",
+    "stick",
+    "triangle_cases",
+    "under_whole_cloth",
+]

@@ -17,9 +17,7 @@ _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no 
 def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
     cloth = cs.Cloth(pins=())
     # Under the whole cloth, all 1,024 points on it.
-    under = cs.Sphere(
-        (0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2
-    )
+    under = cs.Sphere((0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2)
     far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous")
     settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
     settled.advance(6000, 5e-5)
@@ -41,12 +39,8 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
         "continuous, all points in contact": stepper(under, settled),
         "continuous, all points sliding": stepper(under.replace(friction=0.0), settled),
         "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
-        "the paper's cloth, no sphere": cs.Stepper(
-            paper.replace(spheres=()), lying, folded, threads=1, precision=precision
-        ),
-        "continuous, the paper's sphere in contact": cs.Stepper(
-            paper, lying, folded, threads=1, precision=precision
-        ),
+        "the paper's cloth, no sphere": cs.Stepper(paper.replace(spheres=()), lying, folded, threads=1, precision=precision),
+        "continuous, the paper's sphere in contact": cs.Stepper(paper, lying, folded, threads=1, precision=precision),
         "face, touching nothing": stepper(far.replace(offset="face"), settled),
         "face, all triangles in contact": stepper(under.replace(offset="face"), on_faces),
     }
@@ -71,8 +65,12 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
                 stepper.advance(steps, dt)
                 least[name] = min(least[name], (perf_counter() - start) / steps)
         rows += [
-            {"precision": precision, "variant": name, "microseconds": 1e6 * taken,
-             "ratio": taken / least[_WITHOUT.get(name, "no sphere")]}
+            {
+                "precision": precision,
+                "variant": name,
+                "microseconds": 1e6 * taken,
+                "ratio": taken / least[_WITHOUT.get(name, "no sphere")],
+            }
             for name, taken in least.items()
-        ]  # fmt: skip
+        ]
     return rows

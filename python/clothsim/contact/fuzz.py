@@ -47,10 +47,7 @@ def _closest(p0: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def crossings(
-    point_steps: int = 10**8,
-    seed: int = 1,
-    response: Response = "continuous",
-    precision: Precision = "double",
+    point_steps: int = 10**8, seed: int = 1, response: Response = "continuous", precision: Precision = "double"
 ) -> dict[str, Any]:
     """Fire free mass points at spheres that jump; count those that end inside or pass through.
 
@@ -93,9 +90,7 @@ def crossings(
             jump = _directions(rng, 1)[0] * radius * 10 ** rng.uniform(-6, 5)
             jump *= rng.random() < 0.8
             end = center + jump
-            sphere = cs.Sphere(
-                center, radius, cs.Keyframes((0.0, dt), (center, end)), response, "none", **material
-            )
+            sphere = cs.Sphere(center, radius, cs.Keyframes((0.0, dt), (center, end)), response, "none", **material)
             q = _aimed(rng, x - center, radius)
             v = (q + jump) / dt
             with_cloth = cs.Scene(cloth, sphere, gravity=(0, 0, 0))

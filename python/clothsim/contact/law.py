@@ -29,9 +29,13 @@ def _places(x: np.ndarray, corners: np.ndarray, weights: np.ndarray, sphere: cs.
 
 
 def stick(
-    part: float = 1.05, dt: float = 1e-4, radius: float = 0.25, points: int = 2,
-    duration: float | None = None, precision: Precision = "double",
-) -> dict[str, Any]:  # fmt: skip
+    part: float = 1.05,
+    dt: float = 1e-4,
+    radius: float = 0.25,
+    points: int = 2,
+    duration: float | None = None,
+    precision: Precision = "double",
+) -> dict[str, Any]:
     """A sheet at rest on the slope of a sphere: how far do the places in contact slip?
 
     The sheet settles with a friction of 10 and drag of the air, which then ends. The friction
@@ -62,9 +66,7 @@ def stick(
     """
     duration = duration or (0.2 if part > 1 else 0.05 * min(1.0, math.sqrt(radius / 0.25)))
     size = min(0.1, radius / 10)
-    cloth = cs.Cloth(
-        (points, points), (size, size), 1e-4 * points**2, 1000.0, 2e-3, "point", pins=()
-    )
+    cloth = cs.Cloth((points, points), (size, size), 1e-4 * points**2, 1000.0, 2e-3, "point", pins=())
     sphere = cs.Sphere((0, -radius, 0), radius, None, "continuous", "face", 0.0, 10.0)
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), math.atan(TANGENT))
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)
@@ -93,17 +95,12 @@ def stick(
         way = after - before
         moved += (way - (way * normals).sum(axis=1, keepdims=True) * normals).mean(axis=0)
     pull = GRAVITY * (math.sin(angle) - friction * math.cos(angle))
-    return {
-        "tangent": math.tan(angle),
-        "slip": float(np.linalg.norm(moved)),
-        "expected": max(0.0, pull) * duration**2 / 2,
-    }
+    return {"tangent": math.tan(angle), "slip": float(np.linalg.norm(moved)), "expected": max(0.0, pull) * duration**2 / 2}
 
 
 def impact(
-    speed: float = 1.0, dt: float = 1e-4, restitution: float = 1.0, phases: int = 40,
-    precision: Precision = "double",
-) -> dict[str, Any]:  # fmt: skip
+    speed: float = 1.0, dt: float = 1e-4, restitution: float = 1.0, phases: int = 40, precision: Precision = "double"
+) -> dict[str, Any]:
     """A cell falls on a sphere without gravity, at every phase of the contact within a time step.
 
     The cell is level and free, so that one place of it meets the sphere, at the weights w of its
@@ -185,9 +182,14 @@ def face_drop(dt: float = 1e-4, points: int = 8, after: float = 0.1) -> dict[str
 
 
 def lying(
-    steps: int = 20_000, dt: float = 1e-4, points: int = 8, mass: float = 0.64,
-    width: float = 0.1, stiffness: float = 500.0, precision: Precision = "double",
-) -> dict[str, Any]:  # fmt: skip
+    steps: int = 20_000,
+    dt: float = 1e-4,
+    points: int = 8,
+    mass: float = 0.64,
+    width: float = 0.1,
+    stiffness: float = 500.0,
+    precision: Precision = "double",
+) -> dict[str, Any]:
     """How quietly a sheet lies on the paper's sphere, restitution 0, friction 0.5.
 
     Air drags at the sheet, so that corners which hang free come to rest too.

@@ -106,9 +106,7 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
         the formula gives [m], and "spread", the difference between its points.
     """
     motion = cs.Linear((3.0, 0.4, -1.0))
-    sphere = cs.Sphere(
-        (0.0, -50.0, 0.0), 50.0, motion, "continuous", "none", restitution=0.0, friction=friction
-    )
+    sphere = cs.Sphere((0.0, -50.0, 0.0), 50.0, motion, "continuous", "none", restitution=0.0, friction=friction)
     cloth = cs.Cloth((6, 6), (0.1, 0.1), 0.36, 100.0, 0.05, pins=())
     x = on_sphere(cloth, sphere.center, sphere.radius, slope)
     v = np.broadcast_to(motion.velocity, x.shape)
@@ -139,9 +137,7 @@ def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double
         "touching" mass points, "depth" [m], the deepest that any was inside, "normal_jitter" and
         "jitter" [m], how far any moved along the normal and in all.
     """
-    sphere = cs.Sphere(
-        (0.5, -0.5, 0.5), 0.25, response="continuous", offset="none", restitution=0.0, friction=0.7
-    )
+    sphere = cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", offset="none", restitution=0.0, friction=0.7)
     cloth = cs.Cloth((8, 8), (0.1, 0.1), 0.64, 500.0, 0.5, pins=())
     x = on_sphere(cloth, sphere.center, sphere.radius, 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)

@@ -26,9 +26,12 @@ def _shot(rng: np.random.Generator, several: bool) -> tuple[cs.Scene, float] | N
     count = int(rng.integers(0, 3)) if rng.random() < 0.4 else 0
     pins = [(int(a), int(b)) for a, b in rng.integers(0, points, (count, 2))]
     cloth = cs.Cloth(
-        (points, points), mass=float(0.2 * points**2 * 10 ** rng.uniform(-1, 1)),
-        stiffness=float(10 ** rng.uniform(0, 3)), damping=0.1, pins=pins,
-    )  # fmt: skip
+        (points, points),
+        mass=float(0.2 * points**2 * 10 ** rng.uniform(-1, 1)),
+        stiffness=float(10 ** rng.uniform(0, 3)),
+        damping=0.1,
+        pins=pins,
+    )
     cell = cloth.spacing[0]
     dt = min(10 ** rng.uniform(-5, -3.3), 0.5 * cs.max_stable_dt(cs.Scene(cloth)))
     corners = cloth.rest_positions.reshape(-1, 3)[corner_indices(cloth.shape)]
@@ -43,10 +46,14 @@ def _shot(rng: np.random.Generator, several: bool) -> tuple[cs.Scene, float] | N
         back = radius * 1.001 / max(abs(way[1]), 0.1) + rng.uniform(0, 2) * min(speed * dt, 5.0)
         center = aim - way * back
         sphere = cs.Sphere(
-            center, radius, cs.Linear(way * speed), "continuous",
+            center,
+            radius,
+            cs.Linear(way * speed),
+            "continuous",
             "face" if k == 0 or rng.random() < 0.6 else cast(Offset, str(rng.choice(("edge", "none")))),
-            float(rng.choice((0.0, 0.5, 1.0))), float(rng.choice((0.0, 0.3))),
-        )  # fmt: skip
+            float(rng.choice((0.0, 0.5, 1.0))),
+            float(rng.choice((0.0, 0.3))),
+        )
         outer = sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
         if nearest_places(corners - center)[1].min() < 1.001 * outer:
             return None
@@ -152,20 +159,22 @@ def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
         offsets: tuple[Offset, Offset] = ("face", cast(Offset, str(rng.choice(("face", "edge", "none")))))
         spheres = [
             cs.Sphere(
-                middle + sign * axis * (radius + start), radius, cs.Linear(-sign * axis),
-                "continuous", offset, 0.0, float(rng.choice((0.0, 0.5))),
+                middle + sign * axis * (radius + start),
+                radius,
+                cs.Linear(-sign * axis),
+                "continuous",
+                offset,
+                0.0,
+                float(rng.choice((0.0, 0.5))),
             )
             for sign, offset in zip((1, -1), offsets, strict=True)
-        ]  # fmt: skip
+        ]
         corners = corner_indices(cloth.shape)
         flat = cloth.rest_positions.reshape(-1, 3)[corners]
         outer = [s.radius if s.offset == "face" else s.contact_radius(cloth) for s in spheres]
         # What the outer radii leave is the gap; the flat sheet is outside both when they start.
         duration = start - gap / 2 - (sum(outer) - 2 * radius) / 2
-        if any(
-            nearest_places(flat - s.center_at(0.0))[1].min() < r
-            for s, r in zip(spheres, outer, strict=True)
-        ):
+        if any(nearest_places(flat - s.center_at(0.0))[1].min() < r for s, r in zip(spheres, outer, strict=True)):
             continue
         total["squeezes"] += 1
         stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)), threads=1)

@@ -54,9 +54,7 @@ def passes(x0: np.ndarray, x1: np.ndarray, sphere: cs.Sphere, t0: float, t1: flo
     return int((outside & (nearest < r * (1 - 1e-9))).sum())
 
 
-def follow(
-    name: str, response: str, end: float | None = None, look: int = LOOK, dt: float | None = None
-) -> dict[str, Any]:
+def follow(name: str, response: str, end: float | None = None, look: int = LOOK, dt: float | None = None) -> dict[str, Any]:
     """One row of the table: run a scene with a response and watch every step.
 
     Returns
@@ -72,9 +70,13 @@ def follow(
     sphere = scene.spheres[0]
     stepper = cs.Stepper(scene, threads=1, track_contact_energy=True)
     row: dict[str, Any] = {
-        "scene": name, "response": response, "points": 0.0, "triangles": 0.0, "crossings": 0,
+        "scene": name,
+        "response": response,
+        "points": 0.0,
+        "triangles": 0.0,
+        "crossings": 0,
         "failure": None,
-    }  # fmt: skip
+    }
     x, t = stepper.positions, stepper.time
     for k in range(round((end or duration) / dt)):
         try:

@@ -26,8 +26,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     parts = [
-        _polynomial_product(a[:, i], b[:, j]) - _polynomial_product(a[:, j], b[:, i])
-        for i, j in ((1, 2), (2, 0), (0, 1))
+        _polynomial_product(a[:, i], b[:, j]) - _polynomial_product(a[:, j], b[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))
     ]
     return np.stack(parts, axis=1)
 
@@ -95,9 +94,7 @@ def nearest_approach(p0: np.ndarray, p1: np.ndarray, radius: float) -> np.ndarra
         times.append(_roots(_less(_dot(moment, moment), radius**2 * _dot(q - p, q - p))))
     normal = _cross(corner[1] - corner[0], corner[2] - corner[0])
     volume = _dot(corner[0], normal)
-    times.append(
-        _roots(_less(_polynomial_product(volume, volume), radius**2 * _dot(normal, normal)))
-    )
+    times.append(_roots(_less(_polynomial_product(volume, volume), radius**2 * _dot(normal, normal))))
     uniform = np.broadcast_to(np.linspace(0, 1, 17), (len(p0), 17))
     t = np.sort(np.concatenate([*times, uniform], axis=1), axis=1)
     t = np.concatenate([t, (t[:, 1:] + t[:, :-1]) / 2], axis=1)

@@ -135,20 +135,24 @@ class Block:
         self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
         energy_stride = self._energies.shape[1] if stride else 0
         self._integers = np.array(
-            [self.rows, self.columns, stride, per_scene if stride else 0, per_step, 0,
-             len(self.members), energy_stride, self._energies.size],
+            [
+                self.rows,
+                self.columns,
+                stride,
+                per_scene if stride else 0,
+                per_step,
+                0,
+                len(self.members),
+                energy_stride,
+                self._energies.size,
+            ],
             np.uint32,
-        )  # fmt: skip
-        bound = [
-            self.constants, self.state, self.compensation, *working, self.parameters,
-            self.contact_table, self.results,
-        ]  # fmt: skip
+        )
+        bound = [self.constants, self.state, self.compensation, *working, self.parameters, self.contact_table, self.results]
         with translated(self.device.adapter):
             self.bindings = self.device.handle.create_bind_group(
                 layout=self.pipelines.layout,
-                entries=[
-                    {"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate(bound)
-                ],
+                entries=[{"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate(bound)],
             )
 
     @property
@@ -198,9 +202,7 @@ class Block:
         self._write(self.results, self._results)
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        table = parameters.contacts(
-            self.scenes, self.plans, self.origins, times, self._dt, self.single, self.wide
-        )
+        table = parameters.contacts(self.scenes, self.plans, self.origins, times, self._dt, self.single, self.wide)
         self._write(self.contact_table, table, self._energies.nbytes)
 
     def save(self, encoder: Any) -> None:

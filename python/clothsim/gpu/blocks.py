@@ -48,9 +48,7 @@ class Blocks:
     strict : bool
     """
 
-    def __init__(
-        self, device: Device, scenes: Sequence[Scene], precision: str, strict: bool
-    ) -> None:
+    def __init__(self, device: Device, scenes: Sequence[Scene], precision: str, strict: bool) -> None:
         self._device, self._scenes = device, scenes
         self._precision, self._strict = precision, strict
         self._blocks: list[Block] = []
@@ -67,9 +65,8 @@ class Blocks:
         for members in alike.values():
             scenes = [self._scenes[m] for m in members]
             block = Block(
-                self._device, members, scenes, origins[members], self._precision, self._strict,
-                MOST_STEPS_UNCHECKED,
-            )  # fmt: skip
+                self._device, members, scenes, origins[members], self._precision, self._strict, MOST_STEPS_UNCHECKED
+            )
             self._blocks.append(block)
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:

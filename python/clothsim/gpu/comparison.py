@@ -8,8 +8,7 @@ from typing import Any
 from .measurement import GPU, Measurement
 
 WARNING = (
-    "{name} is a CPU that runs shaders, no GPU: its figures say nothing about a graphics card, "
-    "only that the shader runs."
+    "{name} is a CPU that runs shaders, no GPU: its figures say nothing about a graphics card, only that the shader runs."
 )
 
 
@@ -41,10 +40,10 @@ def crossover(
     `batch`: among batches, else among single cloths. None: it is not faster at the largest.
     """
     mine = [
-        m for m in measurements
-        if (m.target.name, m.precision, m.method) == (target, precision, method)
-        and (m.members > 1) == batch
-    ]  # fmt: skip
+        m
+        for m in measurements
+        if (m.target.name, m.precision, m.method) == (target, precision, method) and (m.members > 1) == batch
+    ]
     first = None
     for m in sorted(mine, key=lambda m: m.points, reverse=True):
         gain = against_cpu(m, measurements)
@@ -57,10 +56,7 @@ def crossover(
 def crossovers(measurements: Sequence[Measurement]) -> list[str]:
     """A sentence for every adapter, precision, method and kind of scene."""
     lines = []
-    keys = dict.fromkeys(
-        (m.target.name, m.precision, m.method, m.members > 1)
-        for m in measurements if m.target.kind == GPU
-    )  # fmt: skip
+    keys = dict.fromkeys((m.target.name, m.precision, m.method, m.members > 1) for m in measurements if m.target.kind == GPU)
     for name, precision, method, batch in keys:
         first = crossover(measurements, name, precision, method, batch)
         what = "batches" if batch else "single cloths"

@@ -47,9 +47,7 @@ def load_wgpu() -> Any:
         import wgpu
         from wgpu.backends.wgpu_native import extras
     except ImportError as error:
-        raise ImportError(
-            f"backend 'gpu' needs wgpu, which is not installed: {how_to_install('gpu')}"
-        ) from error
+        raise ImportError(f"backend 'gpu' needs wgpu, which is not installed: {how_to_install('gpu')}") from error
     global _restricted
     if not _restricted:
         # Without OpenGL's search for a display, which writes to stderr if there is none. No effect

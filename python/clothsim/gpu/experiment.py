@@ -79,9 +79,15 @@ class Settings:
 
 
 QUICK = Settings(
-    sizes=(32, 128), batches=(16,), precisions=("single",), runs=2, seconds=0.2, paper_seconds=0.2,
-    first_frames=4, first_seconds=0.05,
-)  # fmt: skip
+    sizes=(32, 128),
+    batches=(16,),
+    precisions=("single",),
+    runs=2,
+    seconds=0.2,
+    paper_seconds=0.2,
+    first_frames=4,
+    first_seconds=0.05,
+)
 
 
 def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
@@ -115,11 +121,7 @@ def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Targ
     threads = int(cs.build_config()["openmp_threads"])
     result = [Target(SCALAR, "scalar, 1 thread" + " (double)" * (precision == "single"))]
     result += [Target(SIMD, f"SIMD, {n} thread{'s' * (n > 1)}", n) for n in sorted({1, threads})]
-    result += [
-        Target(GPU, a.name + " [a CPU]" * a.software, 1, a)
-        for a in found
-        if a.float64 or precision == "single"
-    ]
+    result += [Target(GPU, a.name + " [a CPU]" * a.software, 1, a) for a in found if a.float64 or precision == "single"]
     return result
 
 
@@ -141,9 +143,7 @@ def _stepping(target: Target, scene: cs.Scene, members: int, precision: Precisio
     return lambda steps: stepper.advance(steps, dt)
 
 
-def measure(
-    measurement: Measurement, scene: cs.Scene, dt: float, settings: Settings
-) -> Measurement:
+def measure(measurement: Measurement, scene: cs.Scene, dt: float, settings: Settings) -> Measurement:
     """One more run of `measurement`."""
     m = measurement
     with using(m.target.adapter) if m.target.adapter else nullcontext():
@@ -229,8 +229,5 @@ def count(settings: Settings, found: Sequence[Adapter] | None = None) -> int:
 
 def quick(settings: Settings) -> Settings:
     """`settings` without what takes long."""
-    names = (
-        "sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames",
-        "first_seconds",
-    )  # fmt: skip
+    names = ("sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames", "first_seconds")
     return replace(settings, **{name: getattr(QUICK, name) for name in names})

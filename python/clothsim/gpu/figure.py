@@ -44,18 +44,21 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
         for batch, marker in ((False, "o"), (True, "s")):
             part = sorted((m for m in mine if (m.members > 1) == batch), key=lambda m: m.points)
             panel.plot(
-                [m.points for m in part], [m.rate * m.points for m in part], marker=marker,
-                mfc="white" if batch else _COLORS[kind], **look, label=None if batch else name,
-            )  # fmt: skip
+                [m.points for m in part],
+                [m.rate * m.points for m in part],
+                marker=marker,
+                mfc="white" if batch else _COLORS[kind],
+                **look,
+                label=None if batch else name,
+            )
         if kind == GPU:
             for batch in (False, True):
                 first = crossover(everything, name, group[0].precision, group[0].method, batch)
                 if first:
                     _mark(panel, first)
     panel.set(
-        xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)",
-        ylabel="mass points x steps / s",
-    )  # fmt: skip
+        xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)", ylabel="mass points x steps / s"
+    )
     panel.grid(alpha=0.3)
     panel.legend(fontsize="x-small")
 
@@ -65,9 +68,13 @@ def _mark(panel: Any, first: Measurement) -> None:
     where = f"{first.members} cloths" if first.members > 1 else f"{first.size} x {first.size}"
     panel.axvline(first.points, color=_COLORS[GPU], lw=0.8, ls="--" if first.members > 1 else "-")
     panel.annotate(
-        f"faster from {where} on", (first.points, 0.03), rotation=90,
-        xycoords=("data", "axes fraction"), fontsize="x-small", ha="right",
-    )  # fmt: skip
+        f"faster from {where} on",
+        (first.points, 0.03),
+        rotation=90,
+        xycoords=("data", "axes fraction"),
+        fontsize="x-small",
+        ha="right",
+    )
 
 
 def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
@@ -78,13 +85,14 @@ def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
         frames = m.first_frames[0]
         settled = 1 / m.rate
         panel.plot(
-            range(1, len(frames) + 1), [seconds / settled for seconds in frames], marker="o", ms=3,
-            color=_COLORS[m.target.kind], label=m.target.name,
-        )  # fmt: skip
+            range(1, len(frames) + 1),
+            [seconds / settled for seconds in frames],
+            marker="o",
+            ms=3,
+            color=_COLORS[m.target.kind],
+            label=m.target.name,
+        )
     panel.axhline(1, color="0.5", lw=0.8)
     panel.xaxis.get_major_locator().set_params(integer=True)
-    panel.set(
-        yscale="log", xlabel="frame of the first run (smallest scene)",
-        ylabel="time of a step / its median later",
-    )  # fmt: skip
+    panel.set(yscale="log", xlabel="frame of the first run (smallest scene)", ylabel="time of a step / its median later")
     panel.grid(alpha=0.3)

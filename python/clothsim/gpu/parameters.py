@@ -19,9 +19,7 @@ CONTACT_SIZE = 16
 ENERGY_SIZE = 13  # without masses
 
 # (row, column) of a neighbour at the end of each of the shader's five springs.
-_SPRINGS = (
-    ("structural", 0, 1), ("structural", 1, 0), ("shear", 1, 1), ("bend", 0, 2), ("bend", 2, 0),
-)  # fmt: skip
+_SPRINGS = (("structural", 0, 1), ("structural", 1, 0), ("shear", 1, 1), ("bend", 0, 2), ("bend", 2, 0))
 
 
 def rest_lengths(scene: Scene) -> list[float]:

@@ -48,20 +48,11 @@ fn probe(@builtin(global_invocation_id) id: vec3<u32>) {
     OUT
 }
 """
-_KEEP = {
-    "f32": "bitcast<f32>(bitcast<u32>(a) | z)",
-    "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))",
-}
+_KEEP = {"f32": "bitcast<f32>(bitcast<u32>(a) | z)", "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))"}
 
 
 def _run(
-    device: Device,
-    code: str,
-    entry_point: str,
-    data: list[np.ndarray],
-    size: int,
-    groups: tuple[int, ...],
-    out_binding: int,
+    device: Device, code: str, entry_point: str, data: list[np.ndarray], size: int, groups: tuple[int, ...], out_binding: int
 ) -> bytes:
     """One dispatch with `data` bound from 0 on, the first uniform; what is written."""
     handle = device.handle
@@ -73,9 +64,7 @@ def _run(
             handle.queue.write_buffer(buffer, 0, values)
             buffers.append(buffer)
         module = handle.create_shader_module(code=code)
-        pipeline = handle.create_compute_pipeline(
-            layout="auto", compute={"module": module, "entry_point": entry_point}
-        )
+        pipeline = handle.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": entry_point})
         bound = [*enumerate(buffers), (out_binding, out)]
         entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in bound]
         layout = pipeline.get_bind_group_layout(0)

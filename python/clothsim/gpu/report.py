@@ -11,7 +11,7 @@ import clothsim as cs
 from clothsim.provenance import processor
 
 from . import figure
-from .comparison import against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings  # fmt: skip
+from .comparison import against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings
 from .measurement import GPU, Measurement
 
 
@@ -68,10 +68,7 @@ def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
     """Every first frame of every run; frame 0 of a run is the making of the stepper."""
     entries = []
     for m in measurements:
-        key = {
-            "name": m.target.name, "precision": m.precision, "method": m.method, "rows": m.size,
-            "members": m.members,
-        }  # fmt: skip
+        key = {"name": m.target.name, "precision": m.precision, "method": m.method, "rows": m.size, "members": m.members}
         for run, (setup, frames) in enumerate(zip(m.setup, m.first_frames, strict=True), start=1):
             entries.append({**key, "run": run, "frame": 0, "seconds": setup})
             for k, seconds in enumerate(frames, start=1):
@@ -82,10 +79,7 @@ def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
 def text(measurements: Sequence[Measurement]) -> str:
     """The table, the crossovers and the first frames, to read."""
     lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = (
-        f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9} "
-        f"{'frames':>8}  by"
-    )
+    head = f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9} {'frames':>8}  by"
     for (precision, method), group in by_table(measurements).items():
         lines += ["", f"{precision}, method {method}", head]
         for m in group:

@@ -45,10 +45,7 @@ class Features:
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
-            spheres=tuple(
-                SphereFeatures(s.response, s.literal, s.friction > 0)
-                for s in scene.spheres
-            ),
+            spheres=tuple(SphereFeatures(s.response, s.literal, s.friction > 0) for s in scene.spheres),
         )
 
     def constants(self, strict: bool) -> dict[str, float]:
@@ -94,10 +91,7 @@ def _choice(count: str, name: str, places: tuple[int, ...]) -> list[str]:
     return [
         f"const {count} = {len(places)}u;",
         f"fn {name}(member: u32, k: u32) -> Swept {{",
-        *(
-            f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}"
-            for n, place in enumerate(places[1:], start=1)
-        ),
+        *(f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}" for n, place in enumerate(places[1:], start=1)),
         f"    return swept_of(member, {places[0]}u);",
         "}",
     ]
@@ -133,10 +127,7 @@ class Pipelines:
         kinds = ["uniform", *["storage"] * 5, *["read-only-storage"] * 2, "storage"]
         with translated(device.adapter):
             self.layout = handle.create_bind_group_layout(
-                entries=[
-                    {"binding": k, "visibility": visible, "buffer": {"type": kind}}
-                    for k, kind in enumerate(kinds)
-                ]
+                entries=[{"binding": k, "visibility": visible, "buffer": {"type": kind}} for k, kind in enumerate(kinds)]
             )
             layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
             code = source(features, precision, device.float64)

@@ -50,12 +50,7 @@ class Simulation:
     """
 
     def __init__(
-        self,
-        scenes: Sequence[Scene],
-        time: float,
-        precision: str,
-        strict: bool,
-        device: Device | None = None,
+        self, scenes: Sequence[Scene], time: float, precision: str, strict: bool, device: Device | None = None
     ) -> None:
         self.device = device or devices.opened()
         self.adapter = self.device.adapter
@@ -286,9 +281,7 @@ class Simulation:
                 self._blocks.take_back()
                 return {**bad, "step": k, "time": self._clock.at(1)}
             self._accept(1)
-        raise RuntimeError(
-            f"the graphics adapter {self.adapter.name} gave another result for the same steps"
-        )
+        raise RuntimeError(f"the graphics adapter {self.adapter.name} gave another result for the same steps")
 
     # Faults ---------------------------------------------------------------------------------------
 
@@ -297,10 +290,7 @@ class Simulation:
         """One caller at a time; a lost adapter is told in our words, the last safe state kept."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
-            raise RuntimeError(
-                "this state is being advanced by another thread; give each thread a Stepper of "
-                "its own"
-            )
+            raise RuntimeError("this state is being advanced by another thread; give each thread a Stepper of its own")
         try:
             with translated(self.adapter):
                 yield

@@ -69,19 +69,20 @@ class EnergyWatches:
         for watch in self._watches.values():
             watch.restart()
 
-    def choose(
-        self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool], contacts: Sequence[int]
-    ) -> bool:
+    def choose(self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool], contacts: Sequence[int]) -> bool:
         """Watch members whose guaranteed step is below `dt` [s]. Whether there are any.
 
         A sphere may give energy from its first response on. The adapter does not count those of
         "continuous" spheres, so members with such a sphere are not watched.
         """
         self._watched = [
-            member for member, scene in enumerate(self._scenes)
-            if not frozen[member] and not contacts[member] and dt > stable_dt[member]
+            member
+            for member, scene in enumerate(self._scenes)
+            if not frozen[member]
+            and not contacts[member]
+            and dt > stable_dt[member]
             and all(sphere.response != "continuous" for sphere in scene.spheres)
-        ]  # fmt: skip
+        ]
         for member in self._watched:
             if member not in self._watches:
                 self._watches[member] = EnergyWatch(self._scenes[member])

@@ -85,10 +85,7 @@ def reproduce(
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "paper": paper.CITATION,
-        "settings": {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(settings).items()
-        },
+        "settings": {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
         "reductions": reductions(settings),
         "provenance": provenance(),
         "experiments": {},
@@ -128,8 +125,7 @@ def _contact(
     entry = {
         "title": experiment.title,
         "paper": paper.CLAIMS[number],
-        "setting": f"RK4 in double precision, dt = {experiment.dt:g} s, a frame is "
-        f"{settings.frame_dt:g} s = {steps} steps.",
+        "setting": f"RK4 in double precision, dt = {experiment.dt:g} s, a frame is {settings.frame_dt:g} s = {steps} steps.",
         "dt": experiment.dt,
         "frame_dt": settings.frame_dt,
         "frames": list(experiment.frames),
@@ -138,10 +134,7 @@ def _contact(
         # What eq 13 lacks at the middle of a cell's diagonal, to first order in spacing/radius.
         "diagonal_shortfall": spacing**2 / (8 * radius),
         "cells": [cell for case in cases for cell in case.cells],
-        "histories": [
-            {"method": c.method, "variant": c.variant, "failure": c.failure, **c.history}
-            for c in cases
-        ],
+        "histories": [{"method": c.method, "variant": c.variant, "failure": c.failure, **c.history} for c in cases],
         "step_study": study,
         "sheet": pictures.draw_sheet(experiment, cases, folder),
         "page": pictures.play(experiment, cases, folder),
@@ -158,9 +151,7 @@ def _comparison(settings: Settings, progress: bool) -> dict[str, Any]:
     part = settings.comparison_part
     with _bar(progress, "5", len(SCENES) * len(RESPONSES), "row") as bar:
         rows = comparison(part=part, advance=bar.advance)
-    scenes = "; ".join(
-        f"{name}: dt = {dt:g} s, {part * duration:g} s" for name, (_, dt, duration) in SCENES.items()
-    )
+    scenes = "; ".join(f"{name}: dt = {dt:g} s, {part * duration:g} s" for name, (_, dt, duration) in SCENES.items())
     return {
         "title": "Every collision response on a static, a moving and a fast sphere",
         "paper": paper.CLAIMS["5"],
@@ -195,9 +186,7 @@ def _performance(number: str, settings: Settings, threads: int, progress: bool, 
         adapters, missing = gpu.available()
         variants = 1 + 2 * len({1, threads}) + sum(1 + a.float64 for a in adapters)
         with _bar(progress, number, variants * settings.runs, "run") as bar:
-            entry = performance.speedup(
-                settings, threads=threads, adapters=adapters, advance=bar.advance
-            )
+            entry = performance.speedup(settings, threads=threads, adapters=adapters, advance=bar.advance)
         entry["gpu_missing"] = missing
         if adapters:
             total = experiment.count(gpu.settings_of(settings), adapters)
@@ -216,9 +205,7 @@ def _performance(number: str, settings: Settings, threads: int, progress: bool, 
             )
         )
         entry["plot"] = plots.speedup(entry, folder)
-        entry["plot_caption"] = (
-            f"{'The CPU side of ' if missing else ''}Figure 10: steps per second in each run."
-        )
+        entry["plot_caption"] = f"{'The CPU side of ' if missing else ''}Figure 10: steps per second in each run."
     return {**entry, "dt": dt, "paper": paper.CLAIMS[number]}
 
 

@@ -42,18 +42,13 @@ def _depth_lines(entry: dict[str, Any]) -> list[str]:
     lines = []
     for variant in VARIANTS:
         first, second = (_listed(_depths(_cells(entry, m, variant))) for m in (1, 2))
-        lines.append(
-            f"Deepest triangle at frames {frames}, {variant}: method 1 {first} mm, "
-            f"method 2 {second} mm."
-        )
+        lines.append(f"Deepest triangle at frames {frames}, {variant}: method 1 {first} mm, method 2 {second} mm.")
     return lines
 
 
 def _failures(entry: dict[str, Any]) -> list[str]:
     return [
-        f"Method {h['method']}, {h['variant']}, ended early: {h['failure']}."
-        for h in entry["histories"]
-        if h["failure"]
+        f"Method {h['method']}, {h['variant']}, ended early: {h['failure']}." for h in entry["histories"] if h["failure"]
     ]
 
 

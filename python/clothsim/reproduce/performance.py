@@ -83,11 +83,7 @@ def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: No
 
 
 def speedup(
-    settings: Settings,
-    *,
-    threads: int,
-    adapters: Sequence[Any] = (),
-    advance: Callable[..., Any] = lambda runs: None,
+    settings: Settings, *, threads: int, adapters: Sequence[Any] = (), advance: Callable[..., Any] = lambda runs: None
 ) -> dict[str, Any]:
     """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference and the shader.
 
@@ -140,9 +136,7 @@ def speedup(
     def reference() -> tuple[float, float]:
         start = perf_counter()
         cs.reference_step(scene, x, v, dt, steps=1, t=t)
-        return perf_counter() - start, timed(
-            lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t)
-        )
+        return perf_counter() - start, timed(lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t))
 
     variants: dict[tuple[str, Precision, int], Measure] = {(REFERENCE, "double", 1): reference}
     for precision in PRECISIONS:
@@ -174,9 +168,4 @@ def speedup(
     stepper = cs.Stepper(scene, x, v, t=t, threads=threads)
     stepper.advance(AGREEMENT_STEPS, dt)
     difference = float(np.abs(stepper.positions - expected).max())
-    return {
-        "rows": rows,
-        "frame_steps": frame_steps,
-        "agreement": difference,
-        "agreement_steps": AGREEMENT_STEPS,
-    }
+    return {"rows": rows, "frame_steps": frame_steps, "agreement": difference, "agreement_steps": AGREEMENT_STEPS}

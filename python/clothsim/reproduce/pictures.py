@@ -23,15 +23,10 @@ BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
 STAGE = (-0.7, -1.1, -0.1), (1.1, 0.2, 1.1)  # m; what a cloth that is thrown about leaves is cut
 OVERVIEW_HEIGHT = 420  # pixels
 # (which of the experiment's frames, method, variant)
-OVERVIEW = {
-    "1": ((1, 2, "mended"), (2, 2, "mended")),
-    "2": ((0, 1, "literal"), (0, 2, "mended")),
-}
+OVERVIEW = {"1": ((1, 2, "mended"), (2, 2, "mended")), "2": ((0, 1, "literal"), (0, 2, "mended"))}
 
 
-def draw_cells(
-    experiment: Experiment, cases: Sequence[Case], settings: Settings, folder: Path
-) -> None:
+def draw_cells(experiment: Experiment, cases: Sequence[Case], settings: Settings, folder: Path) -> None:
     """Write the picture of each cell and enter its path, relative to `folder`, in the cell.
 
     All cells of a frame share one camera, which holds the sphere and every cloth within `STAGE`.
@@ -70,9 +65,7 @@ def _camera(experiment: Experiment, cases: Sequence[Case], frame: int) -> cs.Cam
     return cs.Camera.around(direction, np.concatenate(points))
 
 
-def _draw(
-    experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int
-) -> np.ndarray:
+def _draw(experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int) -> np.ndarray:
     positions, time = case.states[frame]
     scene = contact.scene_of(experiment, case.method, case.variant)
     return draw(scene, positions, time, camera, width).pixels
@@ -92,9 +85,7 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
         heights.append(max((rows / columns for rows, columns, _ in shapes), default=0.3) + 0.12)
     figure = Figure(figsize=(3.2 * len(cases), 3.2 * sum(heights) + 0.4), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(
-        len(heights), len(cases), squeeze=False, gridspec_kw={"height_ratios": heights}
-    )
+    axes = figure.subplots(len(heights), len(cases), squeeze=False, gridspec_kw={"height_ratios": heights})
     for (row, column), panel in np.ndenumerate(axes):
         case, frame = cases[column], experiment.frames[row]
         panel.set(xticks=[], yticks=[])
@@ -109,10 +100,7 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
             panel.set_ylabel(f"frame {frame}, t = {cell['time']:.2f} s", weight="bold")
         panel.imshow(pictures[frame, column], interpolation="antialiased")
         depth = cell["penetration"]
-        panel.set_xlabel(
-            f"deepest point {number(1e3 * depth['points'])} mm, "
-            f"triangle {number(1e3 * depth['triangles'])} mm"
-        )
+        panel.set_xlabel(f"deepest point {number(1e3 * depth['points'])} mm, triangle {number(1e3 * depth['triangles'])} mm")
     name = f"{experiment.table}.png"
     figure.savefig(folder / name, dpi=110)
     return name

@@ -79,8 +79,7 @@ def methods(result: dict[str, Any], folder: Path) -> str:
         yscale="log",
     )
     steps = panel.secondary_yaxis(
-        "right",
-        functions=(lambda f: f * result["frame_steps"], lambda s: s / result["frame_steps"]),
+        "right", functions=(lambda f: f * result["frame_steps"], lambda s: s / result["frame_steps"])
     )
     steps.set_ylabel("steps/s")
     panel.axhline(

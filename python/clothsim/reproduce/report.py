@@ -61,10 +61,7 @@ def _aligned(table: Table) -> list[str]:
     head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))
     widths = [max(map(len, column)) for column in zip(*head, *table.rows, strict=True)]
     body = (*head, *table.rows)
-    lines = [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in body
-    ]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in body]
     return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
 
 

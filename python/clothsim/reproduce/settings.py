@@ -68,8 +68,7 @@ class Settings:
         steps = round(self.frame_dt / dt)
         if steps < 1 or abs(steps * dt - self.frame_dt) > 1e-9 * self.frame_dt:
             raise ValueError(
-                f"frame_dt must be a whole number of steps, got frame_dt = {self.frame_dt!r} s "
-                f"and dt = {dt!r} s"
+                f"frame_dt must be a whole number of steps, got frame_dt = {self.frame_dt!r} s and dt = {dt!r} s"
             )
         return steps
 
@@ -95,9 +94,7 @@ def reductions(settings: Settings) -> list[str]:
     lines = []
     for experiment, dt in (("1", settings.static_dt), ("2", settings.moving_dt)):
         if dt != FULL.static_dt:
-            lines.append(
-                f"experiment {experiment} steps at {dt:g} s instead of the paper's {PAPER_DT:g} s"
-            )
+            lines.append(f"experiment {experiment} steps at {dt:g} s instead of the paper's {PAPER_DT:g} s")
     if settings.timing_dt != FULL.timing_dt:
         lines.append(
             f"experiments 3 and 4 time steps of {settings.timing_dt:g} s, so a window of frames "

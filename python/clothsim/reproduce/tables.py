@@ -79,10 +79,7 @@ COMPARISON = (
     Column("deepest triangle [mm]", lambda r: number(1e3 * r["triangles"])),
     Column("points passed through", lambda r: str(r["crossings"])),
     Column("contact energy [J]", lambda r: number(r["contact_energy"])),
-    Column(
-        "us/step",
-        lambda r: number(r["microseconds_per_step"]) if r["microseconds_per_step"] else "-",
-    ),
+    Column("us/step", lambda r: number(r["microseconds_per_step"]) if r["microseconds_per_step"] else "-"),
     Column("ended", lambda r: r["failure"] or ""),
 )
 

@@ -7,9 +7,12 @@ if TYPE_CHECKING:
     from .map import StabilityMap, measure_map
 
 _PLACES = {
-    "Figure": "hard_case", "HardCase": "hard_case", "HardCaseResult": "hard_case",
-    "StabilityMap": "map", "measure_map": "map",
-}  # fmt: skip
+    "Figure": "hard_case",
+    "HardCase": "hard_case",
+    "HardCaseResult": "hard_case",
+    "StabilityMap": "map",
+    "measure_map": "map",
+}
 
 __all__ = ["Figure", "HardCase", "HardCaseResult", "StabilityMap", "measure_map"]
 

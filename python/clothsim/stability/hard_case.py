@@ -160,9 +160,7 @@ def moves_like_the_reference(double: float, single: float) -> Judge:
 
     def judge(case: HardCase, end: End) -> list[Figure]:
         start = case.scene.initial_position
-        expected, _ = reference_step(
-            case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0
-        )
+        expected, _ = reference_step(case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0)
         moved = np.abs(expected - start).max()
         error = np.abs(end.x - expected).max() / moved if moved > 0 else np.abs(end.x - start).max()
         bound = {"double": double, "single": single}[end.precision]
@@ -171,9 +169,7 @@ def moves_like_the_reference(double: float, single: float) -> Judge:
     return judge
 
 
-def ends_at(
-    place: Callable[[HardCase], Floats], name: str, double: float, single: float
-) -> Judge:
+def ends_at(place: Callable[[HardCase], Floats], name: str, double: float, single: float) -> Judge:
     """Largest distance [m] to known positions; NaN among them marks points of no interest."""
 
     def judge(case: HardCase, end: End) -> list[Figure]:

@@ -8,17 +8,7 @@ from ..measures import max_stable_dt
 from ..motion import Linear
 from ..scene import Scene
 from ..sphere import Sphere
-from .hard_case import (
-    NO_GRAVITY,
-    End,
-    Figure,
-    Floats,
-    HardCase,
-    Judge,
-    ends_at,
-    moves_like_the_reference,
-    sheet,
-)  # fmt: skip
+from .hard_case import NO_GRAVITY, End, Figure, Floats, HardCase, Judge, ends_at, moves_like_the_reference, sheet
 
 
 def contact() -> dict[str, HardCase]:
@@ -34,38 +24,46 @@ def contact() -> dict[str, HardCase]:
     settled = 0.2 * max_stable_dt(Scene(soft))
     return {
         "pins inside a sphere": HardCase(
-            Scene(soft, at_pin), settled, 1000,
+            Scene(soft, at_pin),
+            settled,
+            1000,
             "what holds the cloth may not move, what hangs on it may not stay",
             "pins stay to the last bit; free points leave the sphere",
             (_pins_stay, _free_points_out(1e-12)),
         ),
         "a sphere that starts inside the cloth": HardCase(
-            Scene(soft, in_sheet), settled, 1000,
+            Scene(soft, in_sheet),
+            settled,
+            1000,
             "points inside at rest have no ray to go back along",
             "free points leave the sphere, at less than 10 m/s",
             (_free_points_out(1e-12), _speeds(0.0, 10.0)),
         ),
         "a point at rest inside": HardCase(
-            Scene(loose, unit, NO_GRAVITY, position=inside), 1e-3, 1,
+            Scene(loose, unit, NO_GRAVITY, position=inside),
+            1e-3,
+            1,
             "no velocity, so no ray",
             "it is moved out along the normal",
-            (ends_at(lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)),
-                     "m from the foot of the normal", 1e-15, 1e-7),),
+            (ends_at(lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)), "m from the foot of the normal", 1e-15, 1e-7),),
         ),
         "a point at the exact centre": HardCase(
-            Scene(loose, unit, NO_GRAVITY, position=centre), 1e-3, 1,
+            Scene(loose, unit, NO_GRAVITY, position=centre),
+            1e-3,
+            1,
             "no velocity and no normal",
             "it leaves upwards, the documented direction",
-            (ends_at(lambda case: _only(case, (0.0, 0.5, 0.0)), "m from above the centre",
-                     1e-12, 1e-7),),
+            (ends_at(lambda case: _only(case, (0.0, 0.5, 0.0)), "m from above the centre", 1e-12, 1e-7),),
         ),
         "a sphere at 100 m/s": HardCase(
-            Scene(soft, fast, NO_GRAVITY), 1e-4, 180,
+            Scene(soft, fast, NO_GRAVITY),
+            1e-4,
+            180,
             "it moves by 1 cm a step and is through the sheet in 50",
             "the reference's motion; points leave at up to twice its speed, none is left inside",
             (moves_like_the_reference(1e-13, 1e-5), _speeds(150.0, 201.0), _free_points_out(0.0)),
         ),
-    }  # fmt: skip
+    }
 
 
 def _only(case: HardCase, place: tuple[float, float, float]) -> Floats:

@@ -22,7 +22,7 @@ from .hard_case import (
     moves_like_the_reference,
     noise,
     sheet,
-)  # fmt: skip
+)
 from .spectrum import spectral_limit
 
 
@@ -33,20 +33,24 @@ def stiffness() -> dict[str, HardCase]:
         cloth = sheet(stiffness=k, damping=1e-3 * k**0.5)
         scene = Scene(cloth, position=cloth.rest_positions + noise(cloth, 1e-3))
         cases[f"stiffness {k:.0e} N/m".replace("e+", "e")] = HardCase(
-            scene, 0.9 * max_stable_dt(scene), 1000,
+            scene,
+            0.9 * max_stable_dt(scene),
+            1000,
             "waves of a thousand to a million Hz beside gravity",
             "the reference's motion; damping takes energy out",
             (moves_like_the_reference(double, single), gains_energy(0.0, 0.0)),
-        )  # fmt: skip
+        )
     for strong in ("structural", "shear"):
         families = {f: 1e7 if f == strong else 1.0 for f in ("structural", "shear", "bend")}
         scene = Scene(sheet(stiffness=families))
         cases[f"{strong} springs of 1e7 beside 1 N/m"] = HardCase(
-            scene, 0.9 * max_stable_dt(scene), 2000,
+            scene,
+            0.9 * max_stable_dt(scene),
+            2000,
             "one family is 10 million times stiffer than the others",
             "the reference's motion; energy is kept",
             (moves_like_the_reference(1e-13, 1e-5), gains_energy(1e-7, 1e-5, 1e-5)),
-        )  # fmt: skip
+        )
     return cases
 
 
@@ -58,39 +62,49 @@ def time_steps() -> dict[str, HardCase]:
     limit = spectral_limit("rk4", scene, rest, np.zeros_like(rest))
     return {
         "dt at 0.95 of the limit": HardCase(
-            scene, 0.95 * limit, 4000,
+            scene,
+            0.95 * limit,
+            4000,
             "every wave turns by almost half a turn a step",
             "no energy gained",
             (gains_energy(1e-12, 1e-5),),
         ),
         "dt at 1.05 of the limit": HardCase(
-            scene, 1.05 * limit, 4000,
+            scene,
+            1.05 * limit,
+            4000,
             "the fastest wave grows by two fifths a step",
             "UnstableError while the cloth still has its size",
             (blows_up(within=300),),
             unstable=True,
         ),
         "dt 5e-6 s in single": HardCase(
-            Scene(sheet((12, 12), damping=100.0)), 5e-6, 50_000,
+            Scene(sheet((12, 12), damping=100.0)),
+            5e-6,
+            50_000,
             "a step moves a point by less than float32 can tell",
             "the motion in double, to 1e-7 m after 0.25 s",
             (_ends_like_double(1e-7),),
             precisions=("single",),
         ),
         "a million steps": HardCase(
-            drum((4, 4), damping=0.0), 5e-6, 1_000_000,
+            drum((4, 4), damping=0.0),
+            5e-6,
+            1_000_000,
             "rounding adds up",
             "energy is kept",
             (gains_energy(1e-11, 2e-5, 2e-5),),
         ),
         "a million steps in single": HardCase(
-            drum((4, 4)), 5e-6, 1_000_000,
+            drum((4, 4)),
+            5e-6,
+            1_000_000,
             "rounding adds up, in float32 at steps that float32 alone could not take",
             "the motion in double, to 2e-7 m after 5 s",
             (_ends_like_double(2e-7),),
             precisions=("single",),
         ),
-    }  # fmt: skip
+    }
 
 
 def drum(shape: tuple[int, int], damping: float = 100.0) -> Scene:
@@ -110,9 +124,8 @@ def _ends_like_double(bound: float) -> Judge:
         start = case.scene.initial_position, case.scene.initial_velocity
         other: Precision = "double" if end.precision == "single" else "single"
         expected, _ = step(
-            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1,
-            kernel=end.stepper.kernel,
-        )  # fmt: skip
+            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1, kernel=end.stepper.kernel
+        )
         error = float(np.linalg.norm(end.x - expected, axis=-1).max())
         return [Figure("m between single and double", error, 0, bound)]
 
@@ -127,25 +140,26 @@ def masses_and_speeds() -> dict[str, HardCase]:
         mass[3, 4] = ratio
         scene = Scene(sheet(mass=mass, stiffness=1000.0))
         cases[f"a point 1e6 times {name}"] = HardCase(
-            scene, 0.9 * max_stable_dt(scene), 2000,
+            scene,
+            0.9 * max_stable_dt(scene),
+            2000,
             "one point is a thousand times faster or slower than the others",
             "the reference's motion; energy is kept",
             (moves_like_the_reference(2e-13, 1e-4), gains_energy(1e-12, 1e-6, 1e-7)),
-        )  # fmt: skip
+        )
     slow: dict[Precision, float] = {"double": 1e-310, "single": 1e-40}
     for precision, speed in slow.items():
         cloth = sheet((4, 4), stiffness=0.0, pins=())
-        scene = Scene(
-            cloth, gravity=NO_GRAVITY, position=np.zeros((4, 4, 3)),
-            velocity=np.full((4, 4, 3), speed),
-        )  # fmt: skip
+        scene = Scene(cloth, gravity=NO_GRAVITY, position=np.zeros((4, 4, 3)), velocity=np.full((4, 4, 3), speed))
         cases[f"denormal speeds in {precision}"] = HardCase(
-            scene, 1e-3, 1000,
+            scene,
+            1e-3,
+            1000,
             "numbers below the smallest with full precision, which some settings round to zero",
             "speed times time, to 1 %",
             (_drifts(speed),),
             precisions=(precision,),
-        )  # fmt: skip
+        )
     return cases
 
 

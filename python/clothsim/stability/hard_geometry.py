@@ -8,16 +8,7 @@ from ..measures import max_stable_dt
 from ..scene import Scene
 from ..sphere import Sphere
 from ..stepping import step
-from .hard_case import (
-    NO_GRAVITY,
-    Floats,
-    HardCase,
-    ends_at,
-    gains_energy,
-    moves_like_the_reference,
-    noise,
-    sheet,
-)  # fmt: skip
+from .hard_case import NO_GRAVITY, Floats, HardCase, ends_at, gains_energy, moves_like_the_reference, noise, sheet
 
 
 def geometry() -> dict[str, HardCase]:
@@ -37,56 +28,68 @@ def geometry() -> dict[str, HardCase]:
     here = Scene(cloth, Sphere((0.5, -0.4, 0.5), 0.25, offset="none"))
     far = np.array([1e6, 1e6, 1e6])
     there = Scene(
-        cloth, Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"),
-        position=cloth.rest_positions + far,
-    )  # fmt: skip
+        cloth, Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"), position=cloth.rest_positions + far
+    )
     cases = {
         "zero rest length": HardCase(
-            linear, 0.02 * max_stable_dt(linear), 5000,
+            linear,
+            0.02 * max_stable_dt(linear),
+            5000,
             "springs of 1e-300 m are linear in every direction, also through zero length",
             "the sum of the sheet's normal modes",
-            (ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4),
-             moves_like_the_reference(1e-11, 1e-3)),
+            (ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4), moves_like_the_reference(1e-11, 1e-3)),
         ),
         "coincident points": HardCase(
-            Scene(cloth, position=coincident), half, 500,
+            Scene(cloth, position=coincident),
+            half,
+            500,
             "a spring without length has no direction",
             "it exerts no force until its ends part: the reference's motion",
             (moves_like_the_reference(1e-11, 1e-3), gains_energy(0.0, 0.0)),
         ),
         "collapsed cloth": HardCase(
-            Scene(free, position=at_once), 1e-3, 1000,
+            Scene(free, position=at_once),
+            1e-3,
+            1000,
             "all points in one place: no spring has a direction",
             "it falls like one point",
             (ends_at(_fallen, "m from free fall", 1e-12, 1e-6),),
         ),
         "collapsed cloth with two pins": HardCase(
-            collapsed, half, 2000,
+            collapsed,
+            half,
+            2000,
             "the fall parts points by rounding alone, and the springs drive them on",
             "any motion that gains no energy",
             (gains_energy(0.0, 0.0),),
         ),
         "collapsed cloth with noise": HardCase(
-            noisy, fine, 8000,
+            noisy,
+            fine,
+            8000,
             "points 1e-9 m apart whose springs want 0.14 m: directions turn in no time",
             "an explosion that keeps its energy to 3e-5",
             (gains_energy(3e-5, 3e-5, 3e-5),),
         ),
         "1e6 m away": HardCase(
-            there, 5e-4, 1000,
+            there,
+            5e-4,
+            1000,
             "float32 tells points there apart by 6 cm",
             "the motion at the origin, contact included",
             (ends_at(lambda case: _moved(here, case, far), "m from the motion here", 5e-8, 5e-6),),
         ),
-    }  # fmt: skip
+    }
     for shape in ((1, 2), (1, 12), (12, 1), (2, 12)):
         scene = Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
         cases["a strip of {} x {}".format(*shape)] = HardCase(
-            scene, 0.5 * max_stable_dt(scene), 400,
+            scene,
+            0.5 * max_stable_dt(scene),
+            400,
             "no cell, or one row of them; families without a spring",
             "the reference's motion",
             (moves_like_the_reference(5e-12, 5e-4),),
-        )  # fmt: skip
+        )
     return cases
 
 

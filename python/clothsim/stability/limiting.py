@@ -61,12 +61,17 @@ def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
     cloth = scene.cloth
     families = cloth.families
     return _limiting_term(
-        cloth.shape, cloth.spacing,
+        cloth.shape,
+        cloth.spacing,
         tuple(cloth.family_stiffness[f] for f in families),
         tuple(cloth.family_damping[f] for f in families),
-        families, cloth.point_damping, cloth.uniform_mass,
-        cloth.mass_per_point.tobytes(), cloth.pinned.tobytes(), integrator,
-    )  # fmt: skip
+        families,
+        cloth.point_damping,
+        cloth.uniform_mass,
+        cloth.mass_per_point.tobytes(),
+        cloth.pinned.tobytes(),
+        integrator,
+    )
 
 
 def _without(values: dict[str, float], family: str) -> dict[str, float]:
@@ -93,10 +98,17 @@ def _limiting_term(
 
     def bounds(k: dict[str, float], c: dict[str, float], point: float) -> tuple[float, float]:
         omega2, delta = _core.Cloth(
-            rows=shape[0], columns=shape[1], row_spacing=spacing[0], column_spacing=spacing[1],
-            stiffness=k, spring_damping=c, point_damping=point, mass=masses,
-            uniform_mass=uniform_mass, pinned=pins,
-        ).mode_bounds  # fmt: skip
+            rows=shape[0],
+            columns=shape[1],
+            row_spacing=spacing[0],
+            column_spacing=spacing[1],
+            stiffness=k,
+            spring_damping=c,
+            point_damping=point,
+            mass=masses,
+            uniform_mass=uniform_mass,
+            pinned=pins,
+        ).mode_bounds
         return math.sqrt(omega2), delta
 
     k, c = dict(zip(families, stiffness)), dict(zip(families, damping))
@@ -117,6 +129,4 @@ def _limiting_term(
         whole = omega
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
-    return LimitingTerm(
-        kind, named, tuple(values[f] for f in named), tuple(factor * values[f] for f in named), limit
-    )
+    return LimitingTerm(kind, named, tuple(values[f] for f in named), tuple(factor * values[f] for f in named), limit)

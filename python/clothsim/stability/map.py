@@ -76,10 +76,7 @@ class StabilityMap:
                 "limit": ("stiffness", self.limit, {"units": "s"}),
                 "guarantee": ("stiffness", self.guarantee, {"units": "s"}),
             },
-            {
-                "stiffness": ("stiffness", self.stiffness, {"units": "N/m"}),
-                "dt": ("dt", self.dt, {"units": "s"}),
-            },
+            {"stiffness": ("stiffness", self.stiffness, {"units": "N/m"}), "dt": ("dt", self.dt, {"units": "s"})},
             {"integrator": self.integrator, "precision": self.precision, "steps": self.steps},
         )
         return dataset
@@ -106,22 +103,15 @@ def measure_map(
     if threads is None:
         threads = _core.available_threads()
     threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
-    scenes = [
-        scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
-    ]
+    scenes = [scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness]
     x, v = scene.initial_position, scene.initial_velocity
 
     def cell(place: tuple[int, int]) -> bool:
-        return is_stable(
-            scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision
-        )
+        return is_stable(scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision)
 
     places = [(i, j) for i in range(len(stiffness)) for j in range(len(dt))]
     stable = []
-    with (
-        ProgressBar(progress, total=len(places), unit="run") as bar,
-        ThreadPoolExecutor(threads) as pool,
-    ):
+    with ProgressBar(progress, total=len(places), unit="run") as bar, ThreadPoolExecutor(threads) as pool:
         for one in pool.map(cell, places):
             stable.append(one)
             bar.advance()
@@ -198,9 +188,7 @@ def stability_map(
     [0.2828, 0.0283]
     """
     check_installed("xarray", "stability_map")  # before the runs, not after them
-    return measure_map(
-        scene, stiffness, dt, integrator, precision, steps, threads, progress
-    ).to_xarray()
+    return measure_map(scene, stiffness, dt, integrator, precision, steps, threads, progress).to_xarray()
 
 
 def _positive(name: str, value: npt.ArrayLike) -> Floats:

@@ -26,9 +26,7 @@ _GROWTH = 1e3  # of the disturbance, that counts as unstable
 _ENERGY_ERROR = 0.01  # of kinetic and elastic energy, that an honest run may be off
 
 
-def is_stable(
-    scene: Scene, x: Floats, v: Floats, dt: float, steps: int = STEPS, **options: Any
-) -> bool:
+def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int = STEPS, **options: Any) -> bool:
     """Whether `steps` steps of `dt` from a disturbed (x, v) end with no more energy than they began.
 
     Spheres are left out: they can do work on the cloth, and are no matter of the time step.

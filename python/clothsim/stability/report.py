@@ -26,8 +26,7 @@ def map_table(found: StabilityMap) -> str:
     lines = [row(head, (f"{k:.2g}" for k in found.stiffness))]
     for j in np.argsort(found.dt)[::-1]:
         marks = ("o" if s else "x" for s in found.stable[:, j])
-        agree = (m if s == p else m + "!" for m, s, p in
-                 zip(marks, found.stable[:, j], found.predicted[:, j]))  # fmt: skip
+        agree = (m if s == p else m + "!" for m, s, p in zip(marks, found.stable[:, j], found.predicted[:, j]))
         lines.append(row(f"{found.dt[j]:.3e}", agree))
     lines.append(row("predicted limit", (f"{h:.2e}" for h in found.limit)))
     lines.append(row("guaranteed", (f"{h:.2e}" for h in found.guarantee)))
@@ -76,16 +75,17 @@ def draw_map(found: StabilityMap, path: Path) -> None:
         if np.isfinite(values).any():
             axes.plot(found.stiffness[order], values[order], "k" + style, label=label)
     axes.set(
-        xscale="log", yscale="log", xlabel="stiffness K [N/m]", ylabel="time step dt [s]",
+        xscale="log",
+        yscale="log",
+        xlabel="stiffness K [N/m]",
+        ylabel="time step dt [s]",
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
-    )  # fmt: skip
+    )
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path)
 
 
-def run_hard_cases(
-    cases: dict[str, HardCase], progress: bool = False, **options: Any
-) -> list[dict[str, Any]]:
+def run_hard_cases(cases: dict[str, HardCase], progress: bool = False, **options: Any) -> list[dict[str, Any]]:
     """Every case in each of its precisions, as plain data."""
     runs = [(name, precision) for name, case in cases.items() for precision in case.precisions]
     results = []
@@ -98,18 +98,20 @@ def run_hard_cases(
     return results
 
 
-def _as_data(
-    name: str, case: HardCase, precision: str, result: HardCaseResult
-) -> dict[str, Any]:
+def _as_data(name: str, case: HardCase, precision: str, result: HardCaseResult) -> dict[str, Any]:
     return {
-        "case": name, "precision": precision, "why": case.why, "expected": case.expected,
-        "dt": case.dt, "steps": case.steps, "passed": result.passed,
+        "case": name,
+        "precision": precision,
+        "why": case.why,
+        "expected": case.expected,
+        "dt": case.dt,
+        "steps": case.steps,
+        "passed": result.passed,
         "wall_time": result.wall_time,
         "figures": [
-            {"name": f.name, "value": f.value, "low": f.low, "high": f.high, "passed": f.passed}
-            for f in result.figures
+            {"name": f.name, "value": f.value, "low": f.low, "high": f.high, "passed": f.passed} for f in result.figures
         ],
-    }  # fmt: skip
+    }
 
 
 def hard_case_table(results: list[dict[str, Any]]) -> str:

@@ -159,9 +159,7 @@ def _limit_of_modes(
             return min(recent), modes
 
 
-def _limiting_modes(
-    integrator: str, k: Floats, c: Floats
-) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
+def _limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
     """Limits, values and vectors of the projected modes that limit most, these first."""
     m = len(k)
     speed = max(np.sqrt(np.abs(k).max()), np.abs(c).max(), 1e-300)  # balances the two halves

@@ -43,9 +43,7 @@ _SETTLED = 1e-3  # relative change of the limit over the last rounds
 _ROUNDS = 3
 
 
-def step_limit(
-    integrator: str, stiffness: Operator, damping: Operator, start: Floats, size: int, near: float
-) -> float:
+def step_limit(integrator: str, stiffness: Operator, damping: Operator, start: Floats, size: int, near: float) -> float:
     """The largest h up to which the step matrix is stable [s], to about 1 %.
 
     Parameters
@@ -72,9 +70,7 @@ def step_limit(
             return min(recent)
         values, z = _leaving(integrator, space.k, space.c, limit)
         x, w = (space.vectors(part) for part in np.split(z, 2, axis=1))
-        x_new, w_new, stages = splitting_step(
-            integrator, _acceleration(space.stiffness, space.damping, limit), x, w
-        )
+        x_new, w_new, stages = splitting_step(integrator, _acceleration(space.stiffness, space.damping, limit), x, w)
         rest = np.concatenate([x_new - values[:, None] * x, w_new - values[:, None] * w], axis=1)
         residual = np.linalg.norm(rest, axis=1) / np.linalg.norm(z, axis=1)
         settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)

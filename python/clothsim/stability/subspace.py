@@ -71,9 +71,7 @@ class Subspace:
         """Keep the space that the modes (coordinates in rows) span."""
         parts = np.concatenate([modes.real, modes.imag])
         kept = orthonormal(parts, np.empty((0, len(self.basis))))
-        self.basis, self._k_basis, self._c_basis = (
-            sums(kept, rows) for rows in (self.basis, self._k_basis, self._c_basis)
-        )
+        self.basis, self._k_basis, self._c_basis = (sums(kept, rows) for rows in (self.basis, self._k_basis, self._c_basis))
         self._project()
 
 

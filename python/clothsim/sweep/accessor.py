@@ -62,8 +62,7 @@ class ClothsimAccessor:
         text = self._dataset.attrs.get(ATTRIBUTE, self._dataset.attrs.get(OLD_ATTRIBUTE))
         if text is None:
             raise ValueError(
-                f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which `sweep` "
-                "and `open_sweep` give"
+                f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which `sweep` and `open_sweep` give"
             )
         return dict(json.loads(text))
 

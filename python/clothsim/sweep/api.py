@@ -132,9 +132,24 @@ def sweep(
     from .session import run_sweep  # here, so that importing clothsim does without
 
     return run_sweep(
-        scene, over,
-        duration=duration, metrics=metrics, dt=dt, integrator=integrator, precision=precision,
-        rtol=rtol, atol=atol, every=every, frames=frames, store=store, resume=resume,
-        executor=executor, threads=threads, progress=progress, kernel=kernel, strict=strict,
-        sampling=sampling, task_seconds=task_seconds,
-    )  # fmt: skip
+        scene,
+        over,
+        duration=duration,
+        metrics=metrics,
+        dt=dt,
+        integrator=integrator,
+        precision=precision,
+        rtol=rtol,
+        atol=atol,
+        every=every,
+        frames=frames,
+        store=store,
+        resume=resume,
+        executor=executor,
+        threads=threads,
+        progress=progress,
+        kernel=kernel,
+        strict=strict,
+        sampling=sampling,
+        task_seconds=task_seconds,
+    )

@@ -91,9 +91,7 @@ class _Batch:
             if self.keep_frames or end == self.times[-1]:
                 self._store(end)
         state = self.stepper._state
-        for outcome, watched, evaluations in zip(
-            self.all, self.core.watched, self.core.evaluations, strict=True
-        ):
+        for outcome, watched, evaluations in zip(self.all, self.core.watched, self.core.evaluations, strict=True):
             outcome.watched, outcome.state = watched, state
             outcome.evaluations = evaluations
         return self.all

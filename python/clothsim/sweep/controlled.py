@@ -34,9 +34,15 @@ def run_controlled(
         raise Stopped
     try:
         run = simulate(
-            member.scene, member.duration, rtol=member.rtol, atol=member.atol,
-            every=as_every(every), threads=threads, sampling=sampling, **member.numerics,
-        )  # fmt: skip
+            member.scene,
+            member.duration,
+            rtol=member.rtol,
+            atol=member.atol,
+            every=as_every(every),
+            threads=threads,
+            sampling=sampling,
+            **member.numerics,
+        )
     except (UnstableError, ContactError) as error:
         outcome.error = error
         return outcome

@@ -24,10 +24,7 @@ def to_dataset(results: Results, attrs: dict[str, Any]) -> xarray.Dataset:
     xr = needed("xarray", "sweep")
     dims = results.grid.dimensions
     dataset: xarray.Dataset = xr.Dataset(
-        {
-            name: ((*dims, *variable.more), variable.values, variable.attrs)
-            for name, variable in results.variables.items()
-        },
+        {name: ((*dims, *variable.more), variable.values, variable.attrs) for name, variable in results.variables.items()},
         {c.name: (c.dimension, c.values, c.attrs) for c in results.coordinates},
         {ATTRIBUTE: json.dumps(attrs)},
     )

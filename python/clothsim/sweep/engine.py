@@ -82,10 +82,7 @@ class Workers:
 
 
 def run_all(
-    workers: Workers,
-    planner: Planner,
-    record: Callable[[TaskResult], None],
-    meanwhile: Callable[[], None] = lambda: None,
+    workers: Workers, planner: Planner, record: Callable[[TaskResult], None], meanwhile: Callable[[], None] = lambda: None
 ) -> None:
     """Do all tasks; `record` is called, in this thread, with each result as it comes.
 
@@ -112,10 +109,7 @@ def run_all(
 
 
 def _fill(
-    workers: Workers,
-    tasks: Iterator[Any],
-    waiting: set[Future[TaskResult]],
-    finished: queue.SimpleQueue[Future[TaskResult]],
+    workers: Workers, tasks: Iterator[Any], waiting: set[Future[TaskResult]], finished: queue.SimpleQueue[Future[TaskResult]]
 ) -> None:
     room = workers.limit() - len(waiting)
     for _ in range(room):

@@ -27,12 +27,31 @@ NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
 RUN = (*NUMERICS, "duration")
 
 _UNITS = {
-    "size": "m", "mass": "kg", "stiffness": "N/m", "damping": "N s/m", "gravity": "m/s^2",
-    "position": "m", "velocity": "m/s", "center": "m", "radius": "m", "offset": "m", "speed": "m/s",
-    "direction": "1", "distance": "m", "period": "s", "deceleration": "1", "phase": "1",
-    "times": "s", "centers": "m", "restitution": "1", "friction": "1", "dt": "s", "duration": "s",
-    "rtol": "1", "atol": "m",
-}  # fmt: skip
+    "size": "m",
+    "mass": "kg",
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "gravity": "m/s^2",
+    "position": "m",
+    "velocity": "m/s",
+    "center": "m",
+    "radius": "m",
+    "offset": "m",
+    "speed": "m/s",
+    "direction": "1",
+    "distance": "m",
+    "period": "s",
+    "deceleration": "1",
+    "phase": "1",
+    "times": "s",
+    "centers": "m",
+    "restitution": "1",
+    "friction": "1",
+    "dt": "s",
+    "duration": "s",
+    "rtol": "1",
+    "atol": "m",
+}
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}
 
@@ -45,9 +64,7 @@ _CLOTH = _arguments(Cloth)
 _SPHERE = _arguments(Sphere)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
-_FAMILY_PARTS = tuple(
-    f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES
-)
+_FAMILY_PARTS = tuple(f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES)
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION, "speed")
 
 NAMES = (
@@ -73,10 +90,7 @@ def check_name(name: Any) -> str:
             return name
     if not isinstance(name, str) or name not in NAMES:
         hint = check._nearest(name, NAMES)
-        raise ValueError(
-            f"over must have names that can be swept, got {name!r}{hint}; "
-            "clothsim.sweepable() lists them"
-        )
+        raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
     return name
 
 
@@ -201,7 +215,4 @@ def _with_speed(sphere: Sphere, name: str, value: Any) -> Linear | Reciprocate:
     if isinstance(motion, Reciprocate):
         speed = check.number(name, value, minimum=0, exclusive=True)
         return motion.replace(period=2 * motion.distance / speed)
-    raise ValueError(
-        f"{name} needs a sphere with a Linear motion of some direction or a Reciprocate one, "
-        f"got {motion!r}"
-    )
+    raise ValueError(f"{name} needs a sphere with a Linear motion of some direction or a Reciprocate one, got {motion!r}")

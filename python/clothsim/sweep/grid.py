@@ -120,16 +120,12 @@ class Grid:
         ]
 
 
-def _coordinates(
-    name: str, dimension: str, values: list[Any], labels: Sequence[str] | None
-) -> list[Coordinate]:
+def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[str] | None) -> list[Coordinate]:
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return [Coordinate(name, dimension, np.array(values), attrs)]
     given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
-    numbers = labels is None and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in given
-    )
+    numbers = labels is None and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given)
     if numbers and given:
         if unit := units(name):
             attrs["units"] = unit
@@ -172,9 +168,7 @@ def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
     places = []
     for k, row in enumerate(_values(f"over[{names!r}]", rows)):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
-            raise ValueError(
-                f"over[{names!r}] must be rows of {len(names)} values, got {check.shown(row)} at index {k}"
-            )
+            raise ValueError(f"over[{names!r}] must be rows of {len(names)} values, got {check.shown(row)} at index {k}")
         places.append(_place(dict(zip(names, row, strict=True))))
     return Axis("_".join(names), tuple(places))
 

@@ -76,10 +76,7 @@ class Member:
         """The member with these swept values; errors are those of their arguments."""
         of_scene, run = split(values)
         scene = change_scene(base, of_scene)
-        numerics = {
-            name: run.get(name, getattr(settings, name))
-            for name in ("integrator", "precision", "kernel", "strict")
-        }
+        numerics = {name: run.get(name, getattr(settings, name)) for name in ("integrator", "precision", "kernel", "strict")}
         dt, rtol, atol = (run.get(name, getattr(settings, name)) for name in ("dt", "rtol", "atol"))
         if numerics["integrator"] is None:
             numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
@@ -87,9 +84,7 @@ class Member:
         automatic = numerics["integrator"] == "auto"
         named = "rk4" if automatic else numerics["integrator"]
         check_options(numerics["precision"], numerics["kernel"], numerics["strict"], named)
-        duration = check.number(
-            "duration", run.get("duration", settings.duration), minimum=0, exclusive=True
-        )
+        duration = check.number("duration", run.get("duration", settings.duration), minimum=0, exclusive=True)
         if isinstance(settings.every, float):
             check.frame_count(duration, settings.every)
         limit = float(max_stable_dt(scene, named))
@@ -107,10 +102,7 @@ class Member:
     @property
     def numerics(self) -> dict[str, Any]:
         """Arguments of `Stepper`."""
-        return {
-            "integrator": self.integrator, "precision": self.precision, "kernel": self.kernel,
-            "strict": self.strict,
-        }  # fmt: skip
+        return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel, "strict": self.strict}
 
     @property
     def controlled(self) -> bool:
@@ -169,12 +161,9 @@ class Members:
 
 def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
     if dt is not None:
-        raise ValueError(
-            f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {check.shown(dt)}"
-        )
+        raise ValueError(f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {check.shown(dt)}")
     rtol, atol = (
-        None if value is None else check.number(name, value, minimum=0)
-        for name, value in (("rtol", rtol), ("atol", atol))
+        None if value is None else check.number(name, value, minimum=0) for name, value in (("rtol", rtol), ("atol", atol))
     )
     if not rtol and not atol and (rtol, atol) != (None, None):
         raise ValueError("rtol or atol must be > 0, got 0 for both")
@@ -214,10 +203,18 @@ class Outcome:
         member = self.member
         evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
         solution = Solution(
-            Options(**member.numerics, threads=self.state.threads), self.t, np.array(self.x),
-            np.array(self.v), self.steps, 0, evaluations, self.seconds, self.watched, member.dt,
+            Options(**member.numerics, threads=self.state.threads),
+            self.t,
+            np.array(self.x),
+            np.array(self.v),
+            self.steps,
+            0,
+            evaluations,
+            self.seconds,
+            self.watched,
+            member.dt,
             self.state,
-        )  # fmt: skip
+        )
         facts = report(self.scene, solution, of_nothing())
         return Run(self.scene, np.array(self.t), solution.x, solution.v, facts)
 

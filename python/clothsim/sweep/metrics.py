@@ -59,18 +59,12 @@ _ALL = (
         _error,
         {
             "error": _attrs("largest distance of a mass point from the reference at the end", "m"),
-            "error_rms": _attrs(
-                "rms distance of the mass points from the reference at the end", "m"
-            ),
+            "error_rms": _attrs("rms distance of the mass points from the reference at the end", "m"),
             "reference_error": _attrs("bound of the reference's own error", "m"),
         },
         ("reference",),
     ),
-    Metric(
-        "energy_drift",
-        _energy_drift,
-        {"energy_drift": _attrs("total energy at the end minus that at the start", "J")},
-    ),
+    Metric("energy_drift", _energy_drift, {"energy_drift": _attrs("total energy at the end minus that at the start", "J")}),
     Metric(
         "energy_gained",
         lambda outcome: {"energy_gained": outcome.watched["energy_gained"]},
@@ -157,9 +151,7 @@ def choose_metrics(metrics: Any) -> tuple[Metric | FunctionMetric, ...]:
     elif isinstance(metrics, (list, tuple)):
         pairs = [(None, metric) for metric in metrics]
     else:
-        raise TypeError(
-            f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}"
-        )
+        raise TypeError(f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}")
     chosen: dict[str, Metric | FunctionMetric] = {}
     for name, metric in pairs:
         if callable(metric):
@@ -176,13 +168,9 @@ def check_function_name(name: Any, function: Any) -> str:
     """`name` if a function may give its variable that name."""
     taken = {variable for metric in _ALL for variable in metric.variables} | set(METRICS)
     if not isinstance(name, str) or not name.isidentifier():
-        raise ValueError(
-            f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}"
-        )
+        raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
     if name in taken:
-        raise ValueError(
-            f"metrics: a function must not be named {name!r}, a metric of that name is"
-        )
+        raise ValueError(f"metrics: a function must not be named {name!r}, a metric of that name is")
     return name
 
 

@@ -11,9 +11,7 @@ import numpy as np
 from .. import _validate as check
 from .._record import Record
 
-_LARGEST_LISTED = (
-    64  # entries of an array that are written out; a larger one is known by its digest
-)
+_LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
 
 
 def plain(value: Any) -> Any:
@@ -33,9 +31,7 @@ def plain(value: Any) -> Any:
         return [plain(entry) for entry in value]
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise TypeError(
-        f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}"
-    )
+    raise TypeError(f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}")
 
 
 def digest(value: Any) -> str:

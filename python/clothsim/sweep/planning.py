@@ -79,9 +79,7 @@ class Planner:
         settings = self.settings
         duration = _numbers(self.grid, "duration", settings.duration, float)
         default = settings.dt or (limit / 2 if math.isfinite(limit) else settings.duration)
-        steps = duration / _numbers(
-            self.grid, "dt", default, lambda dt: default if dt is None else float(dt)
-        )
+        steps = duration / _numbers(self.grid, "dt", default, lambda dt: default if dt is None else float(dt))
         if self.references:
             shared = np.bincount(self.grid.physics)[self.grid.physics]
             steps = steps + 1.5 * reference_steps(settings.duration, limit) / shared

@@ -68,11 +68,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     dataset = dataset.squeeze([d for d in dataset.dims if d not in (by, along)]).sortby(by)
     ax = _axes(ax)
     x = dataset[by].values
-    lines = (
-        [dataset]
-        if along is None
-        else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
-    )
+    lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
     colors = _pyplot().colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
     crosses = np.zeros(len(x))  # per place; they are put below each other
     hollow = False
@@ -96,10 +92,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if ax.get_legend_handles_labels()[0]:
         title = None if along is None else _title(dataset[along])
         # Beside the axes: inside, some line would always be under it.
-        ax.legend(
-            title=title, fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0),
-            borderaxespad=0.0,
-        )  # fmt: skip
+        ax.legend(title=title, fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     return ax
 
 
@@ -153,13 +146,7 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     return ax
 
 
-def heatmap(
-    dataset: Any,
-    variable: str | None = None,
-    x: str | None = None,
-    y: str | None = None,
-    ax: Any = None,
-) -> Any:
+def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
     """A metric over two dimensions; of a sweep with one, a line.
 
     Parameters
@@ -232,13 +219,9 @@ def _long(dataset: Any) -> list[str]:
 
 def _require(dataset: Any, variable: str, dimension: str) -> None:
     if variable not in dataset:
-        raise ValueError(
-            f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}"
-        )
+        raise ValueError(f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}")
     if dimension not in dataset.dims:
-        raise ValueError(
-            f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}"
-        )
+        raise ValueError(f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}")
 
 
 def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:

@@ -68,18 +68,11 @@ def reference_steps(duration: float, limit: float) -> int:
     return 2 * math.ceil(duration * _PARTS_OF_LIMIT / limit / 2)
 
 
-def solve(
-    scene: Scene,
-    duration: float,
-    threads: int | None = 1,
-    stopped: Callable[[], bool] = lambda: False,
-) -> Reference:
+def solve(scene: Scene, duration: float, threads: int | None = 1, stopped: Callable[[], bool] = lambda: False) -> Reference:
     """The reference of one scene at `duration`."""
     steps = reference_steps(duration, max_stable_dt(scene))
     try:
-        (fine, contact), (coarse, _) = (
-            _end(scene, duration, n, threads, stopped) for n in (steps, steps // 2)
-        )
+        (fine, contact), (coarse, _) = (_end(scene, duration, n, threads, stopped) for n in (steps, steps // 2))
     except UnstableError:
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
     difference = fine - coarse
@@ -88,11 +81,7 @@ def solve(
 
 
 def _end(
-    scene: Scene,
-    duration: float,
-    steps: int,
-    threads: int | None,
-    stopped: Callable[[], bool],
+    scene: Scene, duration: float, steps: int, threads: int | None, stopped: Callable[[], bool]
 ) -> tuple[npt.NDArray[np.floating[Any]], bool]:
     stepper = SilentStepper(scene, threads=threads)
     for done in range(0, steps, _STEPS_BETWEEN_LOOKS):
@@ -112,9 +101,7 @@ class _Kept:
         self._making: dict[str, threading.Lock] = {}
         self._bytes = 0
 
-    def get(
-        self, scene: Scene, duration: float, threads: int | None, stopped: Callable[[], bool]
-    ) -> Reference:
+    def get(self, scene: Scene, duration: float, threads: int | None, stopped: Callable[[], bool]) -> Reference:
         key = digest([scene, duration])
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
@@ -139,9 +126,7 @@ _kept = _Kept()
 
 
 def references(
-    members: Sequence[Member],
-    threads: int | None = 1,
-    stopped: Callable[[], bool] = lambda: False,
+    members: Sequence[Member], threads: int | None = 1, stopped: Callable[[], bool] = lambda: False
 ) -> list[Reference]:
     """The reference of each member; raises Stopped if `stopped` says so."""
     return [_kept.get(m.scene, m.duration, threads, stopped) for m in members]

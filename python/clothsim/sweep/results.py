@@ -56,9 +56,7 @@ class Results:
     def _open_variables(self) -> None:
         self._add("status", np.int8, PENDING, _status_attrs())
         self._add("max_stable_dt", float, np.nan, _attrs("guaranteed stable time step", "s"))
-        self._add(
-            "unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1")
-        )
+        self._add("unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1"))
         self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
         self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
         for metric in self.settings.metrics:
@@ -138,8 +136,7 @@ class Results:
         places = self.variables[name].by_member
         if np.shape(value) != places.shape[1:]:
             raise ValueError(
-                f"metric {name!r} must give every member an array of one shape, got "
-                f"{np.shape(value)} and {places.shape[1:]}"
+                f"metric {name!r} must give every member an array of one shape, got {np.shape(value)} and {places.shape[1:]}"
             )
         before = places[index]
         if places.ndim > 1 or (value != before and not (value != value and before != before)):

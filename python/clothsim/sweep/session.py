@@ -85,9 +85,17 @@ def _check_packages(store: Any, progress: Any) -> None:
 
 
 def _checked_settings(
-    *, duration: Any, dt: Any, integrator: Any, strict: Any, every: Any, frames: Any,
-    sampling: Any, metrics: Any, **others: Any,
-) -> Settings:  # fmt: skip
+    *,
+    duration: Any,
+    dt: Any,
+    integrator: Any,
+    strict: Any,
+    every: Any,
+    frames: Any,
+    sampling: Any,
+    metrics: Any,
+    **others: Any,
+) -> Settings:
     return Settings(
         duration=check.number("duration", duration, minimum=0, exclusive=True),
         dt=None if dt is None else check.number("dt", dt, minimum=0, exclusive=True),
@@ -102,12 +110,7 @@ def _checked_settings(
 
 
 def _run(
-    workers: Workers,
-    members: Members,
-    results: Results,
-    session: dict[str, Any],
-    progress: bool,
-    task_seconds: float | None,
+    workers: Workers, members: Members, results: Results, session: dict[str, Any], progress: bool, task_seconds: float | None
 ) -> None:
     start = time.perf_counter()
     pending = results.pending
@@ -150,10 +153,7 @@ def _check_frames(grid: Grid, settings: Settings) -> None:
     if "duration" in grid.names:
         raise ValueError("frames must be False where duration is swept: the times would differ")
     if isinstance(settings.every, int) and ("dt" in grid.names or settings.dt is None):
-        raise ValueError(
-            f"every must be in seconds (a float) to store frames of different dt, "
-            f"got {settings.every} steps"
-        )
+        raise ValueError(f"every must be in seconds (a float) to store frames of different dt, got {settings.every} steps")
 
 
 def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
@@ -191,19 +191,14 @@ def _identity(scene: Scene, grid: Grid, settings: Settings) -> dict[str, Any]:
         "scene": scene.to_dict(),
         "over": grid.describe(),
         "settings": {
-            name: [describe(metric) for metric in settings.metrics]
-            if name == "metrics"
-            else plain(value)
+            name: [describe(metric) for metric in settings.metrics] if name == "metrics" else plain(value)
             for name, value in vars(settings).items()
         },
     }
 
 
 def _provenance() -> dict[str, Any]:
-    return {
-        **provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [],
-        "instruction_sets": [],
-    }  # fmt: skip
+    return {**provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [], "instruction_sets": []}
 
 
 def _warn_of_failures(results: Results) -> None:
@@ -212,7 +207,5 @@ def _warn_of_failures(results: Results) -> None:
         status = results.variables["status"].values.ravel()
         first = int((status == 3).argmax())
         warnings.warn(
-            f"{failed} of {results.grid.size} members failed; the first: {messages[first]}",
-            RuntimeWarning,
-            stacklevel=4,
+            f"{failed} of {results.grid.size} members failed; the first: {messages[first]}", RuntimeWarning, stacklevel=4
         )

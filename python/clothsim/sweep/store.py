@@ -95,9 +95,11 @@ class Store(Results):
     def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
         if name not in self._arrays:
             # Frames stay on disk, where `prepare` makes room for them; this takes no memory.
-            return np.broadcast_to(np.full((), fill, dtype), shape) if name in FRAMES else (
-                super()._allocate(name, shape, dtype, fill)
-            )  # fmt: skip
+            return (
+                np.broadcast_to(np.full((), fill, dtype), shape)
+                if name in FRAMES
+                else (super()._allocate(name, shape, dtype, fill))
+            )
         array = self._arrays[name]
         return array if name in FRAMES else np.asarray(array[...], dtype=dtype).reshape(shape)
 
@@ -113,9 +115,7 @@ class Store(Results):
         """Make the arrays that are not there: all, or what an earlier process was killed before."""
         if self.group is None:
             which = json.dumps({name: self.attrs[name] for name in ("schema", "identity")})
-            self.group = self.zarr.create_group(
-                self.path, zarr_format=3, attributes={ATTRIBUTE: which}
-            )
+            self.group = self.zarr.create_group(self.path, zarr_format=3, attributes={ATTRIBUTE: which})
         missing = [v for v in self.variables.values() if v.name not in self._arrays]
         for variable in missing:
             self._create(variable)
@@ -248,10 +248,7 @@ def read_attrs(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
     if attrs.get("schema") != SCHEMA:
-        raise ValueError(
-            f"store {str(path)!r} has schema {attrs.get('schema')}, "
-            f"the version read here is {SCHEMA}"
-        )
+        raise ValueError(f"store {str(path)!r} has schema {attrs.get('schema')}, the version read here is {SCHEMA}")
     text = str(group[SESSIONS][()]) if SESSIONS in group else ""
     return {**attrs, "sessions": [], **json.loads(text or "{}")}
 

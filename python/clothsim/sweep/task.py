@@ -79,9 +79,11 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
     if settings.frames:
         needs |= {"frames"}
     options: dict[str, Any] = {
-        "every": settings.every, "sampling": settings.sampling, "threads": task.threads,
+        "every": settings.every,
+        "sampling": settings.sampling,
+        "threads": task.threads,
         "stopped": stopped,
-    }  # fmt: skip
+    }
     batches: dict[Any, list[Member]] = {}
     for index, values in task.members:
         try:
@@ -100,9 +102,7 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
             yield from _measured(outcomes, task, needs, stopped)
 
 
-def _measured(
-    outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]
-) -> Iterable[Record]:
+def _measured(outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]) -> Iterable[Record]:
     """The records of outcomes; of those that came to their end with a reference, if needed."""
     if "reference" in needs:
         finished = [outcome for outcome in outcomes if outcome.error is None]

@@ -60,10 +60,15 @@ class Pair:
 
     def sweep(self, **options: Any) -> Any:
         return sweep(
-            self.scene, {"stiffness": self.stiffness}, dt=PAPER_DT,
-            duration=self.steps * PAPER_DT, precision=self.precision, threads=self.threads,
-            progress=False, **options,
-        )  # fmt: skip
+            self.scene,
+            {"stiffness": self.stiffness},
+            dt=PAPER_DT,
+            duration=self.steps * PAPER_DT,
+            precision=self.precision,
+            threads=self.threads,
+            progress=False,
+            **options,
+        )
 
     def errors(self) -> dict[str, float]:
         """Largest distance [m] of the ends from those of RK4 in double with half the step."""
@@ -153,12 +158,7 @@ def _dask_task(tasks: int = 2000) -> float:
         from distributed import Client, LocalCluster
     except ImportError:
         return float("nan")
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
         executor = client.get_executor(pure=False)
         executor.submit(int).result()
 
@@ -182,8 +182,7 @@ def _free(scene: Any, v: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m clothsim.sweep.throughput",
-        description="A sweep's speed beside the batch's.",
+        prog="python -m clothsim.sweep.throughput", description="A sweep's speed beside the batch's."
     )
     parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
     parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
@@ -192,10 +191,7 @@ def main() -> None:
     args = parser.parse_args()
     print("64 cloths of 32 x 32 mass points, all springs; member-steps per second, fastest window")
     print("                                    sweep/batch  of processor")
-    print(
-        "precision       batch       sweep      by clock          time  batch error [m]"
-        "  sweep error [m]"
-    )
+    print("precision       batch       sweep      by clock          time  batch error [m]  sweep error [m]")
     for precision in ("double", "single"):
         row = measure(precision, args.threads, args.steps, args.windows)
         print(

@@ -64,9 +64,7 @@ class _Room(ModuleType):
         """
         from .live import view
 
-        return view(
-            scene, block, dt=dt, integrator=integrator, precision=precision, host=host, port=port
-        )
+        return view(scene, block, dt=dt, integrator=integrator, precision=precision, host=host, port=port)
 
     __call__.__qualname__ = "view"
     __call__ = suggests(__call__)

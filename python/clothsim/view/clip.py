@@ -121,9 +121,7 @@ def vertex_normals(positions: Floats, corners: npt.NDArray[np.int64]) -> Floats:
     a, b, c = (positions[corners[:, k]] for k in range(3))
     faces = np.cross(b - a, c - a)
     weights = np.repeat(faces, 3, axis=0)
-    normals = np.stack(
-        [np.bincount(corners.ravel(), weights[:, k], len(positions)) for k in range(3)], -1
-    )
+    normals = np.stack([np.bincount(corners.ravel(), weights[:, k], len(positions)) for k in range(3)], -1)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     flat = length == 0
     return np.where(flat, [0.0, 1.0, 0.0], normals / np.where(flat, 1.0, length))
@@ -196,8 +194,7 @@ def _check_interpolation(run: Any, fps: float) -> None:
         )
     error, spacing = interpolation_error(run), min(run.scene.cloth.spacing)
     found = (
-        f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a grid "
-        f"spacing of {spacing:.3g} m"
+        f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a grid spacing of {spacing:.3g} m"
     )
     if error > _USELESS * spacing:
         raise ValueError(f"stored frames of run are too far apart to interpolate: {found}; {cure}")

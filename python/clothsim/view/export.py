@@ -44,9 +44,7 @@ class Target:
     fps: float | None
 
     @classmethod
-    def of(
-        cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path"
-    ) -> Target:
+    def of(cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path") -> Target:
         """Check the arguments of an export of a run of `scene`; `name` is that of `path`."""
         if not isinstance(path, (str, os.PathLike)):
             raise TypeError(f"{name} must be a file name, got {path!r} ({type(path).__name__})")
@@ -60,9 +58,7 @@ class Target:
             fps = check.number("fps", fps, minimum=0, exclusive=True)
         z_up = check.boolean("z_up", z_up)
         if z_up and suffix == ".glb":
-            raise ValueError(
-                "z_up must be False for .glb, where y is always up: importers turn it, Blender's too"
-            )
+            raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
         if suffix != ".csv" and min(scene.cloth.shape) < 2:
             raise ValueError(
                 f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, "
@@ -75,11 +71,7 @@ class Target:
 
 
 def export(
-    run: Any,
-    path: str | os.PathLike[str],
-    fps: float | None = 60,
-    z_up: bool = False,
-    progress: bool = False,
+    run: Any, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False, progress: bool = False
 ) -> list[Path]:
     """Write the files of `Run.export`; with `progress`, a bar counts frames."""
     target = Target.of(run.scene, path, fps, z_up)

@@ -70,31 +70,38 @@ class Viewer:
         faces = triangles(scene.cloth.shape).astype(np.uint32)
         self._cloth = [
             add.add_mesh_simple(
-                f"/cloth/{side}", x.reshape(-1, 3).astype(np.float32), _up(faces, scene),
-                color=color, side=side, cast_shadow=False, receive_shadow=False,
+                f"/cloth/{side}",
+                x.reshape(-1, 3).astype(np.float32),
+                _up(faces, scene),
+                color=color,
+                side=side,
+                cast_shadow=False,
+                receive_shadow=False,
             )
             for side, color in (("front", BLUE), ("back", SAND))
-        ]  # fmt: skip
+        ]
         size = max(scene.cloth.size)
         self._balls, self._gizmos = [], []
         for k, sphere in enumerate(scene.spheres):
             center = tuple(sphere.center_at(0.0))
             ball = add.add_icosphere(
-                f"/spheres/{k}", 1.0, GREY, subdivisions=4, scale=sphere.radius, position=center,
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
-            self._balls.append(ball)
-            self._gizmos.append(
-                self._gizmo(f"/drag/sphere {k}", 1.3 * sphere.radius, center, self._sphere_dragger(k))
+                f"/spheres/{k}",
+                1.0,
+                GREY,
+                subdivisions=4,
+                scale=sphere.radius,
+                position=center,
+                cast_shadow=False,
+                receive_shadow=False,
             )
+            self._balls.append(ball)
+            self._gizmos.append(self._gizmo(f"/drag/sphere {k}", 1.3 * sphere.radius, center, self._sphere_dragger(k)))
         self._pins = [(int(row), int(column)) for row, column in np.argwhere(scene.cloth.pinned)]
         self._dots, self._pin_gizmos = [], []
         for k, point in enumerate(self._pins[:MOST_GIZMOS]):
             place = tuple(x[point])
             self._dots.append(add.add_icosphere(f"/pins/{k}", PIN_SIZE * size, DARK, position=place))
-            self._pin_gizmos.append(
-                self._gizmo(f"/drag/pin {k}", 0.12 * size, place, self._pin_dragger(point))
-            )
+            self._pin_gizmos.append(self._gizmo(f"/drag/pin {k}", 0.12 * size, place, self._pin_dragger(point)))
         camera = camera_for(None, scene, x[None], [0.0])
         towards = np.array(camera.direction) / np.linalg.norm(camera.direction)
         self.server.initial_camera.look_at = camera.target
@@ -136,9 +143,7 @@ class Viewer:
         self._pause.on_update(lambda _: setattr(play, "paused", bool(self._pause.value)))
         gui.add_button("one step", hint="pause, and take one time step").on_click(lambda _: self._one_step())
         gui.add_button("reset", hint="the scene as it was given, at t = 0").on_click(lambda _: self._reset())
-        self._record = gui.add_checkbox(
-            "record", False, hint="keep each picture's state, for viewer.recorded()"
-        )
+        self._record = gui.add_checkbox("record", False, hint="keep each picture's state, for viewer.recorded()")
         self._record.on_update(lambda _: play.record(bool(self._record.value)))
         self._controls: list[tuple[Any, Callable[[], Any]]] = []
         with gui.add_folder("time and gravity"):
@@ -153,10 +158,12 @@ class Viewer:
                 gui.add_uplot(
                     (np.zeros(2), np.zeros(2)),
                     (viser.uplot.Series(label="t [s]"), viser.uplot.Series(label=label, stroke=color, width=2)),
-                    scales={"x": viser.uplot.Scale(time=False)}, title=label, aspect=2.2,
+                    scales={"x": viser.uplot.Scale(time=False)},
+                    title=label,
+                    aspect=2.2,
                 )
                 for label, color in (("total energy [J]", "#0072B2"), ("penetration [mm]", "#D55E00"))
-            ]  # fmt: skip
+            ]
 
     def _build_time(self, gui: Any) -> None:
         play = self.playground
@@ -165,13 +172,15 @@ class Viewer:
         step = 10.0 ** math.floor(math.log10(min(1.0, micro)))
         self._control(
             gui.add_slider("time step [us]", step, round(longest, 1), step, round(micro, 6)),
-            lambda value: play.change(dt=1e-6 * value), lambda: 1e6 * play.dt,
-        )  # fmt: skip
+            lambda value: play.change(dt=1e-6 * value),
+            lambda: 1e6 * play.dt,
+        )
         down = -play.scene.gravity[1]
         self._control(
             gui.add_slider("gravity [m/s2]", -max(20.0, abs(down)), max(20.0, abs(down)), 0.1, down),
-            lambda value: play.change(gravity=value), lambda: -play.scene.gravity[1],
-        )  # fmt: skip
+            lambda value: play.change(gravity=value),
+            lambda: -play.scene.gravity[1],
+        )
 
     def _build_cloth(self, gui: Any) -> None:
         play = self.playground
@@ -190,8 +199,9 @@ class Viewer:
         unit = "N s/m" if play.scene.cloth.damping_model == "spring" else "N s/m a point"
         self._control(
             gui.add_slider(f"damping [{unit}]", 0.0, most, most / 400, self._damping()),
-            lambda value: play.change(damping=value), self._damping,
-        )  # fmt: skip
+            lambda value: play.change(damping=value),
+            self._damping,
+        )
 
     def _damping(self) -> float:
         cloth = self.playground.scene.cloth
@@ -217,18 +227,21 @@ class Viewer:
 
         self._control(
             gui.add_dropdown("response", ("reflect", "ray", "continuous"), initial_value=first().response),
-            lambda value: play.change(response=value), lambda: first().response,
-        )  # fmt: skip
+            lambda value: play.change(response=value),
+            lambda: first().response,
+        )
         self._control(
             gui.add_dropdown("offset", offsets, initial_value=text_of(first().offset)),
-            lambda value: play.change(offset=offset_of(value)), lambda: text_of(first().offset),
-        )  # fmt: skip
+            lambda value: play.change(offset=offset_of(value)),
+            lambda: text_of(first().offset),
+        )
 
         def control(name: str, least: float, most: float, unit: str = "") -> None:
             self._control(
                 gui.add_slider(f"{name}{unit}", least, most, most / 200, getattr(first(), name)),
-                lambda value: play.change(**{name: value}), lambda: getattr(first(), name),
-            )  # fmt: skip
+                lambda value: play.change(**{name: value}),
+                lambda: getattr(first(), name),
+            )
 
         radius = first().radius
         control("restitution", 0.0, 1.0)

@@ -35,11 +35,7 @@ class Packed:
         return float(self.step.max() / 2)
 
 
-def pack(
-    x: npt.NDArray[np.float64],
-    scalars: list[npt.NDArray[np.float64]],
-    tops: list[float],
-) -> Packed:
+def pack(x: npt.NDArray[np.float64], scalars: list[npt.NDArray[np.float64]], tops: list[float]) -> Packed:
     """Positions, shape (frames, rows, columns, 3), and values, shape (frames, points), up to `tops`."""
     frames = len(x)
     flat = x.reshape(frames, -1, 3)

@@ -189,22 +189,28 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera]) -> tuple[dict[str,
         packed = pack(run.x, [stretch[k], speed[k]], [tops["stretch"], tops["speed"]])
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
-        entries.append({
-            "label": label, "data": f"data-{k}", "shape": list(run.scene.cloth.shape),
-            "t": _rounded(run.t, 9), "low": packed.low.tolist(), "step": packed.step.tolist(),
-            "precision": packed.precision,
-            "spheres": [
-                {
-                    "radius": sphere.radius,
-                    "centers": [_rounded(c, 7) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
-                }
-                for sphere in run.scene.spheres
-            ],
-            "pins": np.flatnonzero(run.scene.cloth.pinned).tolist(),
-            "dots": [] if min(run.scene.cloth.shape) > 1 else np.flatnonzero(~run.scene.cloth.pinned).tolist(),
-            "dotSize": PIN_SIZE * max(run.scene.cloth.size),
-            "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
-        })  # fmt: skip
+        entries.append(
+            {
+                "label": label,
+                "data": f"data-{k}",
+                "shape": list(run.scene.cloth.shape),
+                "t": _rounded(run.t, 9),
+                "low": packed.low.tolist(),
+                "step": packed.step.tolist(),
+                "precision": packed.precision,
+                "spheres": [
+                    {
+                        "radius": sphere.radius,
+                        "centers": [_rounded(c, 7) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
+                    }
+                    for sphere in run.scene.spheres
+                ],
+                "pins": np.flatnonzero(run.scene.cloth.pinned).tolist(),
+                "dots": [] if min(run.scene.cloth.shape) > 1 else np.flatnonzero(~run.scene.cloth.pinned).tolist(),
+                "dotSize": PIN_SIZE * max(run.scene.cloth.size),
+                "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
+            }
+        )
     return {"tops": tops, "camera": _camera(runs, cameras), "runs": entries}, data
 
 
@@ -219,10 +225,12 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
             away = np.linalg.norm(sphere.center_at(run.t) - target, axis=-1).max()
             reach = max(reach, float(away) + sphere.radius)
     return {
-        "direction": list(DIRECTIONS["corner"]), "target": target.tolist(), "reach": 1.05 * reach,
+        "direction": list(DIRECTIONS["corner"]),
+        "target": target.tolist(),
+        "reach": 1.05 * reach,
         "width": max(v.width + 2 * d for v, d in zip(views, far, strict=True)),
         "height": max(v.height + 2 * d for v, d in zip(views, far, strict=True)),
-    }  # fmt: skip
+    }
 
 
 def _poster(run: Run, camera: Camera) -> str:
@@ -235,17 +243,14 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
     duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
     usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
     speeds = "".join(
-        f'<option value="{s}"{" selected" if s == usual else ""}>'
-        f"{s if s >= 1 else f'1/{round(1 / s)}'} x</option>"
+        f'<option value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} x</option>'
         for s in SPEEDS
     )
     modes = "".join(
         f'<option value="{name}">{text}</option>'
-        for name, text in (
-            ("faces", "faces"), ("stretch", "stretch"), ("speed", "speed"), ("depth", "depth below a sphere"),
-        )
+        for name, text in (("faces", "faces"), ("stretch", "stretch"), ("speed", "speed"), ("depth", "depth below a sphere"))
         if name == "faces" or name in meta["tops"]
-    )  # fmt: skip
+    )
     return (
         '<div id="controls"><button type="button" id="back" aria-label="one frame back">&#9664;&#10074;'
         '</button><button type="button" id="play" aria-label="play">&#9654;</button>'
@@ -260,8 +265,7 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
 
 def _views() -> str:
     buttons = "".join(
-        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>'
-        for name in VIEWS
+        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>' for name in VIEWS
     )
     return f'<span class="views">view {buttons}</span>'
 

@@ -50,8 +50,7 @@ class Picture:
         given = np.asarray(pixels)
         if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
             raise ValueError(
-                "pixels must be a uint8 array of shape (height, width, 3), "
-                f"got shape {given.shape} and dtype {given.dtype}"
+                f"pixels must be a uint8 array of shape (height, width, 3), got shape {given.shape} and dtype {given.dtype}"
             )
         self.pixels = np.array(given, order="C")
         self.pixels.flags.writeable = False
@@ -196,12 +195,7 @@ def frame_index(run: Any, frame: int | None, t: float | None) -> int:
 
 
 def picture_of_run(
-    run: Any,
-    frame: int | None,
-    t: float | None,
-    path: str | Path | None,
-    camera: Any,
-    width: int,
+    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int
 ) -> Picture:
     """`Run.picture`: one camera holds all frames, so that pictures of a run can be compared."""
     k = frame_index(run, frame, t)

@@ -50,9 +50,7 @@ class Playground:
         As for `Stepper`.
     """
 
-    def __init__(
-        self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double"
-    ) -> None:
+    def __init__(self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double") -> None:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
         self.lock = RLock()

@@ -43,12 +43,7 @@ class Ball:
 
 
 def render(
-    positions: npt.ArrayLike,
-    triangles: Integers,
-    balls: Sequence[Ball],
-    camera: Camera,
-    width: int = 520,
-    samples: int = 2,
+    positions: npt.ArrayLike, triangles: Integers, balls: Sequence[Ball], camera: Camera, width: int = 520, samples: int = 2
 ) -> npt.NDArray[np.uint8]:
     """Draw the cloth and the balls.
 
@@ -76,9 +71,7 @@ def render(
 
     def to_screen(points: npt.ArrayLike) -> Floats:
         seen = (np.asarray(points, float) - camera.target) @ axes.T
-        return np.stack(
-            [width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], seen[..., 2]], -1
-        )
+        return np.stack([width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], seen[..., 2]], -1)
 
     screen = to_screen(positions.reshape(-1, 3))
     depth, nearest, weights = _nearest_triangles(screen, triangles, width, height)
@@ -106,13 +99,7 @@ def _blend(weights: Floats, values: npt.NDArray[Any], corners: Integers) -> Floa
 
 
 def _draw_ball(
-    picture: Floats,
-    depth: Floats,
-    surface: Floats,
-    ball: Ball,
-    middle: Floats,
-    scale: float,
-    axes: Floats,
+    picture: Floats, depth: Floats, surface: Floats, ball: Ball, middle: Floats, scale: float, axes: Floats
 ) -> None:
     """Draw a ball where it is nearest; `surface` has the cloth's point behind each pixel, or NaN."""
     height, width = depth.shape
@@ -139,9 +126,7 @@ def _draw_ball(
     depth[box][drawn] = front[drawn]
 
 
-def _nearest_triangles(
-    screen: Floats, triangles: Integers, width: int, height: int
-) -> tuple[Floats, Integers, Floats]:
+def _nearest_triangles(screen: Floats, triangles: Integers, width: int, height: int) -> tuple[Floats, Integers, Floats]:
     """Per pixel: depth (towards the eye), triangle number or -1, barycentric weights."""
     depth = np.full(height * width, -np.inf)
     nearest = np.full(height * width, -1)
@@ -179,9 +164,7 @@ def _nearest_triangles(
     return depth.reshape(height, width), nearest.reshape(height, width), weights.reshape(height, width, 3)
 
 
-def _cloth_color(
-    positions: Floats, corners: Integers, weights: Floats, towards_eye: Floats
-) -> Floats:
+def _cloth_color(positions: Floats, corners: Integers, weights: Floats, towards_eye: Floats) -> Floats:
     columns = positions.shape[1]
     along_rows, along_columns = np.gradient(positions, axis=(0, 1))
     normals = np.cross(along_rows, along_columns).reshape(-1, 3)
@@ -199,12 +182,7 @@ def _shade(color: Floats, normals: Floats, towards_eye: Floats) -> Floats:
     """Two lights and an ambient term that is brighter from above; normals face the eye."""
     normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
     key = np.array([0.3, 1.0, 0.25]) / np.linalg.norm([0.3, 1.0, 0.25])
-    light = (
-        0.46
-        + 0.10 * normals[..., 1]
-        + 0.32 * np.maximum(normals @ key, 0)
-        + 0.28 * np.maximum(normals @ towards_eye, 0)
-    )
+    light = 0.46 + 0.10 * normals[..., 1] + 0.32 * np.maximum(normals @ key, 0) + 0.28 * np.maximum(normals @ towards_eye, 0)
     shaded: Floats = color * light[..., None]
     return shaded
 

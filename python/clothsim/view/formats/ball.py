@@ -14,12 +14,9 @@ _AROUND, _FROM_POLE_TO_POLE = 48, 24  # cells; off the true sphere by at most 0.
 def unit_ball() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices, which are the normals as well, and triangles with normals that point outwards."""
     polar, around = np.meshgrid(
-        np.linspace(0, np.pi, _FROM_POLE_TO_POLE + 1), np.linspace(0, 2 * np.pi, _AROUND + 1),
-        indexing="ij",
-    )  # fmt: skip
-    vertices = np.stack(
-        [np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1
+        np.linspace(0, np.pi, _FROM_POLE_TO_POLE + 1), np.linspace(0, 2 * np.pi, _AROUND + 1), indexing="ij"
     )
+    vertices = np.stack([np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1)
     r, c = np.meshgrid(np.arange(_FROM_POLE_TO_POLE), np.arange(_AROUND), indexing="ij")
     corner = (r * (_AROUND + 1) + c).ravel()
     below, right = corner + _AROUND + 1, corner + 1

@@ -44,11 +44,9 @@ class _File:
             "accessors": [],
             "meshes": [],
             "nodes": [],
-            "materials": [
-                _material("cloth", CLOTH_COLOR, 0.9), _material("sphere", BALL_COLOR, 0.5)
-            ],
+            "materials": [_material("cloth", CLOTH_COLOR, 0.9), _material("sphere", BALL_COLOR, 0.5)],
             "animations": [{"name": "run", "samplers": [], "channels": []}],
-        }  # fmt: skip
+        }
         self._parts: list[bytes] = []
         self._length = 0
 
@@ -78,9 +76,7 @@ class _File:
 
     def animate(self, node: int, path: str, times: int, values: Floats) -> None:
         animation = self.json["animations"][0]
-        animation["samplers"].append(
-            {"input": times, "output": self.accessor(values), "interpolation": "LINEAR"}
-        )
+        animation["samplers"].append({"input": times, "output": self.accessor(values), "interpolation": "LINEAR"})
         sampler = len(animation["samplers"]) - 1
         animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
 
@@ -106,10 +102,8 @@ def _material(name: str, color: tuple[float, float, float], roughness: float) ->
     return {
         "name": name,
         "doubleSided": name == "cloth",
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [*color, 1.0], "metallicFactor": 0.0, "roughnessFactor": roughness,
-        },
-    }  # fmt: skip
+        "pbrMetallicRoughness": {"baseColorFactor": [*color, 1.0], "metallicFactor": 0.0, "roughnessFactor": roughness},
+    }
 
 
 def _cloth(file: _File, clip: Clip) -> int:
@@ -161,11 +155,8 @@ def _sphere(file: _File, clip: Clip, mesh: int, k: int) -> int:
     centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
     node = file.add(
         "nodes",
-        {
-            "name": f"sphere_{k}", "mesh": mesh, "scale": [clip.spheres[k].radius] * 3,
-            "translation": centers[0].tolist(),
-        },
-    )  # fmt: skip
+        {"name": f"sphere_{k}", "mesh": mesh, "scale": [clip.spheres[k].radius] * 3, "translation": centers[0].tolist()},
+    )
     if np.ptp(centers, axis=0).any():
         file.animate(node, "translation", file.times(clip), centers)
     return node

@@ -20,9 +20,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
     return write_each(clip, path, one)
 
 
-def write_each(
-    clip: Clip, path: Path, one: Callable[[Clip, Frame, Path], None]
-) -> list[Path]:
+def write_each(clip: Clip, path: Path, one: Callable[[Clip, Frame, Path], None]) -> list[Path]:
     """The files that `one` writes of the frames."""
     files = []
     for frame in clip.frames():
@@ -56,10 +54,15 @@ def write_ply(clip: Clip, frame: Frame, path: Path) -> None:
     faces = np.empty(len(clip.triangles), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, clip.triangles
     header = [
-        "ply", "format binary_little_endian 1.0", "comment clothsim, metres",
-        f"element vertex {len(vertices)}", *(f"property float {name}" for name in names),
-        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header",
-    ]  # fmt: skip
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment clothsim, metres",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in names),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     with path.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode())
         file.write(vertices.astype("<f4").tobytes())

@@ -11,9 +11,15 @@ import numpy as np
 from ...measures import energy, largest_stretch, penetration
 
 COLUMNS = (
-    "time_s", "kinetic_J", "elastic_J", "gravity_J", "total_J", "largest_stretch",
-    "penetration_points_m", "penetration_triangles_m",
-)  # fmt: skip
+    "time_s",
+    "kinetic_J",
+    "elastic_J",
+    "gravity_J",
+    "total_J",
+    "largest_stretch",
+    "penetration_points_m",
+    "penetration_triangles_m",
+)
 
 
 def measures(run: Any) -> np.ndarray:

@@ -59,17 +59,13 @@ def _cloth(stage: Any, clip: Clip) -> Any:
     mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     mesh.CreateDoubleSidedAttr(True)
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
+    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     coordinates.Set(Vt.Vec2fArray.FromNumpy(clip.uv.astype(np.float32)))
     _paint(stage, mesh, "cloth", CLOTH_COLOR, 0.9)
     return mesh
 
 
-def _paint(
-    stage: Any, prim: Any, name: str, color: tuple[float, float, float], roughness: float
-) -> None:
+def _paint(stage: Any, prim: Any, name: str, color: tuple[float, float, float], roughness: float) -> None:
     """A material for renderers, and the colour for viewers that read no materials."""
     from pxr import Gf, Sdf, UsdShade, Vt
 

@@ -48,17 +48,14 @@ def _write_series(clip: Clip, path: Path) -> list[Path]:
         meshes = [(path.stem, frame.positions, clip.triangles, _point_data(clip, frame))]
         vertices, corners = unit_ball()
         meshes += [
-            (f"{path.stem}_sphere{k}", center + sphere.radius * vertices, corners,
-             {"Normals": vertices.astype("<f4")})
+            (f"{path.stem}_sphere{k}", center + sphere.radius * vertices, corners, {"Normals": vertices.astype("<f4")})
             for k, (sphere, center) in enumerate(zip(clip.spheres, frame.centers))
-        ]  # fmt: skip
+        ]
         for part, (name, positions, triangles, data) in enumerate(meshes):
             file = numbered(path.with_name(name + ".vtp"), frame.number)
             file.write_bytes(_vtp(positions, triangles, data))
             files.append(file)
-            entries.append(
-                f'    <DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(file.name)}/>'
-            )
+            entries.append(f'    <DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(file.name)}/>')
     index.write_text(
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
         + "\n".join(entries)
