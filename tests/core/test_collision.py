@@ -29,7 +29,7 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
 
 
 def answered(x, v, sphere, t, radius=RADIUS):
-    """Kim et al., eq 7-12 with their errata mended, restitution and Coulomb friction, per point."""
+    """Kim et al., eq 7-12 with their errata corrected, restitution and Coulomb friction, per point."""
     center, velocity = sphere.center_at(t), sphere.velocity_at(t)
     if sphere.literal:
         velocity = np.zeros(3)
@@ -291,7 +291,7 @@ def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relati
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_mended_ray_leaves_no_approaching_point_inside(precision):
+def test_corrected_ray_leaves_no_approaching_point_inside(precision):
     scene = cs.scenes.paper_static("ray")
     sphere = scene.spheres[0]
     reach = sphere.contact_radius(scene.cloth)
@@ -309,7 +309,7 @@ def test_mended_ray_leaves_no_approaching_point_inside(precision):
     assert met > 100
 
 
-def test_literal_reflect_lets_points_in_and_mended_moving_spheres_do_not_shoot_them_away():
+def test_reflect_as_printed_lets_points_in_and_corrected_moving_spheres_do_not_shoot_them_away():
     """A sphere driven into a resting cloth: relative velocity pushes it ahead, absolute not."""
     x = np.stack(np.broadcast_arrays(*np.ogrid[-1:1:17j, 0:0:1j, -1:1:17j]), axis=-1)[:, 0] * 0.3
     depth = {}

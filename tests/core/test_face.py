@@ -43,7 +43,7 @@ def test_no_triangle_dips_in_the_papers_scenes_and_at_100_m_per_s(scene, end, dt
     assert abs(row["contact_energy"]) > 0
 
 
-@pytest.mark.parametrize("response", ["reflect, mended", "ray, mended", "continuous"])
+@pytest.mark.parametrize("response", ["reflect, corrected", "ray, corrected", "continuous"])
 def test_the_others_do_dip(response):
     """The check can fail: mass points alone leave triangles half a millimetre in."""
     row = follow("static", response, 0.3, 8, 2e-4)

@@ -256,6 +256,13 @@ def test_the_command(tmp_path, capsys):
     assert len(runs) == 7 and runs[0]["solver"] == "rk4 double"
     assert main([*arguments[:-2], "--fastest"]) == 0
     assert "next method" in capsys.readouterr().out
+    assert main([*arguments[:-2], "--fastest", "--errors", "1e-3,2e-6", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [one["error"] for one in found] == [1e-3, 2e-6]
+    assert main([*arguments[:-2], "--fastest", "--errors", "1e-3 2e-6"]) == 2
+    assert "--errors must be numbers with commas" in capsys.readouterr().err
+    assert main([*arguments, "--errors", "1e-3"]) == 2
+    assert "--errors needs --fastest" in capsys.readouterr().err
     assert main([*arguments, "--bend"]) == 2
     assert "--bend does not go with oscillator" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
@@ -273,6 +280,7 @@ def test_the_command(tmp_path, capsys):
         ("oscillator --targets", "SCENE"),
         ("--targets --duration 0.2", "--duration"),
         ("--targets --peers", "--peers"),
+        ("--targets --errors 1e-3", "--errors"),
     ],
 )
 def test_the_command_ignores_no_option(capsys, arguments, option):

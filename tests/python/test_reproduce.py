@@ -78,7 +78,7 @@ def test_cells_are_those_of_the_papers_tables(report):
     for experiment, frames in (("1", FULL.static_frames), ("2", FULL.moving_frames)):
         cells = report["experiments"][experiment]["cells"]
         keys = [(c["variant"], c["method"], c["frame"]) for c in cells]
-        assert sorted(keys) == sorted((v, m, f) for v in ("literal", "mended") for m in (1, 2) for f in frames)
+        assert sorted(keys) == sorted((v, m, f) for v in ("as printed", "corrected") for m in (1, 2) for f in frames)
         for c in cells:
             assert c["time"] == pytest.approx(1.6e-3 * c["frame"], rel=1e-12)
             energy = c["energy"]
@@ -92,7 +92,7 @@ def test_cell_is_what_stepping_the_scene_gives(report):
     scene = cs.scenes.paper_static("ray")
     stepper = cs.Stepper(scene, threads=1)
     stepper.advance(150 * 8, 2e-4)
-    measured = cell(report, "1", 2, "mended", 150)
+    measured = cell(report, "1", 2, "corrected", 150)
     kinetic = cs.energy(scene, stepper.positions, stepper.velocities)["kinetic"]
     assert measured["energy"]["kinetic"] == pytest.approx(kinetic, rel=1e-12)
     depth = cs.penetration(stepper.positions, scene.spheres[0])
@@ -101,19 +101,19 @@ def test_cell_is_what_stepping_the_scene_gives(report):
 
 def test_static_sphere_is_touched_at_all_frames_and_energy_is_accounted_for(report):
     for frame in FULL.static_frames:
-        assert cell(report, "1", 2, "mended", frame)["points_touching"] > 0
-        turned = cell(report, "1", 1, "mended", frame)["contact_energy"]
+        assert cell(report, "1", 2, "corrected", frame)["points_touching"] > 0
+        turned = cell(report, "1", 1, "corrected", frame)["contact_energy"]
         assert abs(turned) < 1e-9  # turning a velocity keeps its length
     # Moving points makes energy in proportion to the step: 10.8 J at dt = 1e-4, 47 J at 4e-4.
-    assert 12 < cell(report, "1", 2, "mended", 800)["contact_energy"] < 40
+    assert 12 < cell(report, "1", 2, "corrected", 800)["contact_energy"] < 40
 
 
-def test_printed_methods_fail_on_the_moving_sphere_and_mended_ones_hold(report):
-    assert cell(report, "2", 1, "literal", 200)["penetration"]["points"] > 0.02
-    assert cell(report, "2", 1, "literal", 1300)["penetration"]["points"] > 0.05
-    assert cell(report, "2", 2, "literal", 3100)["contact_energy"] > 1e5
+def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
+    assert cell(report, "2", 1, "as printed", 200)["penetration"]["points"] > 0.02
+    assert cell(report, "2", 1, "as printed", 1300)["penetration"]["points"] > 0.05
+    assert cell(report, "2", 2, "as printed", 3100)["contact_energy"] > 1e5
     for method in (1, 2):
-        last = cell(report, "2", method, "mended", 3100)
+        last = cell(report, "2", method, "corrected", 3100)
         assert last["deepest_so_far"]["triangles"] < 2.5e-3
         assert 1e3 < last["contact_energy"] < 2e4  # the moving sphere's work
 
@@ -121,7 +121,7 @@ def test_printed_methods_fail_on_the_moving_sphere_and_mended_ones_hold(report):
 def test_moving_sphere_is_in_its_first_second_and_third_contact(report):
     for frame in FULL.moving_frames:
         for method in (1, 2):
-            assert cell(report, "2", method, "mended", frame)["points_touching"] > 0
+            assert cell(report, "2", method, "corrected", frame)["points_touching"] > 0
     motion = contact.experiment("2", FULL).scene().spheres[0].motion
     turns = [1.6e-3 * frame / motion.period + motion.phase for frame in FULL.moving_frames]
     halves = [int(2 * turn) for turn in turns]
@@ -274,7 +274,7 @@ def test_tables_can_be_played(report, folder, key):
     source = (folder / experiment["page"]).read_text()
     meta = json.loads(re.search(r'<script type="application/json" id="meta">(.*?)</script>', source)[1])
     assert [run["label"] for run in meta["runs"]] == [
-        f"method {m}, {variant}" for variant in ("literal", "mended") for m in (1, 2)
+        f"method {m}, {variant}" for variant in ("as printed", "corrected") for m in (1, 2)
     ]
     for run in meta["runs"]:
         times = np.array(run["t"])

@@ -52,6 +52,9 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="instead: at each error the fastest method, at the cheapest setting that reaches it",
     )
+    command.add_argument(
+        "--errors", metavar="E,E,...", help="rms errors [m] of --fastest, with commas between them (default: 1e-4 to 1e-12)"
+    )
     what.add_argument(
         "--targets",
         action="store_true",
@@ -72,6 +75,8 @@ def run(args: argparse.Namespace) -> None:
     if args.targets or args.fastest:
         _fastest(args, precisions, progress)
         return
+    if args.errors is not None:
+        raise ValueError("--errors needs --fastest")
     from clothsim.accuracy.plots import plot_work_precision
     from clothsim.accuracy.tables import rows_of, text_of_runs, write_csv
 
@@ -113,12 +118,19 @@ def _scene(args: argparse.Namespace) -> cs.Scene:
     return function(bend=True)
 
 
+def _errors(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(f"--errors must be numbers with commas between them, such as 1e-6,1e-9; got {text!r}") from None
+
+
 def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
     from clothsim.accuracy.front import ERRORS, TARGETS, front, statement
     from clothsim.accuracy.tables import targets_of, text_of_front, text_of_targets
 
     if args.targets:
-        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--out"])
+        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--errors", "--out"])
     else:
         refuse_ignored(args, "--fastest", ["--out"])
     options = {"methods": args.method, "precisions": precisions, "windows": args.windows, "progress": progress}
@@ -128,5 +140,6 @@ def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
         found = front(scene, 0.5, errors, peers=True, threads=threads, **options)
         print(as_json(targets_of(found)) if args.json else text_of_targets(found))
         return
-    found = front(_scene(args), args.duration, ERRORS, peers=args.peers, threads=args.threads, **options)
+    wanted = ERRORS if args.errors is None else _errors(args.errors)
+    found = front(_scene(args), args.duration, wanted, peers=args.peers, threads=args.threads, **options)
     print(as_json(statement(found)) if args.json else text_of_front(found))

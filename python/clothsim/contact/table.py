@@ -11,10 +11,10 @@ import numpy as np
 import clothsim as cs
 
 RESPONSES: dict[str, dict[str, Any]] = {
-    "reflect, literal": {"response": "reflect", "literal": True},
-    "ray, literal": {"response": "ray", "literal": True},
-    "reflect, mended": {"response": "reflect"},
-    "ray, mended": {"response": "ray"},
+    "reflect, as printed": {"response": "reflect", "literal": True},
+    "ray, as printed": {"response": "ray", "literal": True},
+    "reflect, corrected": {"response": "reflect"},
+    "ray, corrected": {"response": "ray"},
     "continuous": {"response": "continuous"},
     "continuous, face": {"response": "continuous", "offset": "face"},
 }
@@ -167,5 +167,5 @@ def faces(look: int = 1) -> list[dict[str, Any]]:
     return [
         follow(name, response, look=look)
         for name in SCENES
-        for response in ("reflect, mended", "ray, mended", "continuous, face")
+        for response in ("reflect, corrected", "ray, corrected", "continuous, face")
     ]

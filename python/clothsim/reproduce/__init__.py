@@ -120,7 +120,7 @@ def _contact(
     pictures.draw_cells(experiment, cases, settings, folder)
     study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
-    scene = contact.scene_of(experiment, 2, "mended")
+    scene = contact.scene_of(experiment, 2, "corrected")
     radius, spacing = scene.spheres[0].radius, max(scene.cloth.spacing)
     entry = {
         "title": experiment.title,

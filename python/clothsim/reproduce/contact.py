@@ -1,6 +1,6 @@
 """Experiments 1 and 2: what each response does to a cloth that meets a sphere.
 
-Every combination of method (1, 2) and variant (literal, mended) steps the same scene; at the
+Every combination of method (1, 2) and variant (as printed, corrected) steps the same scene; at the
 paper's frames the state is kept and measured, and in between the deepest penetration of every
 frame is followed.
 """
@@ -80,8 +80,8 @@ def experiment(number: str, settings: Settings) -> Experiment:
 
 
 def scene_of(experiment: Experiment, method: int, variant: str) -> cs.Scene:
-    """The experiment's scene with the response of `method`, literal or mended."""
-    return experiment.scene(response=METHODS[method][0], literal=variant == "literal")
+    """The experiment's scene with the response of `method`, as printed or corrected."""
+    return experiment.scene(response=METHODS[method][0], literal=variant == "as printed")
 
 
 def run(
@@ -100,7 +100,7 @@ def run(
     settings : Settings
     threads : int
         Cases that run side by side, each on one thread of the core.
-    variants : sequence of {"literal", "mended"}
+    variants : sequence of {"as printed", "corrected"}
     advance : callable
         Told the number of frames done, each time some are.
 
@@ -193,7 +193,7 @@ def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) 
     rows = []
     for dt in settings.study_dts:
         coarse = replace(experiment, dt=dt)
-        for case in run(coarse, settings, threads=threads, variants=("literal",)):
+        for case in run(coarse, settings, threads=threads, variants=("as printed",)):
             if not case.failure:
                 rows.append(
                     {

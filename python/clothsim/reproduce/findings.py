@@ -56,8 +56,8 @@ def _static(entry: dict[str, Any]) -> list[str]:
     if failures := _failures(entry):
         return failures
     lines = _depth_lines(entry)
-    first, second = (_cells(entry, method, "literal") for method in (1, 2))
-    mended = _cells(entry, 1, "mended")
+    first, second = (_cells(entry, method, "as printed") for method in (1, 2))
+    corrected = _cells(entry, 1, "corrected")
     worst1, worst2 = (max(_depths(cells)) for cells in (first, second))
     if _alike(worst1, worst2):
         sink = 1e6 * entry["impact_speed"] * entry["dt"]
@@ -83,11 +83,11 @@ def _static(entry: dict[str, Any]) -> list[str]:
             f"{number(MILLIMETRE * entry['diagonal_shortfall'])} mm more, a stretched cell more "
             "still. In a picture that is less than a pixel."
         )
-    stuck, free = (cells[-1]["points_touching"] for cells in (first, mended))
+    stuck, free = (cells[-1]["points_touching"] for cells in (first, corrected))
     if stuck > 1.5 * free:
         lines.append(
             f"Method 1 as printed makes points stick: {stuck} touch the sphere at frame "
-            f"{first[-1]['frame']}, {free} when mended. It also turns back a point that is already "
+            f"{first[-1]['frame']}, {free} when corrected. It also turns back a point that is already "
             "leaving."
         )
     return [*lines, *_study(entry), *_static_energy(entry)]
@@ -117,10 +117,10 @@ def _study(entry: dict[str, Any]) -> list[str]:
 
 
 def _static_energy(entry: dict[str, Any]) -> list[str]:
-    last = {m: _cells(entry, m, "mended")[-1] for m in (1, 2)}
+    last = {m: _cells(entry, m, "corrected")[-1] for m in (1, 2)}
     made = {m: cell["contact_energy"] for m, cell in last.items()}
     return [
-        f"Energy made by the collision passes up to frame {last[2]['frame']} (mended): method 1 "
+        f"Energy made by the collision passes up to frame {last[2]['frame']} (corrected): method 1 "
         f"{number(made[1])} J, method 2 {number(made[2])} J. Turning a velocity keeps its energy; "
         "moving a point, as method 2 does, also changes springs and height."
     ]
@@ -130,13 +130,13 @@ def _moving(entry: dict[str, Any]) -> list[str]:
     if failures := _failures(entry):
         return failures
     lines = _depth_lines(entry)
-    touching = " / ".join(str(c["points_touching"]) for c in _cells(entry, 2, "mended"))
+    touching = " / ".join(str(c["points_touching"]) for c in _cells(entry, 2, "corrected"))
     lines.append(
-        f"Points that touch the sphere at these frames (method 2, mended): {touching}. The "
+        f"Points that touch the sphere at these frames (method 2, corrected): {touching}. The "
         "sphere's period is chosen so that they fall into the first, second and third contact."
     )
     lines += _moving_first(entry) + _moving_second(entry)
-    last = {m: _cells(entry, m, "mended")[-1] for m in (1, 2)}
+    last = {m: _cells(entry, m, "corrected")[-1] for m in (1, 2)}
     depth = {m: MILLIMETRE * cell["deepest_so_far"]["triangles"] for m, cell in last.items()}
     alike = _alike(depth[1], depth[2])
     lines.append(
@@ -148,7 +148,7 @@ def _moving(entry: dict[str, Any]) -> list[str]:
 
 
 def _moving_first(entry: dict[str, Any]) -> list[str]:
-    cells = _cells(entry, 1, "literal")
+    cells = _cells(entry, 1, "as printed")
     inside = [c["frame"] for c in cells if MILLIMETRE * c["penetration"]["points"] > DEEP]
     outside = [c for c in cells if c["frame"] not in inside]
     lines = []
@@ -174,11 +174,11 @@ def _moving_first(entry: dict[str, Any]) -> list[str]:
 
 
 def _moving_second(entry: dict[str, Any]) -> list[str]:
-    literal, mended = (_cells(entry, 2, variant)[-1] for variant in VARIANTS)
-    made, usual = literal["contact_energy"], mended["contact_energy"]
-    depth = MILLIMETRE * literal["deepest_so_far"]["triangles"]
+    printed, corrected = (_cells(entry, 2, variant)[-1] for variant in VARIANTS)
+    made, usual = printed["contact_energy"], corrected["contact_energy"]
+    depth = MILLIMETRE * printed["deepest_so_far"]["triangles"]
     numbers = (
-        f"its collision passes add {number(made)} J (mended: {number(usual)} J, the work of the "
+        f"its collision passes add {number(made)} J (corrected: {number(usual)} J, the work of the "
         f"moving sphere included) and triangles are up to {number(depth)} mm deep"
     )
     if made > 10 * abs(usual):

@@ -10,9 +10,9 @@ METHODS: dict[int, tuple[Response, str]] = {
 }
 
 VARIANTS = {
-    "literal": "exactly as printed: the sphere's own velocity is ignored and every point found "
+    "as printed": "exactly as printed: the sphere's own velocity is ignored and every point found "
     "inside is reflected, also one that is already leaving",
-    "mended": "clothsim's default: velocity relative to the sphere, and only approaching points are reflected",
+    "corrected": "clothsim's default: velocity relative to the sphere, and only approaching points are reflected",
 }
 
 CLAIMS = {

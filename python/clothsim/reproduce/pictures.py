@@ -23,7 +23,7 @@ BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
 STAGE = (-0.7, -1.1, -0.1), (1.1, 0.2, 1.1)  # m; what a cloth that is thrown about leaves is cut
 OVERVIEW_HEIGHT = 420  # pixels
 # (which of the experiment's frames, method, variant)
-OVERVIEW = {"1": ((1, 2, "mended"), (2, 2, "mended")), "2": ((0, 1, "literal"), (0, 2, "mended"))}
+OVERVIEW = {"1": ((1, 2, "corrected"), (2, 2, "corrected")), "2": ((0, 1, "as printed"), (0, 2, "corrected"))}
 
 
 def draw_cells(experiment: Experiment, cases: Sequence[Case], settings: Settings, folder: Path) -> None:
@@ -41,7 +41,7 @@ def draw_cells(experiment: Experiment, cases: Sequence[Case], settings: Settings
         camera = _camera(experiment, reached, frame)
         for case in reached:
             cell = next(cell for cell in case.cells if cell["frame"] == frame)
-            name = f"frame{frame}_method{case.method}_{case.variant}.png"
+            name = f"frame{frame}_method{case.method}_{case.variant.replace(' ', '_')}.png"
             cell["picture"] = f"{experiment.table}/{name}"
             picture = _draw(experiment, case, frame, camera, settings.picture_width)
             imsave(folder / cell["picture"], picture)

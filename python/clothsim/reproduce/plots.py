@@ -12,7 +12,7 @@ from . import paper
 from .contact import Case, Experiment
 
 COLORS = {1: "#c2512c", 2: "#2f6db3"}
-STYLES = {"literal": "--", "mended": "-"}
+STYLES = {"as printed": "--", "corrected": "-"}
 LINEAR_ENERGY = 100.0  # J; above it the energy axis is logarithmic
 SHALLOWEST = 1e-3  # mm; the bottom of the depth axis, where no penetration is drawn
 

@@ -112,7 +112,7 @@ def tables(number: str, experiment: dict[str, Any]) -> list[Table]:
     if number in ("1", "2"):
         made = [_table("", CONTACT, sorted(experiment["cells"], key=lambda cell: cell["frame"]))]
         if experiment.get("step_study"):
-            caption = "The same frames with coarser steps, literal"
+            caption = "The same frames with coarser steps, as printed"
             made.append(_table(caption, STUDY, experiment["step_study"]))
         return made
     if number == "5":
