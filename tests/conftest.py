@@ -1,43 +1,14 @@
 """Fixtures of all tests: each kernel this processor runs, scenes that use every feature, and an
 oracle in NumPy that shares no code with the core."""
 
-import itertools
 import signal
 from dataclasses import dataclass
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.plan import KERNELS, PRECISIONS
-
-INSTRUCTION_SETS = tuple(cs.build_config()["instruction_sets_supported"])
-NAMED_KERNELS = tuple(kernel for kernel in KERNELS if kernel != "auto")
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One of the ways in which the core can compute a step."""
-
-    instruction_set: str
-    kernel: str
-    precision: str = "double"
-    strict: bool = False
-
-    def __str__(self):
-        arithmetic = "strict" if self.strict else "fused"
-        return f"{self.instruction_set}-{self.kernel}-{self.precision}-{arithmetic}"
-
-    @property
-    def options(self):
-        """Arguments of `step`; one thread, as that is what most tests are quickest with."""
-        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1}
-
-
-VARIANTS = [
-    Variant(*parts)
-    for parts in itertools.product(INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, (False, True))
-    if not (parts[1] == "edge" and parts[3])  # the strict class is that of the gather kernel
-]
+from clothsim.plan import PRECISIONS
+from variants import NAMED_KERNELS, NATIVE_VARIANTS
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -51,21 +22,18 @@ def _chosen(request, monkeypatch):
     return request.param
 
 
-@pytest.fixture(params=VARIANTS, ids=str)
+@pytest.fixture(params=NATIVE_VARIANTS, ids=str)
 def variant(request, monkeypatch):
-    """Every instruction set x kernel x precision x arithmetic class, chosen for the test."""
+    """Every kernel x precision x arithmetic class of the default instruction set.
+
+    `variants.cases` brings other instruction sets.
+    """
     return _chosen(request, monkeypatch)
 
 
-@pytest.fixture(params=[v for v in VARIANTS if v.precision == "double"], ids=str)
+@pytest.fixture(params=[v for v in NATIVE_VARIANTS if v.precision == "double"], ids=str)
 def double_variant(request, monkeypatch):
     """The variants that compute in double."""
-    return _chosen(request, monkeypatch)
-
-
-@pytest.fixture(params=[v for v in VARIANTS if v.precision == "single"], ids=str)
-def single_variant(request, monkeypatch):
-    """The variants that compute in single."""
     return _chosen(request, monkeypatch)
 
 

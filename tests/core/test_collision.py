@@ -1,10 +1,12 @@
 """Contacts: the responses against formulas written here, kernels against the reference."""
 
+import itertools
 import math
 
 import clothsim as cs
 import numpy as np
 import pytest
+from variants import NAMED_KERNELS, cases, pairs
 
 CENTER = np.array([0.2, -0.3, 0.1])
 RADIUS = 0.5
@@ -57,18 +59,24 @@ def answered(x, v, sphere, t, radius=RADIUS):
     return x, v
 
 
-@pytest.mark.parametrize("literal", [False, True])
-@pytest.mark.parametrize("restitution, friction", [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)])
-@pytest.mark.parametrize("motion", [None, cs.Linear((1.5, -0.7, 0.4))], ids=["still", "moving"])
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_responses_are_those_of_the_formulas(double_variant, response, motion, restitution, friction, literal):
+SLIDES = [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)]  # restitution, friction
+
+
+@cases(precision=["double"], response=["reflect", "ray"], moving=[False, True], literal=[False, True])
+def test_responses_are_those_of_the_formulas(variant, response, moving, literal):
+    for restitution, friction in SLIDES:
+        check_response(variant, response, moving, literal, restitution, friction)
+
+
+def check_response(variant, response, moving, literal, restitution, friction):
+    motion = cs.Linear((1.5, -0.7, 0.4)) if moving else None
     sphere = ball(response=response, motion=motion, restitution=restitution, friction=friction, literal=literal)
     x, v = cloud()
     t = 0.03
     expected = answered(x + DT * v, v, sphere, t + DT)
     touched = np.abs(expected[1] - v).max(axis=-1) > 1e-6
     assert 20 < touched.sum() < 150
-    result = cs.step(drifting(x, sphere), x, v, DT, t=t, **double_variant.options)
+    result = cs.step(drifting(x, sphere), x, v, DT, t=t, **variant.options)
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(result[1], expected[1], rtol=0, atol=1e-13)
     reference = cs.reference_step(drifting(x, sphere), x, v, DT, t=t)
@@ -76,10 +84,7 @@ def test_responses_are_those_of_the_formulas(double_variant, response, motion, r
     np.testing.assert_allclose(reference[1], expected[1], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("side", [-1, 1])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("integrator", cs.integrators())
+@pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 2], axis=[0, 1, 2], side=[-1, 1])
 def test_a_cloth_on_one_side_of_a_sphere_meets_it(integrator, kernel, threads, axis, side):
     """Here rows lie beside the centre, at times beside the sphere: which of their points are looked at, is asked first."""
     sphere = ball()
@@ -151,29 +156,28 @@ def test_a_moving_sphere_kicks_a_resting_point(response):
     np.testing.assert_allclose(v, (0, 0, 0), atol=1e-12)
 
 
-@pytest.mark.parametrize("speed", [0.0, 1e-300, 1e-200, 1e-170, 1e-160, 1e-155, 1e-100, 1e-20])
-@pytest.mark.parametrize("literal", [False, True])
-def test_ray_puts_a_point_on_the_surface_however_slow(variant, literal, speed):
+@cases(speed=[0.0, 1e-300, 1e-200, 1e-170, 1e-160, 1e-155, 1e-100, 1e-20])
+def test_ray_puts_a_point_on_the_surface_however_slow(variant, speed):
     """No velocity has no ray: the point is projected along the normal. A slow one still has one."""
     position = np.array([0.1, -0.2, 0.15])
-    sphere = ball(response="ray", literal=literal)
-    x, v = one_point(position, -speed * position, sphere, **variant.options)
     bound = {"double": 1e-12, "single": 1e-7}[variant.precision]
-    assert abs(np.linalg.norm(x) - RADIUS) < bound
-    np.testing.assert_allclose(x, RADIUS * position / np.linalg.norm(position), atol=bound)
-    assert np.abs(v).max() <= max(speed, 1e-300)
+    for literal in (False, True):
+        sphere = ball(response="ray", literal=literal)
+        x, v = one_point(position, -speed * position, sphere, **variant.options)
+        assert abs(np.linalg.norm(x) - RADIUS) < bound
+        np.testing.assert_allclose(x, RADIUS * position / np.linalg.norm(position), atol=bound)
+        assert np.abs(v).max() <= max(speed, 1e-300)
 
 
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-@pytest.mark.parametrize("velocity", [(0, 0, 0), (0, 0, -2.0)], ids=["at rest", "fast"])
-def test_a_point_at_the_exact_centre(precision, kernel, response, velocity):
+@cases(response=["reflect", "ray"], velocity=[(0, 0, 0), (0, 0, -2.0)])
+def test_a_point_at_the_exact_centre(variant, response, velocity):
     """At rest it leaves upwards; one with a velocity goes back to where it came from."""
     sphere = cs.Sphere((1, 2, 3), RADIUS, response=response, offset="none")
     dt, v = 2.0**-10, np.zeros((2, 2, 3))
     x = np.full((2, 2, 3), 50.0)
     v[0, 0] = velocity
     x[0, 0] = (1, 2, 3) - dt * v[0, 0]  # exact, so that the step ends exactly at the centre
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, kernel=kernel, precision=precision)
+    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **variant.options)
     if response == "reflect":
         np.testing.assert_array_equal(xt[0, 0], sphere.center)
         np.testing.assert_array_equal(vt[0, 0], velocity)  # no part of it is along the normal, y
@@ -198,8 +202,8 @@ def test_pinned_points_never_move(variant, response):
     assert (np.abs(vt - v)[inside & ~pins].max(axis=-1) > 0).any()
 
 
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_several_spheres_are_met_in_their_order(double_variant, response):
+@cases(precision=["double"], response=["reflect", "ray"])
+def test_several_spheres_are_met_in_their_order(variant, response):
     spheres = [
         ball(response=response, restitution=0.5),
         cs.Sphere(CENTER + (0.3, 0.1, 0), 0.4, response=response, offset=0.02),
@@ -209,10 +213,10 @@ def test_several_spheres_are_met_in_their_order(double_variant, response):
     expected = x + DT * v, v
     for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
         expected = answered(*expected, sphere, DT, radius)
-    result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **double_variant.options)
+    result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **variant.options)
     for part, wanted in zip(result, expected):
         np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
-    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **double_variant.options)
+    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **variant.options)
     assert np.abs(other[0] - result[0]).max() + np.abs(other[1] - result[1]).max() > 1e-3
 
 
@@ -252,10 +256,14 @@ def test_eq_13_keeps_the_middle_of_a_spring_out(radius, spacing):
     assert abs(sphere.offset_length(cloth) - printed) < 1e-15 * radius
 
 
-@pytest.mark.parametrize("offset, reach", [("none", 0.25), ("edge", 0.25 + 5.2e-4), (0.03, 0.28)])
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
+@cases(response=["reflect", "ray"])
+def test_the_offset_is_where_contact_begins(variant, response):
     """On the paper's cloth eq 13 gives 0.52 mm."""
+    for offset, reach in [("none", 0.25), ("edge", 0.25 + 5.2e-4), (0.03, 0.28)]:
+        check_offset(variant, response, offset, reach)
+
+
+def check_offset(variant, response, offset, reach):
     scene = cs.Scene(
         cs.Cloth(stiffness=0.0, damping=0.0, pins=()),
         gravity=(0, 0, 0),
@@ -273,10 +281,13 @@ def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
         assert abs(xt[6, 8, 1] - exact) < {"double": 1e-15, "single": 1e-7}[variant.precision]
 
 
-@pytest.mark.parametrize("motion", [None, cs.Linear((0.0, 1.5, 0.3))], ids=["still", "moving"])
-@pytest.mark.parametrize("literal", [False, True])
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relative, response, literal, motion):
+@cases(response=["reflect", "ray"])
+def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relative, response):
+    for literal, motion in itertools.product((False, True), (None, cs.Linear((0.0, 1.5, 0.3)))):
+        check_contact(variant, crumpled, relative, response, literal, motion)
+
+
+def check_contact(variant, crumpled, relative, response, literal, motion):
     spheres = [
         cs.Sphere((0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, literal=literal),
         cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, literal=literal),

@@ -11,11 +11,18 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.cloth import FAMILIES
+from variants import ALL_VARIANTS, INSTRUCTION_SETS, cases, pairs
 
 SHAPES = [(2, 2), (2, 1), (1, 2), (1, 9), (23, 1), (3, 50), (17, 33), (40, 7), (16, 16), (32, 32)]
 SUBSETS = [s for n in (1, 2, 3) for s in itertools.combinations(FAMILIES, n)]
 DAMPING = ["none", "spring", "point"]
 MASS = ["uniform", "per point"]
+MASKS = {
+    "none": np.zeros((7, 21), bool),
+    "all": np.ones((7, 21), bool),
+    "first column": np.arange(21) == np.zeros((7, 1)),
+    "random": np.random.default_rng(3).random((7, 21)) < 0.3,
+}
 STEPS = 100
 
 # In single each stage's force is rounded to float32, whatever is done for the state.
@@ -23,8 +30,8 @@ BOUND = {"double": 1e-12, "single": 5e-5}
 
 
 @functools.cache
-def _reference(crumpled, steps=STEPS, **features):
-    state = crumpled(**features)
+def _reference(crumpled, steps=STEPS, pins=None, **features):
+    state = crumpled(**features, pins=MASKS.get(pins))
     scene, x, v, dt = state
     return state, cs.reference_step(scene, x, v, dt, steps)
 
@@ -34,14 +41,14 @@ def _features(damping):
     return {"damped": damping != "none", "damping_model": model}
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@cases(shape=SHAPES)
 def test_every_shape_agrees_with_the_reference(variant, crumpled, relative, shape):
     (scene, x, v, dt), expected = _reference(crumpled, shape=shape)
     result = cs.step(scene, x, v, dt, STEPS, **variant.options)
     assert relative(result, expected, x) < BOUND[variant.precision]
 
 
-@pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
+@cases(damped=[False, True])
 def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, crumpled, relative, damped):
     """There the edge kernel's four stages follow each other a few rows apart: also half of it, and of 2 MiB."""
     (scene, x, v, dt), expected = _reference(crumpled, 6, shape=(340, 100), damped=damped)
@@ -50,71 +57,58 @@ def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, c
         assert relative(result, expected, x) < BOUND[variant.precision]
 
 
-# Rows that end within a vector, and the paper's, whose kernel is compiled apart.
-@pytest.mark.parametrize("shape", [(6, 19), (9, 32)], ids=str)
-@pytest.mark.parametrize("mass", MASS)
-@pytest.mark.parametrize("damping", DAMPING)
-@pytest.mark.parametrize("springs", SUBSETS, ids="-".join)
-def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, springs, damping, mass, shape):
+@cases(springs=SUBSETS, damping=DAMPING)
+def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, springs, damping):
     # A sheet without bend springs magnifies rounding: in single to 1.5e-5 in 40 steps, to 6e-5 in 100.
     steps = 40
-    (scene, x, v, dt), expected = _reference(crumpled, steps, shape=shape, springs=springs, mass=mass, **_features(damping))
-    result = cs.step(scene, x, v, dt, steps, **variant.options)
-    assert relative(result, expected, x) < BOUND[variant.precision]
+    # Rows that end within a vector, and the paper's, whose kernel is compiled apart.
+    for shape, mass in itertools.product([(6, 19), (9, 32)], MASS):
+        features = {"shape": shape, "springs": springs, "mass": mass, **_features(damping)}
+        (scene, x, v, dt), expected = _reference(crumpled, steps, **features)
+        result = cs.step(scene, x, v, dt, steps, **variant.options)
+        assert relative(result, expected, x) < BOUND[variant.precision], (shape, mass)
 
 
 # The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
-@pytest.mark.parametrize("shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)], ids=str)
-@pytest.mark.parametrize("mass", MASS)
-def test_damping_that_all_families_share(variant, crumpled, relative, mass, shape):
+@cases(shape=[(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)])
+def test_damping_that_all_families_share(variant, crumpled, relative, shape):
     """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""
+    for mass, damping in itertools.product(MASS, (0.4, 1e-30)):
+        (scene, x, v, dt), expected = _shared_damping(crumpled, shape, mass, damping)
+        result = cs.step(scene, x, v, dt, 40, **variant.options)
+        assert relative(result, expected, x) < BOUND[variant.precision], (mass, damping)
+
+
+@functools.cache
+def _shared_damping(crumpled, shape, mass, damping):
     scene, x, v, dt = crumpled(shape=shape, mass=mass)
-    for damping in (0.4, 1e-30):
-        one = scene.replace(cloth=scene.cloth.replace(damping=damping))
-        expected = cs.reference_step(one, x, v, dt, 40)
-        result = cs.step(one, x, v, dt, 40, **variant.options)
-        assert relative(result, expected, x) < BOUND[variant.precision]
+    scene = scene.replace(cloth=scene.cloth.replace(damping=damping))
+    return (scene, x, v, dt), cs.reference_step(scene, x, v, dt, 40)
 
 
-@pytest.mark.parametrize("mass", MASS)
-@pytest.mark.parametrize("damping", DAMPING)
-@pytest.mark.parametrize("springs", SUBSETS, ids="-".join)
-def test_accelerations_are_those_of_newton(variant, crumpled, oracle, springs, damping, mass):
-    scene, x, v, _ = crumpled(shape=(5, 18), springs=springs, mass=mass, **_features(damping))
+@pairs(variant=ALL_VARIANTS, shape=[*SHAPES, (5, 18)], springs=SUBSETS, damping=DAMPING, mass=MASS)
+def test_accelerations_are_those_of_newton(variant, crumpled, oracle, shape, springs, damping, mass):
+    scene, x, v, _ = crumpled(shape=shape, springs=springs, mass=mass, **_features(damping))
     expected = oracle.acceleration(scene, x, v)
     result = cs.acceleration(scene, x, v, **variant.options)
     bound = {"double": 1e-13, "single": 2e-5}[variant.precision]
     assert np.abs(result - expected).max() < bound * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_accelerations_of_every_shape_are_those_of_newton(double_variant, crumpled, oracle, shape):
-    scene, x, v, _ = crumpled(shape=shape)
-    expected = oracle.acceleration(scene, x, v)
-    result = cs.acceleration(scene, x, v, **double_variant.options)
-    assert np.abs(result - expected).max() < 1e-13 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("pins", ["none", "all", "first column", "random"])
+@cases(pins=MASKS)
 def test_pins(variant, crumpled, relative, pins):
-    shape = (7, 21)
-    mask = {
-        "none": np.zeros(shape, bool),
-        "all": np.ones(shape, bool),
-        "first column": np.arange(21) == np.zeros((7, 1)),
-        "random": np.random.default_rng(3).random(shape) < 0.3,
-    }[pins]
-    scene, x, v, dt = crumpled(shape=shape, pins=mask)
+    mask = MASKS[pins]
+    (scene, x, v, dt), expected = _reference(crumpled, shape=mask.shape, pins=pins)
     result = cs.step(scene, x, v, dt, STEPS, **variant.options)
     # In single a state is two float32: 48 bits of what was given.
     moved = np.abs(result[0] - x)[mask].max(initial=0)
     assert moved <= {"double": 0.0, "single": 1.5 * 2.0**-48}[variant.precision]
     assert (result[1][mask] == 0).all()
     if pins != "all":
-        expected = cs.reference_step(scene, x, v, dt, STEPS)
         assert relative(result, expected, x) < BOUND[variant.precision]
 
 
+@cases()
 def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
     scene, x, v, dt = crumpled()
     v[scene.cloth.pinned] = 3.0
@@ -129,7 +123,7 @@ def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
 def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
     scene, x, v, dt = crumpled(shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1))
     results = {}
-    for name in cs.build_config()["instruction_sets_supported"]:
+    for name in INSTRUCTION_SETS:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
         stepper = cs.Stepper(scene, x, v, precision=precision, strict=True, threads=1)
         stepper.advance(STEPS, dt)
@@ -148,7 +142,7 @@ def test_strict_auto_is_the_gather_kernel(crumpled, same_bits):
 def test_fused_and_strict_are_two_classes(monkeypatch, crumpled, same_bits, precision):
     """Else strict=True would be an option without effect."""
     scene, x, v, dt = crumpled()
-    for name in cs.build_config()["instruction_sets_supported"]:
+    for name in INSTRUCTION_SETS:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
         options = {"kernel": "gather", "precision": precision}
         strict = cs.step(scene, x, v, dt, 50, strict=True, **options)
@@ -169,6 +163,7 @@ def test_auto_is_the_edge_kernel(crumpled, same_bits, precision):
     assert not same_bits(auto, cs.step(scene, x, v, dt, 50, precision=precision, kernel="gather"))
 
 
+@cases()
 def test_coincident_points_give_no_force(variant, crumpled):
     """A spring of length 0 has no direction; its two ends must not become NaN."""
     scene, x, v, _ = crumpled(springs=("structural",), damped=False)
@@ -182,11 +177,12 @@ def test_coincident_points_give_no_force(variant, crumpled):
     np.testing.assert_allclose(a[free], np.broadcast_to(scene.gravity, a[free].shape), rtol=1e-6)
 
 
-def test_far_from_the_origin(double_variant, crumpled, relative):
+@cases(precision=["double"])
+def test_far_from_the_origin(variant, crumpled, relative):
     """Forces depend on differences of positions only."""
     scene, x, v, _ = crumpled()
-    near = cs.acceleration(scene, x, v, **double_variant.options)
-    far = cs.acceleration(scene, x + 1024.0, v, **double_variant.options)
+    near = cs.acceleration(scene, x, v, **variant.options)
+    far = cs.acceleration(scene, x + 1024.0, v, **variant.options)
     assert np.abs(far - near).max() < 1e-9 * np.abs(near).max()
 
 

@@ -3,6 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from variants import cases
 
 DT = 5e-6  # the paper's
 
@@ -19,9 +20,10 @@ def error(x, expected):
     return np.linalg.norm(x - expected, axis=-1).max()
 
 
-def test_single_follows_double_at_the_papers_time_step(single_variant, swing):
+@cases(precision=["single"])
+def test_single_follows_double_at_the_papers_time_step(variant, swing):
     scene, state, expected = swing
-    x, _ = cs.step(scene, *state, DT, 20_000, **single_variant.options)
+    x, _ = cs.step(scene, *state, DT, 20_000, **variant.options)
     assert error(x, expected) < 2e-7
 
 

@@ -1,0 +1,73 @@
+"""The ways in which the core computes a step, and the cases that a test takes of them.
+
+The instruction set that is used by default gets the full product of a test's parameters; the others
+get a pairwise array.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import clothsim as cs
+import pytest
+from clothsim.plan import KERNELS, PRECISIONS
+from pairwise import pairwise
+
+INSTRUCTION_SETS = tuple(cs.build_config()["instruction_sets_supported"])
+NATIVE, *OTHERS = INSTRUCTION_SETS
+NAMED_KERNELS = tuple(kernel for kernel in KERNELS if kernel != "auto")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One of the ways in which the core can compute a step."""
+
+    instruction_set: str
+    kernel: str
+    precision: str = "double"
+    strict: bool = False
+
+    def __str__(self):
+        arithmetic = "strict" if self.strict else "fused"
+        return f"{self.instruction_set}-{self.kernel}-{self.precision}-{arithmetic}"
+
+    @property
+    def options(self):
+        """Arguments of `step`; one thread, as that is what most tests are quickest with."""
+        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1}
+
+
+# The strict class is that of the gather kernel.
+CLASSES = [(kernel, strict) for kernel in NAMED_KERNELS for strict in (False, True) if not (kernel == "edge" and strict)]
+
+
+def variants(instruction_sets):
+    rows = itertools.product(instruction_sets, CLASSES, PRECISIONS)
+    return [Variant(name, kernel, precision, strict) for name, (kernel, strict), precision in rows]
+
+
+NATIVE_VARIANTS = variants([NATIVE])
+ALL_VARIANTS = variants(INSTRUCTION_SETS)
+
+
+def _parametrize(names, rows):
+    values = rows if len(names) > 1 else [value for (value,) in rows]
+    return pytest.mark.parametrize(",".join(names), values, indirect=["variant"] if "variant" in names else False, ids=str)
+
+
+def cases(precision=PRECISIONS, strict=(False, True), **parameters):
+    """Cases of `variant` and parameters: the full product natively, a pairwise array elsewhere.
+
+    `precision` and `strict`: the variants that count.
+    """
+    columns = [list(values) for values in parameters.values()]
+    wanted = [v for v in NATIVE_VARIANTS if v.precision in precision and v.strict in strict]
+    rows = list(itertools.product(wanted, *columns))
+    classes = [c for c in CLASSES if c[1] in strict]
+    for name, (kernel, is_strict), of, *values in pairwise(OTHERS, classes, precision, *columns) if OTHERS else ():
+        rows.append((Variant(name, kernel, of, is_strict), *values))
+    return _parametrize(["variant", *parameters], rows)
+
+
+def pairs(**parameters):
+    """Cases in which each value of a parameter meets each value of every other one."""
+    return _parametrize(list(parameters), pairwise(*map(list, parameters.values())))
