@@ -125,6 +125,8 @@ class Continuation:
     frames : Schedule
     control : tuple or None
         Of `Control`, with error control.
+    sampling : int
+        States at which triangles and stretches are sampled, at least.
     """
 
     start: float
@@ -133,6 +135,7 @@ class Continuation:
     dt: float | None = None
     frames: Schedule = Schedule()
     control: ControlValues | None = None
+    sampling: int = 32
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -297,7 +300,7 @@ class Recording:
         """How to go on from the last frame."""
         control = self._control.values if self._control else None
         steps = self._earlier.steps + self.steps
-        return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control)
+        return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)
 
     def arrays(self) -> Frame:
         return np.array(self._x), np.array(self._v)

@@ -91,8 +91,8 @@ class Run(DisplayedRun, ExportedRun):
 
         With a time step given, it is bit for bit the rest of one run of both durations that stores
         a frame at the end of this one (a step is shortened before a frame that it does not
-        divide). The compensation of "single" goes on too, and `save` and `load_run` keep all that
-        is needed.
+        divide). The compensation of "single" goes on too, and so does `sampling`. `save` and
+        `load_run` keep all that is needed.
 
         With error control, method, tolerance of a step and step size go on. A run that a callback
         or Ctrl-C has ended, at a state that was no dense output, is bit for bit the uninterrupted

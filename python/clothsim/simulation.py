@@ -306,7 +306,7 @@ def resume(
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     _check_callback(callback)
     names = ("integrator", "precision", "threads", "kernel", "strict", "backend")
-    options = Options(**{name: snapshot.arguments[name] for name in names}, start=before.start)
+    options = Options(**{name: snapshot.arguments[name] for name in names}, sampling=before.sampling, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
     def compute(watch: Watch) -> tuple[Solution, Account]:

@@ -54,6 +54,18 @@ def test_resumed_in_contact(response, offset, precision, same_bits):
     assert same_bits(end(first.resume(0.15)), end(whole))
 
 
+def test_sampling_goes_on(tmp_path):
+    """A sphere passes the flat sheet during the second half; depths are those of its samples."""
+    cloth = cs.Cloth((9, 9), mass=1.0, stiffness=1.0, damping=0.0, pins=np.ones((9, 9), bool))
+    ball = cs.Sphere((0.56, -1.1, 0.56), 0.04, cs.Linear((0.0, 10.0, 0.0)), "ray", "none")
+    scene = cs.Scene(cloth, ball)
+    first = cs.simulate(scene, 0.1, dt=1e-3, sampling=1)
+    assert first.resume(0.1).report["penetration"]["triangles"] == 0.0
+    often = cs.simulate(scene, 0.1, dt=1e-3, sampling=100)
+    for run in (often, cs.load_run(often.save(tmp_path / "often"))):
+        assert run.resume(0.1).report["penetration"]["triangles"] == pytest.approx(0.04, abs=1e-9)
+
+
 def test_frames_go_on_in_their_grid(same_bits):
     for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": "step"}):
         whole = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
