@@ -14,7 +14,7 @@ from ._record import frozen
 from ._state import FloatArray, State, checked_state, scenes_of
 from .scene import Scene
 from .snapshot import Snapshot, take
-from .summary import stepper_lines
+from .summary import stepper_lines, stepper_state_lines
 from .typing import Backend, Integrator, Kernel, Precision
 
 
@@ -406,7 +406,7 @@ class Stepper:
 
         scene = self.scene if isinstance(self.scene, Scene) else self.scene[0]
         x = np.asarray(self.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
-        return state_bundle(stepper_lines(self), scene, x, self.time)
+        return state_bundle(stepper_state_lines(self), scene, x, self.time)
 
     def __repr__(self) -> str:
         return f"<{'; '.join(stepper_lines(self))}>"

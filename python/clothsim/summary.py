@@ -5,16 +5,27 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .measures import energy, max_stable_dt, penetration
+from .stability.limiting import limiting_term
 
 if TYPE_CHECKING:
     from .run import Run
     from .scene import Scene
     from .stepper import Stepper
 
+Floats = npt.NDArray[np.float64]
+
+_ENERGIES = ("kinetic", "elastic", "gravity")
+
 
 def run_lines(run: Run) -> list[str]:
-    """At most six lines: the scene, frames, steps, energy, penetration, and speed."""
+    """Six lines: the scene, frames, steps, energy, penetration, and speed."""
     report = run.report
     steps, dt = report.get("steps"), report.get("dt")
     how = " in ".join(str(report[k]) for k in ("integrator", "precision") if k in report)
@@ -26,7 +37,7 @@ def run_lines(run: Run) -> list[str]:
     return [
         f"Run of {_cloth(run.scene)}, {_spheres([run.scene])}",
         f"{frames} from t = {run.t[0]:.6g} to {run.t[-1]:.6g} s{end}",
-        f"{_count(steps, 'step')}{step}{f' by {how}' if how else ''}",
+        f"{'steps' if steps is None else _count(steps, 'step')}{step}{f' by {how}' if how else ''}",
         _energy_line(report.get("energy", {})),
         _penetration_line(run.scene, report.get("penetration", {})),
         _speed_line(report),
@@ -34,17 +45,19 @@ def run_lines(run: Run) -> list[str]:
 
 
 def scene_lines(scene: Scene) -> list[str]:
-    """Four lines: cloth, springs, spheres and gravity."""
+    """Six lines: cloth, springs, spheres, gravity, initial state and stable time step."""
     cloth = scene.cloth
     rows, columns = cloth.size
     mass = float(cloth.mass_per_point.sum())
     springs = ", ".join(f"{k:g} N/m {name}" for name, k in cloth.family_stiffness.items())
-    pinned = int(cloth.pinned.sum())
+    state = _State([scene], scene.initial_position[None], scene.initial_velocity[None], 0.0)
     return [
         f"Scene of {_cloth(scene)}, {rows:g} x {columns:g} m, {_number(mass, 'kg')}",
-        f"{cloth.spring_count():,} springs ({springs or 'none'}), {_count(pinned, 'pinned point')}",
-        _spheres([scene]),
-        f"gravity ({', '.join(f'{g:g}' for g in scene.gravity)}) m/s^2",
+        f"{_count(cloth.spring_count(), 'spring')} ({springs or 'none'}), {_count(int(cloth.pinned.sum()), 'pinned point')}",
+        f"{_spheres([scene])}, gravity ({', '.join(f'{g:g}' for g in scene.gravity)}) m/s^2",
+        f"initial {state.energy()}",
+        f"initial {state.penetration()}",
+        _stable_step([scene], "rk4"),
     ]
 
 
@@ -59,6 +72,56 @@ def stepper_lines(stepper: Stepper) -> list[str]:
         f"t = {stepper.time:.6g} s",
         f"{how}, {_count(stepper.threads, 'thread')}, {stepper.instruction_set}",
     ]
+
+
+def stepper_state_lines(stepper: Stepper) -> list[str]:
+    """Six lines: those of `stepper_lines`, energy and penetration now, and the stable time step."""
+    scenes = stepper._state.scenes
+    x, v = (np.asarray(one, np.float64).reshape(-1, *scenes[0].cloth.shape, 3) for one in stepper._arrays())
+    state = _State(scenes, x, v, stepper.time)
+    return [*stepper_lines(stepper), state.energy(), state.penetration(), _stable_step(scenes, stepper._state.integrator)]
+
+
+@dataclass(frozen=True)
+class _State:
+    """States of scenes, shape (B, rows, columns, 3), at a time [s]."""
+
+    scenes: Sequence[Scene]
+    x: Floats
+    v: Floats
+    t: float
+
+    def energy(self) -> str:
+        """Total energy with its parts, or its range over a batch."""
+        found = [energy(scene, x, v) for scene, x, v in zip(self.scenes, self.x, self.v)]
+        if len(found) > 1:
+            return f"energy {_range([float(one['total']) for one in found], 'J')}"
+        values = [float(found[0][name]) for name in ("total", *_ENERGIES)]
+        total, *parts = _joules(values, _rounding(self.scenes[0]))
+        return f"energy {total} ({', '.join(map(' '.join, zip(_ENERGIES, parts)))})"
+
+    def penetration(self) -> str:
+        """Deepest penetration over the spheres, and over a batch."""
+        spheres = [(x, sphere) for scene, x in zip(self.scenes, self.x) for sphere in scene.spheres]
+        if not spheres:
+            return "penetration: no sphere"
+        found = [penetration(x, sphere, self.t) for x, sphere in spheres]
+        parts = [f"{name} {_number(max(float(one[name]) for one in found), 'm')}" for name in ("points", "triangles")]
+        return f"deepest penetration: {', '.join(parts)}"
+
+
+def _stable_step(scenes: Sequence[Scene], integrator: str) -> str:
+    """The guaranteed stable step, of one scene with the term that limits it."""
+    if len(scenes) > 1:
+        limits = [float(max_stable_dt(scene, integrator)) for scene in scenes]
+        return f"stable time step {_range(limits, 's')} with {integrator}"
+    term = limiting_term(scenes[0], integrator)
+    return f"stable time step {_number(term.max_stable_dt, 's')} with {integrator}, limited by {term.name}"
+
+
+def _range(values: Sequence[float], unit: str) -> str:
+    low, high = min(values), max(values)
+    return _number(low, unit) if low == high else f"{low:.4g} to {_number(high, unit)}"
 
 
 def _cloth(scene: Scene) -> str:
@@ -84,8 +147,20 @@ def _energy_line(energy: Mapping[str, Any]) -> str:
         start, end = energy["start"]["total"], energy["end"]["total"]
     except (KeyError, TypeError):
         return "energy not known"
-    ends = f"{_number(start, 'J')} at the start, {_number(end, 'J')} at the end"
-    return f"energy {ends} ({end - start:+.4g} J)"
+    start, end, drift = _joules([start, end, end - start])
+    return f"energy {start} at the start, {end} at the end (drift {drift})"
+
+
+def _rounding(scene: Scene) -> float:
+    """Energy [J] of one spring of the cloth's length that a strain of 1e-10 stretches."""
+    stiffest = max(scene.cloth.family_stiffness.values(), default=0.0)
+    return 1e-20 * stiffest * max(scene.cloth.size) ** 2
+
+
+def _joules(energies: Sequence[float], negligible: float = 0.0) -> list[str]:
+    """Energies with their unit; rounding beside the largest, or below `negligible`, is 0."""
+    negligible = max(negligible, 1e-15 * max(map(abs, energies)))
+    return [_number(0.0 if abs(one) < negligible else one, "J") for one in energies]
 
 
 def _penetration_line(scene: Scene, depths: Mapping[str, Any]) -> str:
@@ -107,8 +182,8 @@ def _speed_line(report: Mapping[str, Any]) -> str:
     return f"{seconds:.3g} s of computing{on}, {speed:,.0f} steps/s"
 
 
-def _count(number: int | None, noun: str) -> str:
-    return f"{number or 0:,} {noun}{'' if number == 1 else 's'}"
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def _number(value: float, unit: str) -> str:

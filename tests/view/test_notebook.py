@@ -21,6 +21,13 @@ def shown(value):
     return data
 
 
+def lines_of(data):
+    """The six lines that stand beside a picture."""
+    lines = re.search(r"<pre[^>]*>(.*?)</pre>", data["text/html"], re.DOTALL)[1].splitlines()
+    assert len(lines) == 6 and all(len(line) < 100 for line in lines)
+    return lines
+
+
 def png_of(html):
     source = re.search(r'src="data:image/png;base64,([^"]+)"', html)[1]
     return base64.b64decode(source)
@@ -29,7 +36,7 @@ def png_of(html):
 def test_a_run_shows_its_lines_and_its_last_frame(run):
     data = shown(run)
     lines = str(run).splitlines()
-    assert 5 <= len(lines) <= 6 and all(len(line) < 90 for line in lines)
+    assert len(lines) == 6 and all(len(line) < 100 for line in lines)
     text = re.search(r"<pre[^>]*>(.*?)</pre>", data["text/html"], re.DOTALL)[1]
     assert text.splitlines() == lines
     assert png_of(data["text/html"]) == run.picture(width=400)._repr_png_()
@@ -48,7 +55,10 @@ def test_a_scene_shows_its_initial_state():
     scene = cs.scenes.paper_moving()
     data = shown(scene)
     assert png_of(data["text/html"]) == cs.picture(scene, width=400)._repr_png_()
-    assert "3,906 springs" in data["text/html"]
+    lines = lines_of(data)
+    assert "3,906 springs" in lines[1]
+    assert lines[3] == "initial energy 0 J (kinetic 0 J, elastic 0 J, gravity 0 J)"
+    assert lines[5].startswith(f"stable time step {cs.max_stable_dt(scene):.4g} s with rk4, limited by the damping")
 
 
 @pytest.mark.parametrize("batch", [False, True])
@@ -56,11 +66,16 @@ def test_a_stepper_shows_its_state_of_now(batch):
     scene = cs.scenes.paper_static()
     stepper = cs.Stepper([scene, scene] if batch else scene)
     before = png_of(shown(stepper)["text/html"])
-    stepper.advance(100, 2e-3)
+    stepper.advance(200, 1e-3)
     data = shown(stepper)
     x = np.reshape(stepper.positions, (-1, 32, 32, 3))[0]
     assert png_of(data["text/html"]) == cs.picture(scene, x, stepper.time, width=400)._repr_png_() != before
-    assert "t = 0.2 s" in data["text/html"]
+    lines = lines_of(data)
+    assert lines[1] == "t = 0.2 s"
+    energies = cs.energy(scene, x, np.reshape(stepper.velocities, (-1, 32, 32, 3))[0])
+    assert lines[3].startswith(f"energy {energies['total']:.4g} J")
+    assert f"points {cs.penetration(x, scene.spheres[0])['points']:.4g} m" in lines[4]
+    assert len(repr(stepper).split("; ")) == 3
 
 
 def test_playing_in_a_cell_takes_less_than_a_second():

@@ -40,19 +40,25 @@ class LimitingTerm:
     below: tuple[float, ...]
     max_stable_dt: float
 
+    @property
+    def name(self) -> str:
+        """Kind and families, such as "the damping of structural and shear springs"."""
+        if self.kind == "nothing":
+            return "nothing"
+        *most, last = self.families
+        springs = f"{', '.join(most)} and {last}" if most else last
+        return f"the {self.kind} of {springs}{'' if last == 'points' else ' springs'}"
+
     def __str__(self) -> str:
         if self.kind == "nothing":
             return "nothing limits it"
         unit = "N/m" if self.kind == "stiffness" else "N s/m"
-        *most, last = self.families
-        springs = f"{', '.join(most)} and {last}" if most else last
-        springs += "" if last == "points" else " springs"
 
         def listed(numbers: tuple[float, ...]) -> str:
             different = dict.fromkeys(f"{one:.3g}" for one in numbers)
             return f"{' and '.join(different)} {unit}"
 
-        text = f"the {self.kind} of {springs}, {listed(self.values)}, limits it"
+        text = f"{self.name}, {listed(self.values)}, limits it"
         return f"{text}; below {listed(self.below)} it would not" if any(self.below) else text
 
 

@@ -1,4 +1,4 @@
-"""`Dataset.clothsim`: plots and provenance of a sweep."""
+"""`Dataset.clothsim`: plots, provenance and members of a sweep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 import xarray
 
+from ..run import Run
 from ..scene import Scene
+from ..typing import Every
 from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
 
 
@@ -65,6 +67,44 @@ class ClothsimAccessor:
                 f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which `sweep` and `open_sweep` give"
             )
         return dict(json.loads(text))
+
+    def member(self, *, every: Every | None = None, **selection: Any) -> Run:
+        """The run of one member, which shows itself, plays and exports as any `Run`.
+
+        The member is computed again from the scene and the settings of the sweep, with the bits
+        that it had there. Of a member that became unstable it is the run up to the last good state.
+
+        Parameters
+        ----------
+        every : int, float or "step", optional
+            Frames, as for `simulate`. Default: `every` of the sweep.
+        **selection
+            Labels as for ``Dataset.sel``, one for each dimension that is left.
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        KeyError
+            If there is no such label; ``ds.sel(..., method="nearest").clothsim.member()`` takes
+            the nearest.
+        ValueError
+            If more than one member is left, or a swept array is too large for the Dataset to keep.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1,
+        ...               dt=0.01, metrics="stable", progress=False)
+        >>> run = ds.clothsim.member(stiffness=4.0, every=0.05)
+        >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()
+        (4.0, [0.0, 0.05, 0.1])
+        """
+        from .again import member_run
+
+        return member_run(self._dataset, self.provenance["identity"], selection, every)
 
     @property
     def scene(self) -> Scene:
