@@ -7,6 +7,7 @@ rest, and springs fling it through the plane, on to the sphere, within the steps
 import clothsim as cs
 import numpy as np
 import pytest
+from variants import NAMED_KERNELS, pairs
 
 DT, STEPS = 5e-4, 38
 SPHERE = cs.Sphere((0.5, -0.6, 0.5), 0.5, None, "continuous", "none", 0.5)
@@ -42,9 +43,7 @@ def test_the_reference_sees_the_same_contacts(variant):
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol=bound)
 
 
-@pytest.mark.parametrize("offset", ["none", "face"])
-@pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("integrator", cs.integrators())
+@pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 3], offset=["none", "face"])
 def test_guarded_steps_end_where_others_do(integrator, kernel, threads, offset):
     scene, x, v = drawn(SPHERE.replace(offset=offset))
     options = {"integrator": integrator, "kernel": kernel, "threads": threads}

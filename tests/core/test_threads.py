@@ -11,11 +11,12 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim import plan
+from variants import NAMED_KERNELS, NATIVE_VARIANTS, cases, pairs
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
 
 
-@pytest.mark.parametrize("shape", [(33, 70), (64, 5), (5, 64)], ids=str)
+@pairs(variant=NATIVE_VARIANTS, shape=[(33, 70), (64, 5), (5, 64)])
 def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits, shape):
     scene, x, v, dt = crumpled(shape=shape, spheres=BALL)
     one = cs.step(scene, x, v, dt, 15, **variant.options)
@@ -27,31 +28,24 @@ def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits,
         assert same_bits([b], [a]), threads
 
 
-@pytest.mark.parametrize(
-    "feature",
-    [
-        {"springs": families, "damped": damped}
-        for families in (
-            ("structural", "shear", "bend"),
-            ("structural", "shear"),
-            ("shear", "bend"),
-            ("bend",),
-            ("structural",),
-        )
-        for damped in (True, False)
-    ]
-    + [{"damping_model": "point"}],
-    ids=str,
-)
-def test_threads_tell_each_other_what_every_set_of_springs_needs(variant, crumpled, same_bits, feature):
-    scene, x, v, dt = crumpled(shape=(32, 32), **feature)
-    one = cs.step(scene, x, v, dt, 6, **variant.options)
-    for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
-        several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
-        assert same_bits(several, one), threads
+FEATURES = [
+    {"springs": families, "damped": damped}
+    for families in (("structural", "shear", "bend"), ("structural", "shear"), ("shear", "bend"), ("bend",), ("structural",))
+    for damped in (True, False)
+] + [{"damping_model": "point"}]
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@cases()
+def test_threads_exchange_what_every_set_of_springs_needs(variant, crumpled, same_bits):
+    for feature in FEATURES:
+        scene, x, v, dt = crumpled(shape=(32, 32), **feature)
+        one = cs.step(scene, x, v, dt, 6, **variant.options)
+        for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
+            several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
+            assert same_bits(several, one), (threads, feature)
+
+
+@pairs(variant=NATIVE_VARIANTS, dtype=[np.float64, np.float32])
 def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype):
     scene, x, v, dt = crumpled(spheres=BALL)
     xs = np.stack([x, x + 0.01, x[::-1]]).astype(dtype)
@@ -63,7 +57,7 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
         assert same_bits(together, expected), threads
 
 
-@pytest.mark.parametrize("members", [3, 5, 7])
+@pairs(variant=NATIVE_VARIANTS, members=[3, 5, 7])
 def test_members_left_over_for_a_team_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
     assert x[..., 0].size >= 4 * cs._core.points_worth_a_thread
@@ -259,8 +253,7 @@ def _interrupt(stepper, dt, steps):
     return delay
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("shape", [(2, 2), (32, 32), (200, 200)], ids=str)
+@pairs(kernel=NAMED_KERNELS, shape=[(2, 2), (32, 32), (200, 200)], threads=[1, 2])
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, threads):
     """Within 0.1 s: part of what `advance` promises, so time is measured here.
 
