@@ -78,6 +78,13 @@ class DisplayedRun:
             Without matplotlib (extra "plot").
         ValueError
             If the folder of `path` is missing.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, fps=50)
+        >>> [axes.get_ylabel() for axes in run.plot().axes]
+        ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
         from .view.chart import plot
 
@@ -116,6 +123,14 @@ class DisplayedRun:
             Without Pillow.
         RuntimeError
             Without ffmpeg, or if ffmpeg fails.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
+        'swing.gif'
         """
         from .view.animation import animate
 
@@ -181,6 +196,12 @@ class DisplayedRun:
         ------
         ValueError, TypeError
             If `height` is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+        >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
         from .view.page import run_to_frame
 

@@ -132,6 +132,12 @@ class Record(EqualByValue):
         ------
         TypeError
             For a name that the constructor does not have.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
+        0.5
         """
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
 
@@ -143,6 +149,12 @@ class Record(EqualByValue):
         dict
             One key per argument of the constructor; arguments that are None are left out, as
             TOML has no None. ``from_dict`` makes an equal object of it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
+        [4, 5]
         """
         return {name: _plain(value) for name, value in self._values().items() if value is not None}
 
@@ -166,6 +178,13 @@ class Record(EqualByValue):
             or a value that the constructor refuses.
         TypeError
             If `data` is no mapping.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cloth = cs.Cloth(shape=(4, 5), mass=2.0)
+        >>> cs.Cloth.from_dict(cloth.to_dict()) == cloth
+        True
         """
         return cls(**cls._arguments(data))
 

@@ -96,11 +96,35 @@ class LongRunWarning(UserWarning):
     Given by `simulate`, `step` and `Stepper.advance` before the first step. The time is that of
     some steps of the same scene, measured then, times their number. A sweep does not give it: its
     progress bar shows the time left.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import clothsim as cs
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", cs.LongRunWarning)  # ends a run that would take too long
+    ...     try:
+    ...         cs.simulate(cs.scenes.paper_swing(), 20.0, dt=5e-6)
+    ...     except cs.LongRunWarning as warning:
+    ...         print(str(warning).partition(" of")[0])
+    4,000,000 steps
     """
 
 
 class ContactWarning(UserWarning):
-    """A sphere with response "continuous" starts on the cloth, or has run into a pinned point."""
+    """A sphere with response "continuous" starts on the cloth, or has run into a pinned point.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import clothsim as cs
+    >>> sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous")
+    >>> with warnings.catch_warnings(record=True) as given:
+    ...     warnings.simplefilter("always")
+    ...     run = cs.simulate(cs.Scene(cs.Cloth((8, 8)), sphere), 0.001, dt=1e-4)
+    >>> given[0].category.__name__
+    'ContactWarning'
+    """
 
 
 @suggesting
@@ -115,12 +139,18 @@ class RunInterrupted(KeyboardInterrupt):
 
     Examples
     --------
-    Keep what is done::
+    A callback raises the interrupt here; you press Ctrl-C.
 
-        try:
-            run = cs.simulate(scene, 60.0)
-        except KeyboardInterrupt as interrupted:  # a RunInterrupted
-            run = interrupted.run
+    >>> import clothsim as cs
+    >>> def interrupt(t, x, v):
+    ...     if t >= 0.02:
+    ...         raise KeyboardInterrupt
+    >>> try:
+    ...     run = cs.simulate(cs.scenes.paper_swing(), 60.0, dt=1e-3, fps=100, callback=interrupt)
+    ... except cs.RunInterrupted as interrupted:
+    ...     run = interrupted.run
+    >>> float(run.t[-1])
+    0.02
     """
 
     def __init__(self, run: Any = None) -> None:
@@ -158,8 +188,8 @@ class ContactError(ArithmeticError):
     --------
     >>> import clothsim as cs
     >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), x=None, v=None))
-    no place left at step 3 (t = 0.5 s) for mass point (1, 2): the spheres have shut it in; keep \
-them further apart, or make them smaller
+    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
+further apart, or make them smaller
     """
 
     run: Any = None
@@ -182,8 +212,8 @@ them further apart, or make them smaller
         self.member = member
         which = "" if member is None else f" of batch member {member}"
         super().__init__(
-            f"no place left at step {step} (t = {time:g} s) for mass point {point}{which}: the "
-            "spheres have shut it in; keep them further apart, or make them smaller"
+            f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres; "
+            "keep them further apart, or make them smaller"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -51,6 +51,12 @@ class _Motion(Record):
         -------
         numpy.ndarray
             Positions [m], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).center_at(0.5, (0, 0, 0))
+        array([0. , 0.5, 0. ])
         """
         return self._center(_times(t), np.array(check.vector("center0", center0)))
 
@@ -66,6 +72,12 @@ class _Motion(Record):
         -------
         numpy.ndarray
             Velocities [m/s], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).velocity_at(0.5)
+        array([0., 1., 0.])
         """
         return self._velocity(_times(t))
 
@@ -81,6 +93,12 @@ class _Motion(Record):
         Returns
         -------
         dict
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).to_dict()
+        {'kind': 'linear', 'velocity': [0.0, 1.0, 0.0]}
         """
         return {"kind": self.kind, **super().to_dict()}
 
@@ -103,6 +121,12 @@ class _Motion(Record):
             For an unknown or missing key, another motion's "kind", or a refused value.
         TypeError
             If `data` is no mapping.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear.from_dict({"kind": "linear", "velocity": [0, 1, 0]}).velocity
+        (0.0, 1.0, 0.0)
         """
         arguments = cls._arguments(data, "kind")
         check.choice(f"{cls.__name__} kind", arguments.pop("kind"), (cls.kind,))

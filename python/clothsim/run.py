@@ -52,6 +52,13 @@ class Run(DisplayedRun, ExportedRun):
         The final state with all its digits, from which `resume` and ``Stepper.restore`` go on.
     continuation : object or None
         How the steps were computed, for `resume`.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+    >>> run.x.shape, run.report["steps"]
+    ((6, 32, 32, 3), 100)
     """
 
     scene: Scene
@@ -229,6 +236,14 @@ class Run(DisplayedRun, ExportedRun):
         ------
         ValueError
             For any other ending.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     run.save(folder + "/run").name
+        'run.npz'
         """
         path = _files.npz_path(path)
         texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
@@ -244,6 +259,13 @@ class Run(DisplayedRun, ExportedRun):
         ------
         ImportError
             Without xarray, naming the extra that brings it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, fps=50)
+        >>> dict(run.to_xarray().sizes)
+        {'time': 6, 'row': 1, 'column': 2, 'component': 3}
         """
         xr = needed("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")

@@ -322,11 +322,21 @@ def denim(
 ) -> Scene:
     """A sheet of measured denim: 11 oz, 99 % cotton and 1 % spandex, 0.324 kg/m^2.
 
-    Parameters, source and formulas are those of `cotton`.
+    `cotton` names the source and the formulas.
+
+    Parameters
+    ----------
+    shape, size, damping_ratio, fold
+        As for `cotton`.
 
     Returns
     -------
     Scene
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as for `cotton`.
 
     Examples
     --------

@@ -79,6 +79,16 @@ class Snapshot:
         ------
         ValueError
             For any other ending.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> snapshot = cs.Stepper(cs.scenes.paper_swing()).snapshot()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = snapshot.save(folder + "/start")
+        ...     stepper = cs.Stepper.restore(cs.Snapshot.load(path))
+        >>> path.name, stepper.time
+        ('start.npz', 0.0)
         """
         return _files.write_npz(_files.npz_path(path), to_arrays(self))
 
@@ -100,6 +110,16 @@ class Snapshot:
             If the file is no snapshot.
         OSError
             If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> snapshot = cs.Stepper(cs.scenes.paper_swing()).snapshot()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = snapshot.save(folder + "/start")
+        ...     stepper = cs.Stepper.restore(cs.Snapshot.load(path))
+        >>> path.name, stepper.time
+        ('start.npz', 0.0)
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
         try:

@@ -160,6 +160,12 @@ class Sphere(Record):
             For an unknown key or a value that the constructor refuses.
         TypeError
             If `data` is no mapping.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere.from_dict({"radius": 0.1, "motion": {"kind": "linear", "velocity": [0, 1, 0]}}).motion
+        Linear(velocity=(0.0, 1.0, 0.0))
         """
         arguments = cls._arguments(data)
         if arguments.get("motion") is not None:
@@ -178,6 +184,13 @@ class Sphere(Record):
         -------
         numpy.ndarray
             Positions [m], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
+        >>> sphere.center_at(0.5)
+        array([0. , 0.5, 0. ])
         """
         return (self.motion or _STILL).center_at(t, self.center)
 
@@ -193,6 +206,13 @@ class Sphere(Record):
         -------
         numpy.ndarray
             Velocities [m/s], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
+        >>> sphere.velocity_at(0.5)
+        array([0., 1., 0.])
         """
         return (self.motion or _STILL).velocity_at(t)
 
@@ -257,6 +277,13 @@ class Sphere(Record):
         -------
         float
             ``radius`` + ``offset_length(cloth)`` [m].
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, offset=0.01)
+        >>> sphere.contact_radius(cs.Cloth())
+        0.26
         """
         return self.radius + self.offset_length(cloth)
 

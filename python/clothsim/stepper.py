@@ -125,6 +125,14 @@ class Stepper:
         StabilityWarning
             Once in the life of a stepper, if `dt` is above `max_stable_dt`; and once if more than
             half of the kinetic and elastic energy comes out of nothing (docs/stability.md).
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> stepper = cs.Stepper(cs.scenes.paper_swing())
+        >>> stepper.advance(100, 1e-4)
+        >>> round(stepper.time, 6)
+        0.01
         """
         self._state.advance(steps, dt)
 
@@ -351,6 +359,15 @@ class Stepper:
         ------
         RuntimeError
             If another thread is advancing this stepper.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> stepper = cs.Stepper(cs.scenes.paper_swing())
+        >>> start = stepper.snapshot()
+        >>> stepper.advance(100, 1e-4)
+        >>> cs.Stepper.restore(start).time
+        0.0
         """
         return take(self._state, self._scene, self._options, self._track)
 

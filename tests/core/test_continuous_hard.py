@@ -99,7 +99,7 @@ def test_a_point_that_is_shut_in_is_refused_with_a_clear_word():
     directions = [np.array(d, float) for d in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     spheres = [ball(4.1 * d, 4.0, motion=cs.Linear(tuple(-d))) for d in directions]
     stepper = cs.Stepper(lone((0.001, 0.002, 0.003), spheres))
-    with pytest.raises(cs.ContactError, match=r"shut it in.*further apart") as caught:
+    with pytest.raises(cs.ContactError, match=r"trapped between spheres.*further apart") as caught:
         stepper.advance(1000, 1e-3)
     error = caught.value
     assert error.point == (0, 0) and 0.09 < error.time < 0.2 and error.member is None

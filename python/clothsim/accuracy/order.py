@@ -59,6 +59,13 @@ class Convergence(EqualByValue):
         the number of steps, as rounding of the positions adds up like a random walk ("single"
         compensates it).
     reference : Reference
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> found = cs.convergence(cs.scenes.oscillator(), 1.0, dts=[2e-3, 1e-3])
+    >>> found.local_orders.round(1)
+    array([4.])
     """
 
     integrator: str

@@ -61,6 +61,12 @@ class Reference(EqualByValue):
     report : dict
         "methods", "force_evaluations" (of each method), "wall_time" [s] of the computation and
         "kept": where this one came from: "computed", "memory" or "disk".
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cs.reference(cs.scenes.oscillator(), 1.0).x.shape
+    (2, 1, 2, 3)
     """
 
     scene: Scene

@@ -61,6 +61,13 @@ class _Room(ModuleType):
             If an argument is not as above.
         ImportError
             Without viser (extra "view").
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> viewer = cs.view(cs.scenes.paper_static(), block=False)  # doctest: +SKIP
+        >>> run = viewer.recorded()  # doctest: +SKIP
+        >>> viewer.stop()  # doctest: +SKIP
         """
         from .live import view
 

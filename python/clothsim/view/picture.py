@@ -74,6 +74,13 @@ class Picture:
             If the folder is missing, or the suffix names no format.
         ImportError
             Without Pillow, for formats other than PNG.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     cs.picture(cs.scenes.paper_static(), width=64).save(folder + "/cloth.png").name
+        'cloth.png'
         """
         path = file_path("path", path)
         if path.suffix.lower() == ".png":

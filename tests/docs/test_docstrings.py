@@ -1,0 +1,57 @@
+"""Every public name has an example, which runs as a doctest, and documents every argument."""
+
+import inspect
+import re
+
+import clothsim as cs
+import pytest
+
+pytest.importorskip("xarray")
+
+
+def members():
+    """Public functions, classes and their methods, by the name that a user writes."""
+    for name in cs.__all__:
+        value = getattr(cs, name)
+        if name == "scenes":
+            for function, made in inspect.getmembers(value, inspect.isfunction):
+                if not function.startswith("_") and made.__module__ == value.__name__:
+                    yield f"scenes.{function}", made
+        elif name == "view":  # a module that is called like a function
+            yield name, type(value).__call__
+        else:
+            yield name, value
+            if inspect.isclass(value):
+                yield from methods(name, value)
+
+
+def methods(name, cls):
+    for attribute, value in inspect.getmembers(cls, lambda one: inspect.isfunction(one) or inspect.ismethod(one)):
+        if not attribute.startswith("_") and value.__module__.startswith("clothsim"):
+            yield f"{name}.{attribute}", value
+
+
+MEMBERS = dict(members())
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_it_has_an_example(name):
+    assert ">>> " in inspect.getdoc(MEMBERS[name])
+
+
+def documented(text):
+    """Names of the sections Parameters and Attributes."""
+    found = set()
+    for section in re.findall(r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", text, re.M | re.S):
+        for names in re.findall(r"^(\*{0,2}\w[^:\n]*?)(?: :|$)", section, re.M):
+            found |= {one.strip(" *`") for one in names.split(",")}
+    return found
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_its_arguments_are_documented(name):
+    value = MEMBERS[name]
+    if value is cs.Snapshot or (inspect.isclass(value) and issubclass(value, Warning)):
+        return  # users do not call these constructors
+    arguments = set(inspect.signature(value).parameters) - {"self", "cls"}
+    assert arguments <= documented(inspect.getdoc(value))
