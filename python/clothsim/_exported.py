@@ -18,13 +18,14 @@ class ExportedRun:
         .usd, .usda, .usdc   OpenUSD: a mesh with time samples, sphere prims; needs usd-core
         .glb                 Binary glTF: every frame is a morph target, spheres are meshes
         .pc2, .mdd           A point cache, and the mesh of the first frame as .obj beside it
-        .obj, .ply           A sequence name_0001.obj, name_0002.obj, ...: the cloth alone
-        .vtkhdf              VTK, all frames in one file, the cloth alone; needs h5py
+        .obj                 A sequence name_0001.obj, ...; the spheres are further objects
+        .ply                 A sequence name_0001.ply, ...; name_sphere_0_0001.ply, ... for spheres
+        .vtkhdf              VTK, all frames in one file, "body" tells the spheres; needs h5py
         .vtp, .pvd           VTK: an index name.pvd, and name_0001.vtp, ... for cloth and spheres
         .csv                 A table of energies, stretch and penetration
         ===================  ====================================================================
 
-        Vertices are the mass points in the order of the array index, ``row * columns + column``.
+        Vertices of the cloth are the mass points in the order of the array index, ``row * columns + column``.
         Triangles are those of `triangles`: normals of the flat sheet point up. Texture coordinates
         run from 0 to 1: u along the columns, v from the last row to the first. Lengths are in
         metres. The how-to docs/export.md shows how to open the files.

@@ -183,6 +183,18 @@ def test_pc2_refuses_stored_frames_at_unequal_distances(run, tmp_path):
     close(np.frombuffer(mdd.read_bytes(), ">f4", 5, 8), [0, 0.03, 0.06, 0.09, 0.1])
 
 
+def check_ball(run, j, k, vertices, faces, vertex_normals, z_up=False, tolerance=SINGLE):
+    """A mesh of sphere j in frame k: on the sphere, closed, wound outwards, without a hole."""
+    sphere = run.scene.spheres[j]
+    x, y, z = sphere.center_at(run.t[k])
+    center = np.array([x, -z, y] if z_up else [x, y, z])
+    close(np.linalg.norm(vertices - center, axis=-1), sphere.radius, 8 * tolerance)
+    close(vertex_normals, (vertices - center) / sphere.radius, 1e-5)
+    a, b, c = (vertices[faces[:, n]] - center for n in range(3))
+    volume = np.einsum("nk,nk->n", a, np.cross(b, c)) / 6
+    assert (volume > 0).all() and volume.sum() == pytest.approx(4 / 3 * np.pi * sphere.radius**3, rel=0.01)
+
+
 @pytest.mark.parametrize("z_up", [False, True])
 def test_obj_sequence_by_meshio(run, tmp_path, z_up):
     meshio = pytest.importorskip("meshio")
@@ -191,24 +203,46 @@ def test_obj_sequence_by_meshio(run, tmp_path, z_up):
     for k, file in enumerate(files):
         mesh = meshio.read(file)
         x = points(run, k, z_up)
-        close(mesh.points, x, 1e-8)  # 9 digits
-        assert (mesh.cells_dict["triangle"] == cs.triangles((5, 7))).all()
-        close(mesh.point_data["obj:vn"], normals(x, (5, 7)), 1e-5)
-        close(mesh.point_data["obj:vt"], texture((5, 7)), 1e-8)
+        close(mesh.points[:35], x, 1e-8)  # 9 digits
+        faces = mesh.cells_dict["triangle"]
+        assert (faces[:48] == cs.triangles((5, 7))).all()
+        close(mesh.point_data["obj:vn"][:35], normals(x, (5, 7)), 1e-5)
+        close(mesh.point_data["obj:vt"][:35], texture((5, 7)), 1e-8)
+        each = (len(mesh.points) - 35) // 2
+        for j in range(2):
+            own = slice(35 + j * each, 35 + (j + 1) * each)
+            of_ball = faces[(faces >= own.start).all(axis=1) & (faces < own.stop).all(axis=1)]
+            vertices, directions = mesh.points[own], mesh.point_data["obj:vn"][own]
+            check_ball(run, j, k, vertices, of_ball - own.start, directions, z_up, 1e-8)
+        assert (mesh.point_data["obj:vt"] >= 0).all() and (mesh.point_data["obj:vt"] <= 1).all()
+
+
+def test_obj_has_an_object_for_each_body_by_trimesh(run, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    path = export(run, tmp_path / "a.obj", FPS)[6]
+    scene = trimesh.load(path, split_objects=True, group_material=False)
+    assert set(scene.geometry) == {"cloth", "sphere_0", "sphere_1"}
+    for j, sphere in enumerate(run.scene.spheres):
+        close(scene.geometry[f"sphere_{j}"].bounds.mean(axis=0), sphere.center_at(run.t[6]), 1e-8)
+    assert len(scene.geometry["cloth"].faces) == 48
 
 
 @pytest.mark.parametrize("z_up", [False, True])
 def test_ply_sequence_by_meshio(run, tmp_path, z_up):
     meshio = pytest.importorskip("meshio")
     files = export(run, tmp_path / "a.ply", FPS, z_up)
-    assert [file.name for file in files] == [f"a_{k:04d}.ply" for k in range(1, 12)]
-    for k, file in enumerate(files):
-        mesh = meshio.read(file)
+    names = [f"{body}_{k:04d}.ply" for k in range(1, 12) for body in ("a", "a_sphere_0", "a_sphere_1")]
+    assert [file.name for file in files] == names
+    for k in range(11):
+        cloth, *balls = (meshio.read(file) for file in files[3 * k : 3 * k + 3])
         x = points(run, k, z_up)
-        close(mesh.points, x)
-        assert (mesh.cells_dict["triangle"] == cs.triangles((5, 7))).all()
-        close(np.stack([mesh.point_data[n] for n in ("nx", "ny", "nz")], -1), normals(x, (5, 7)))
-        close(np.stack([mesh.point_data[n] for n in "st"], -1), texture((5, 7)))
+        close(cloth.points, x)
+        assert (cloth.cells_dict["triangle"] == cs.triangles((5, 7))).all()
+        close(np.stack([cloth.point_data[n] for n in ("nx", "ny", "nz")], -1), normals(x, (5, 7)))
+        close(np.stack([cloth.point_data[n] for n in "st"], -1), texture((5, 7)))
+        for j, ball in enumerate(balls):
+            directions = np.stack([ball.point_data[n] for n in ("nx", "ny", "nz")], -1)
+            check_ball(run, j, k, ball.points, ball.cells_dict["triangle"], directions, z_up)
 
 
 def depth(run, k):
@@ -218,18 +252,23 @@ def depth(run, k):
 
 
 def check_polydata(run, k, mesh):
-    """A frame as VTK read it."""
+    """The cloth of a frame as VTK read it; the arrays of the whole mesh."""
     from vtk.util.numpy_support import vtk_to_numpy
 
     x = points(run, k)
-    assert (vtk_to_numpy(mesh.GetPoints().GetData()) == x).all()  # float64
-    cells = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    assert (cells == cs.triangles((5, 7))).all()
-    data = {name: vtk_to_numpy(mesh.GetPointData().GetArray(name)) for name in ("velocity", "depth", "Normals", "TCoords")}
+    arrays = mesh.GetPointData()
+    names = [arrays.GetArrayName(n) for n in range(arrays.GetNumberOfArrays())]
+    whole = {name: vtk_to_numpy(arrays.GetArray(name)) for name in names}
+    whole["x"] = vtk_to_numpy(mesh.GetPoints().GetData())
+    whole["faces"] = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    assert (whole["x"][:35] == x).all()  # float64
+    assert (whole["faces"][:48] == cs.triangles((5, 7))).all()
+    data = {name: values[:35] for name, values in whole.items()}
     close(data["velocity"], run.v[k].reshape(-1, 3))
     close(data["depth"], depth(run, k))
     close(data["Normals"], normals(x, (5, 7)))
     close(data["TCoords"], texture((5, 7)))
+    return whole
 
 
 def test_some_point_is_inside_a_sphere(run):
@@ -272,7 +311,15 @@ def test_vtkhdf_by_vtk(run, tmp_path):
     for k in (0, 10, 4):
         reader.SetStep(k)
         reader.Update()
-        check_polydata(run, k, reader.GetOutput())
+        whole = check_polydata(run, k, reader.GetOutput())
+        body, faces = whole["body"], whole["faces"]
+        assert set(body) == {0, 1, 2} and (body[:35] == 0).all()
+        for j, sphere in enumerate(run.scene.spheres):
+            own = np.flatnonzero(body == j + 1)
+            of_ball = faces[np.isin(faces, own).all(axis=1)] - own[0]
+            check_ball(run, j, k, whole["x"][own], of_ball, whole["Normals"][own], tolerance=1e-15)
+            close(whole["velocity"][own], np.tile(sphere.velocity_at(run.t[k]), (len(own), 1)))
+            assert (whole["depth"][own] == 0).all()
 
 
 def test_vtkhdf_by_h5py_and_its_published_layout(run, tmp_path):
@@ -286,8 +333,9 @@ def test_vtkhdf_by_h5py_and_its_published_layout(run, tmp_path):
         for k in range(11):
             start, part = steps["PointOffsets"][k], steps["PartOffsets"][k]
             x = root["Points"][start : start + root["NumberOfPoints"][part]]
-            assert (x == points(run, k)).all()
+            assert (x[:35] == points(run, k)).all()
             at = steps["PointDataOffsets/depth"][k]
             close(root["PointData/depth"][at : at + 35], depth(run, k))
-        assert (root["Polygons/Connectivity"][:].reshape(-1, 3) == cs.triangles((5, 7))).all()
-        assert (root["Polygons/Offsets"][:] == np.arange(0, 3 * 48 + 1, 3)).all()
+        faces = root["Polygons/Connectivity"][:].reshape(-1, 3)
+        assert (faces[:48] == cs.triangles((5, 7))).all() and faces.max() < root["NumberOfPoints"][0]
+        assert (root["Polygons/Offsets"][:] == np.arange(0, faces.size + 1, 3)).all()

@@ -103,6 +103,11 @@ class Clip:
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
 
+    def sphere_velocities(self, k: int) -> Floats:
+        """Velocities of the spheres in frame `k`, shape (spheres, 3) [m/s]."""
+        t = self.times[k] + self._run.t[0]
+        return self._turned(np.array([s.velocity_at(t) for s in self.spheres]).reshape(-1, 3))
+
     def _turned(self, vectors: Floats) -> Floats:
         if not self.z_up:
             return vectors

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..clip import Clip
+from .ball import bodies
 from .sequences import write_obj
 
 
@@ -21,7 +22,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
         for frame in clip.frames():
             file.write(frame.positions.astype(order).tobytes())
     mesh = path.with_suffix(".obj")
-    write_obj(clip, clip[0], mesh)
+    write_obj(bodies(clip, clip[0])[:1], mesh)  # a cache moves one mesh
     return [path, mesh]
 
 

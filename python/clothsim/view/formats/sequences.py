@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..clip import Clip, Frame
+from ..clip import Clip
+from .ball import Body, bodies
 
 
 def numbered(path: Path, number: int) -> Path:
@@ -16,30 +17,34 @@ def numbered(path: Path, number: int) -> Path:
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    one = write_obj if path.suffix.lower() == ".obj" else write_ply
-    return write_each(clip, path, one)
-
-
-def write_each(clip: Clip, path: Path, one: Callable[[Clip, Frame, Path], None]) -> list[Path]:
-    """The files that `one` writes of the frames."""
+    """OBJ: one file a frame. PLY, which knows no objects: one file a frame and body."""
     files = []
     for frame in clip.frames():
-        files.append(numbered(path, frame.number))
-        one(clip, frame, files[-1])
+        meshes = bodies(clip, frame)
+        if path.suffix.lower() == ".obj":
+            files.append(numbered(path, frame.number))
+            write_obj(meshes, files[-1])
+            continue
+        for body in meshes:
+            file = path if body is meshes[0] else path.with_name(f"{path.stem}_{body.name}{path.suffix}")
+            files.append(numbered(file, frame.number))
+            write_ply(body, files[-1])
     return files
 
 
-def write_obj(clip: Clip, frame: Frame, path: Path) -> None:
+def write_obj(meshes: Sequence[Body], path: Path) -> None:
     """Positions with 9 digits, which is all of a float32, texture coordinates, normals."""
-    normals = clip.normals(frame.positions)
-    corners = np.repeat(clip.triangles.ravel() + 1, 3)
-    lines = [
-        "# clothsim, metres\no cloth\n",
-        _lines("v %.9g %.9g %.9g\n", frame.positions),
-        _lines("vt %.9g %.9g\n", clip.uv),
-        _lines("vn %.6g %.6g %.6g\n", normals),
-        _lines("f %d/%d/%d %d/%d/%d %d/%d/%d\n", corners.reshape(-1, 9)),
-    ]
+    lines, first = ["# clothsim, metres\n"], 1
+    for body in meshes:
+        corners = np.repeat(body.corners.ravel() + first, 3)
+        lines += [
+            f"o {body.name}\n",
+            _lines("v %.9g %.9g %.9g\n", body.positions),
+            _lines("vt %.9g %.9g\n", body.uv),
+            _lines("vn %.6g %.6g %.6g\n", body.normals),
+            _lines("f %d/%d/%d %d/%d/%d %d/%d/%d\n", corners.reshape(-1, 9)),
+        ]
+        first += len(body.positions)  # OBJ counts through all objects
     path.write_text("".join(lines), encoding="ascii", newline="\n")
 
 
@@ -47,12 +52,12 @@ def _lines(form: str, values: np.ndarray) -> str:
     return (form * len(values)) % tuple(values.ravel().tolist())
 
 
-def write_ply(clip: Clip, frame: Frame, path: Path) -> None:
+def write_ply(body: Body, path: Path) -> None:
     """Binary, little-endian, float32; texture coordinates under the names that Blender reads."""
     names = ("x", "y", "z", "nx", "ny", "nz", "s", "t")
-    vertices = np.hstack([frame.positions, clip.normals(frame.positions), clip.uv])
-    faces = np.empty(len(clip.triangles), [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, clip.triangles
+    vertices = np.hstack([body.positions, body.normals, body.uv])
+    faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, body.corners
     header = [
         "ply",
         "format binary_little_endian 1.0",

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._extras import needed
 from ..clip import Clip, Frame
-from .ball import unit_ball
+from .ball import Body, bodies
 from .sequences import numbered
 
 _TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
@@ -23,17 +23,17 @@ def write(clip: Clip, path: Path) -> list[Path]:
     return _write_series(clip, path)
 
 
-def _point_data(clip: Clip, frame: Frame) -> dict[str, np.ndarray]:
+def _point_data(clip: Clip, frame: Frame, body: Body) -> dict[str, np.ndarray]:
     """What every mass point carries; its depth is below the nearest sphere's true radius [m]."""
-    depth = np.zeros(len(frame.positions))
+    depth = np.zeros(len(body.positions))
     for sphere, center in zip(clip.spheres, frame.centers):
-        distance = np.linalg.norm(frame.positions - center, axis=-1)
+        distance = np.linalg.norm(body.positions - center, axis=-1)
         depth = np.maximum(depth, sphere.radius - distance)
     return {
         "velocity": frame.velocities.astype("<f4"),
         "depth": depth.astype("<f4"),
-        "Normals": clip.normals(frame.positions).astype("<f4"),
-        "TCoords": clip.uv.astype("<f4"),
+        "Normals": body.normals.astype("<f4"),
+        "TCoords": body.uv.astype("<f4"),
     }
 
 
@@ -44,16 +44,11 @@ def _write_series(clip: Clip, path: Path) -> list[Path]:
     index = path.with_suffix(".pvd")
     entries, files = [], []
     for frame in clip.frames():
-        meshes: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]
-        meshes = [(path.stem, frame.positions, clip.triangles, _point_data(clip, frame))]
-        vertices, corners = unit_ball()
-        meshes += [
-            (f"{path.stem}_sphere{k}", center + sphere.radius * vertices, corners, {"Normals": vertices.astype("<f4")})
-            for k, (sphere, center) in enumerate(zip(clip.spheres, frame.centers))
-        ]
-        for part, (name, positions, triangles, data) in enumerate(meshes):
+        for part, body in enumerate(bodies(clip, frame)):
+            name = f"{path.stem}_{body.name}" if part else path.stem
+            data = {"Normals": body.normals.astype("<f4")} if part else _point_data(clip, frame, body)
             file = numbered(path.with_name(name + ".vtp"), frame.number)
-            file.write_bytes(_vtp(positions, triangles, data))
+            file.write_bytes(_vtp(body.positions, body.corners, data))
             files.append(file)
             entries.append(f'    <DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(file.name)}/>')
     index.write_text(
@@ -105,14 +100,37 @@ def _write_hdf(clip: Clip, path: Path) -> list[Path]:
         root.attrs["Version"] = (2, 0)
         root.attrs["Type"] = np.bytes_("PolyData")
         for frame in clip.frames():
+            meshes = bodies(clip, frame)
             if frame.number == 0:
-                _topology(root, clip)
-            arrays = {"Points": frame.positions.astype("<f8")}
-            arrays |= {f"PointData/{k}": v for k, v in _point_data(clip, frame).items()}
-            for name, values in arrays.items():
+                _topology(root, meshes, len(clip))
+            for name, values in _hdf_arrays(clip, frame, meshes).items():
                 _store(root, name, values, frame.number, len(clip))
         _steps(root, clip)
     return [path]
+
+
+def _hdf_arrays(clip: Clip, frame: Frame, meshes: list[Body]) -> dict[str, np.ndarray]:
+    """Points of all bodies, the cloth's first, with what each carries.
+
+    "body" is 0 for the cloth and k + 1 for sphere k, whose points have its velocity and no depth.
+    """
+    cloth, *balls = meshes
+    data = _point_data(clip, frame, cloth)
+    more = zip(balls, clip.sphere_velocities(frame.number))
+    parts = [data | {"body": np.zeros(len(cloth.positions), "<i4")}]
+    for k, (ball, velocity) in enumerate(more, 1):
+        parts.append(
+            {
+                "velocity": np.broadcast_to(velocity, ball.positions.shape),
+                "depth": np.zeros(len(ball.positions)),
+                "Normals": ball.normals,
+                "TCoords": ball.uv,
+                "body": np.full(len(ball.positions), k, "<i4"),
+            }
+        )
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    arrays = {f"PointData/{name}": values.astype(parts[0][name].dtype) for name, values in joined.items()}
+    return {"Points": np.concatenate([body.positions for body in meshes]).astype("<f8"), **arrays}
 
 
 def _store(root: Any, name: str, values: np.ndarray, number: int, frames: int) -> None:
@@ -123,14 +141,16 @@ def _store(root: Any, name: str, values: np.ndarray, number: int, frames: int) -
     root[name][number * len(values) : (number + 1) * len(values)] = values
 
 
-def _topology(root: Any, clip: Clip) -> None:
+def _topology(root: Any, meshes: list[Body], frames: int) -> None:
     """Triangles, once for all frames; the other kinds of cells, which must be there, are empty."""
-    points, corners = clip.triangles.max() + 1, clip.triangles
-    root["NumberOfPoints"] = np.full(len(clip), points, "<i8")
+    sizes = [len(body.positions) for body in meshes]
+    first = np.cumsum([0, *sizes[:-1]])
+    corners = np.concatenate([body.corners + start for body, start in zip(meshes, first)])
+    root["NumberOfPoints"] = np.full(frames, sum(sizes), "<i8")
     for kind in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = corners if kind == "Polygons" else corners[:0]
-        root[f"{kind}/NumberOfCells"] = np.full(len(clip), len(cells), "<i8")
-        root[f"{kind}/NumberOfConnectivityIds"] = np.full(len(clip), cells.size, "<i8")
+        root[f"{kind}/NumberOfCells"] = np.full(frames, len(cells), "<i8")
+        root[f"{kind}/NumberOfConnectivityIds"] = np.full(frames, cells.size, "<i8")
         root[f"{kind}/Connectivity"] = cells.ravel().astype("<i8")
         root[f"{kind}/Offsets"] = np.arange(0, 3 * len(cells) + 3, 3, dtype="<i8")
 
@@ -139,7 +159,7 @@ def _steps(root: Any, clip: Clip) -> None:
     """Where the arrays of every frame begin."""
     steps = root.create_group("Steps")
     frames = np.arange(len(clip), dtype="<i8")
-    points = frames * (clip.triangles.max() + 1)
+    points = frames * root["NumberOfPoints"][0]
     steps.attrs["NSteps"] = len(clip)
     steps["Values"] = clip.times
     steps["PartOffsets"] = frames
