@@ -18,8 +18,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from clothsim.gpu import adapters, report
-from clothsim.gpu.experiment import Settings, count, quick, run
+from clothsim.gpu import adapters
+from clothsim.lab.shader import shader_report as report
+from clothsim.lab.shader.experiment import Settings, count, quick, run
 
 
 def arguments():

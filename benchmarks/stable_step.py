@@ -18,6 +18,7 @@ import time
 
 import clothsim as cs
 import numpy as np
+from clothsim.model.cloth import FAMILIES
 
 GROWTH = 1e-7  # rounding of the dense eigenvalues, of Runge-Kutta methods
 ALTERNATING, STEADY = 1e-3, 1e-2  # growth per step that counts, of the other methods
@@ -29,7 +30,7 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
     shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
     while shape[0] * shape[1] > 60:  # dense eigenvalues of six unknowns a point
         shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
-    families = cs.cloth.FAMILIES[: int(rng.integers(1, 4))]
+    families = FAMILIES[: int(rng.integers(1, 4))]
     stiffness = {f: float(10 ** rng.uniform(2, 6)) for f in families}
     mass = 10 ** rng.uniform(-2, 0.5) * shape[0] * shape[1]
     if rng.random() < 0.4:

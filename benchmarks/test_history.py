@@ -2,9 +2,9 @@
 
 import clothsim as cs
 import pytest
-from clothsim.benchmark import works
-from clothsim.benchmark.sections import kernels
-from clothsim.benchmark.settings import PAPER_DT
+from clothsim.lab.bench import works
+from clothsim.lab.bench.bench_settings import PAPER_DT
+from clothsim.lab.bench.sections import kernels
 
 STEPS = 500
 ROUNDS = {"rounds": 40, "warmup_rounds": 2}

@@ -70,7 +70,7 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// What the errors of python/clothsim/_state.py are made from.
+// What the errors of python/clothsim/engine/state.py are made from.
 void tell(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);

@@ -11,11 +11,14 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 
 from typing import TYPE_CHECKING
 
-from . import _openmp  # noqa: F401  # before anything that loads the core
-from . import _accessor, scenes
-from ._on_demand import on_demand
-from .build import build_config
-from .cloth import Cloth
+from .base import openmp as _openmp  # noqa: F401  # before the core is loaded
+from . import errors as errors
+from . import scenes
+from . import typing as typing
+from .sweeps.registration import register as _register_accessor
+from .base.on_demand import on_demand as _on_demand
+from .engine.build import build_config
+from .model.cloth import Cloth
 from .errors import (
     ContactError,
     ContactWarning,
@@ -25,33 +28,33 @@ from .errors import (
     StabilityWarning,
     UnstableError,
 )
-from .grid import thread_grid, triangles
-from .integration import integrators
-from .measures import energy, largest_stretch, max_stable_dt, penetration
-from .motion import Keyframes, Linear, Reciprocate
-from .scene import Scene
-from .scene_files import load_scene, save_scene
-from .run import Run, load_run
-from .simulation import simulate
-from .sphere import Sphere
-from .snapshot import Snapshot
-from .stepper import Stepper
-from .stepping import acceleration, reference_step, step
-from .sweep import sweep
+from .model.mesh import thread_grid, triangles
+from .engine.integration import integrators
+from .measure.measures import energy, largest_stretch, max_stable_dt, penetration
+from .model.motion import Keyframes, Linear, Reciprocate
+from .model.scene import Scene
+from .model.scene_files import load_scene, save_scene
+from .run.result import Run, load_run
+from .run.simulate import simulate
+from .model.sphere import Sphere
+from .engine.snapshot import Snapshot
+from .engine.stepper import Stepper
+from .engine.stepping import acceleration, reference_step, step
+from .sweeps import sweep
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .stability.map import stability_map
-    from .sweep import open_sweep
-    from .sweep.fields import sweepable
-    from .view import view
-    from .view.camera import Camera
-    from .view.page import compare
-    from .view.picture import Picture, picture
+    from .sweeps import open_sweep
+    from .sweeps.fields import sweepable
+    from .viewing import view
+    from .viewing.camera import Camera
+    from .viewing.page import compare
+    from .viewing.picture import Picture, picture
 
 __version__ = build_config()["version"]
 
-_accessor.register()
+_register_accessor()
 
 __all__ = [
     "Camera",
@@ -102,7 +105,7 @@ __all__ = [
     "work_precision",
 ]
 
-__getattr__, __dir__ = on_demand(
+__getattr__, __dir__ = _on_demand(
     globals(),
     {
         "Convergence": ".accuracy",
@@ -111,12 +114,14 @@ __getattr__, __dir__ = on_demand(
         "reference": ".accuracy",
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
-        "open_sweep": ".sweep.dataset",
-        "sweepable": ".sweep.fields",
-        "Camera": ".view.camera",
-        "Picture": ".view.picture",
-        "picture": ".view.picture",
-        "compare": ".view.page",
-        "view": ".view",
+        "open_sweep": ".sweeps.dataset",
+        "sweepable": ".sweeps.fields",
+        "Camera": ".viewing.camera",
+        "Picture": ".viewing.picture",
+        "picture": ".viewing.picture",
+        "compare": ".viewing.page",
+        "view": ".viewing",
     },
+    also=("errors", "typing"),
 )
+del TYPE_CHECKING

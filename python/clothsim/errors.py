@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._keywords import suggesting
+from .base.keywords import suggesting
 
 
 class StabilityWarning(UserWarning):

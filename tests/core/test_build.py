@@ -35,7 +35,7 @@ def test_import_takes_less_than_300_ms():
 def test_import_loads_what_a_simulation_needs():
     code = """
 import sys, clothsim
-known = "clothsim.accuracy", "clothsim.stability.map", "clothsim.sweep.engine"
+known = "clothsim.accuracy", "clothsim.stability.map", "clothsim.sweeps.workers"
 print([name in sys.modules for name in known])
 print(callable(clothsim.reference), callable(clothsim.stability_map), "reference" in dir(clothsim))
 print(hasattr(clothsim, "no_such_name"))

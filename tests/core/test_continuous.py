@@ -5,8 +5,8 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.contact import crossings, drop, resting, under_whole_cloth
-from clothsim.contact.physics import on_sphere
+from clothsim.lab.contact import crossings, drop, resting, under_whole_cloth
+from clothsim.lab.contact.physics import on_sphere
 
 CENTER = np.array([0.2, -0.3, 0.1])
 RADIUS = 0.5

@@ -6,7 +6,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.contact import cone
+from clothsim.lab.contact import cone
 
 FREE = {"stiffness": 0.0, "damping": 0.0}
 

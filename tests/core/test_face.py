@@ -3,9 +3,9 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.contact import triangle_cases
-from clothsim.contact.table import follow
-from clothsim.contact.triangles import distance, nearest_approach
+from clothsim.lab.contact import triangle_cases
+from clothsim.lab.contact.scene_table import follow
+from clothsim.lab.contact.triangles import distance, nearest_approach
 
 
 def test_no_moving_triangle_is_missed():

@@ -6,7 +6,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.contact import face_drop, impact, lying, shots, squeezes, stick
+from clothsim.lab.contact import face_drop, impact, lying, shots, squeezes, stick
 
 STEPS = (1e-4, 2e-5, 5e-6)
 

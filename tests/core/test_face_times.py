@@ -2,7 +2,7 @@
 
 import numpy as np
 from clothsim import _core
-from clothsim.contact.triangles import distance
+from clothsim.lab.contact.triangles import distance
 
 
 def nearest(corners):

@@ -5,7 +5,7 @@ import dataclasses
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.stability.hard_forces import drum
+from clothsim.lab.hard_cases.forces import drum
 
 CASES = cs.scenes.hard_cases()
 LONG = 10_000  # steps, from which on the default kernel is enough
@@ -74,7 +74,7 @@ def test_a_wrong_outcome_is_seen():
 
 
 def _end(case, scene=None):
-    from clothsim.stability.hard_case import End
+    from clothsim.lab.hard_cases.case import End
 
     stepper = cs.Stepper(scene or case.scene)
     stepper.advance(case.steps, case.dt)

@@ -7,9 +7,9 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.integration import ALIASES, amplification, amplification_matrix
-from clothsim.plan import INTEGRATORS
-from clothsim.stability.region import box_limit
+from clothsim.engine.integration import ALIASES, amplification, amplification_matrix
+from clothsim.engine.plan import INTEGRATORS
+from clothsim.engine.region import box_limit
 
 EXPLICIT = [name for name in INTEGRATORS if cs.integrators()[name].explicit]
 OSCILLATOR = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1}

@@ -10,7 +10,7 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.cloth import FAMILIES
+from clothsim.model.cloth import FAMILIES
 from variants import ALL_VARIANTS, INSTRUCTION_SETS, cases, pairs
 
 SHAPES = [(2, 2), (2, 1), (1, 2), (1, 9), (23, 1), (3, 50), (17, 33), (40, 7), (16, 16), (32, 32)]

@@ -268,7 +268,7 @@ def test_ctrl_c_with_error_control_counts_its_steps():
 
 
 def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
-    from clothsim import simulation
+    from clothsim.run.result import simulate as simulation
 
     def interrupt(*arguments):
         raise KeyboardInterrupt
@@ -355,8 +355,8 @@ def test_no_bar_in_a_pipe(capfd):
 
 def test_the_steps_between_shows_grow_with_their_speed():
     """A tenth of a second of steps: not a call a step, nor one of minutes."""
-    from clothsim.recording import Recording, Watch
-    from clothsim.runs import Options
+    from clothsim.run.fixed_steps import Options
+    from clothsim.run.recording import Recording, Watch
 
     options = Options("rk4", "double", 1, "auto", False)
     run = Recording(options.state(SMALL), options, Watch(bar=Bar()), 1e-5)
@@ -370,8 +370,8 @@ def test_the_steps_between_shows_grow_with_their_speed():
 
 def test_a_run_that_nobody_observes_shows_its_bar_too():
     """With error control, steps are single only where the error is observed."""
-    from clothsim.recording import Watch
-    from clothsim.runs import Options, integrate
+    from clothsim.run.fixed_steps import Options, integrate
+    from clothsim.run.recording import Watch
 
     bar = Bar()
     options = Options("dop853", "double", 1, "auto", False)

@@ -174,7 +174,7 @@ def test_runs_are_equal_by_what_they_computed(run, tmp_path):
 
 
 def test_the_summary_of_a_scene():
-    from clothsim.summary import scene_lines
+    from clothsim.model.summary import scene_lines
 
     lines = scene_lines(SCENE)
     assert len(lines) <= 6 and max(map(len, lines)) < 100

@@ -10,7 +10,7 @@ import time
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim import plan
+from clothsim.engine import plan
 from variants import NAMED_KERNELS, NATIVE_VARIANTS, cases, pairs
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)

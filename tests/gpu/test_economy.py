@@ -3,7 +3,8 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import block, blocks, parameters, safe
+from clothsim.gpu import batches as blocks
+from clothsim.gpu import block, parameters, safe
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25)
 GPU = {"backend": "gpu", "precision": "single", "strict": True}

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from clothsim.gpu import comparison, report
-from clothsim.gpu.experiment import Settings, run, touching_scene
-from clothsim.gpu.measurement import GPU, SCALAR, SIMD, Measurement, Target
+from clothsim.lab.shader import comparison
+from clothsim.lab.shader import shader_report as report
+from clothsim.lab.shader.experiment import Settings, run, touching_scene
+from clothsim.lab.shader.measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 ROOT = Path(__file__).parents[2]
 
@@ -83,7 +84,8 @@ def test_the_papers_cloth_has_a_limit_of_its_own_and_others_end_early():
 
 
 def test_a_target_that_fails_is_left_out_by_name_and_the_rest_goes_on(device, monkeypatch):
-    from clothsim.gpu import AdapterLostError, experiment
+    from clothsim.gpu import AdapterLostError
+    from clothsim.lab.shader import experiment
 
     real, told = experiment.measure, []
 

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import _cache, cache_directory, solution
+from clothsim.accuracy import cache as _cache
+from clothsim.accuracy import cache_directory, solution
 
 DURATION = 0.2
 
@@ -91,20 +92,20 @@ def test_the_key_is_scene_times_and_code(own_cache, monkeypatch):
     assert len(files(own_cache)) == 5
 
 
-@pytest.mark.parametrize("changed", ["the core", "cloth.py"])
+@pytest.mark.parametrize("changed", ["the core", "model/cloth.py"])
 def test_code_that_changes_has_another_hash(tmp_path, monkeypatch, changed):
     package = Path(_cache.__file__).parent.parent
-    for name in ("cloth.py", "plan.py", "scene.py", "accuracy/solution.py"):
+    for name in ("model/cloth.py", "engine/plan.py", "model/scene.py", "accuracy/solution.py"):
         copy = tmp_path / "clothsim" / name
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes((package / name).read_bytes())
     core = tmp_path / "core.so"
     core.write_bytes(b"forces")
-    monkeypatch.setattr(_cache, "__file__", str(tmp_path / "clothsim/accuracy/_cache.py"))
+    monkeypatch.setattr(_cache, "__file__", str(tmp_path / "clothsim/accuracy/cache.py"))
     monkeypatch.setattr(_cache, "_core", SimpleNamespace(__file__=str(core)))
     before = _cache.code.__wrapped__()
     assert _cache.code.__wrapped__() == before != _cache.code()
-    path = core if changed == "the core" else tmp_path / "clothsim/cloth.py"
+    path = core if changed == "the core" else tmp_path / "clothsim/model/cloth.py"
     path.write_bytes(path.read_bytes() + b" ")
     assert _cache.code.__wrapped__() != before
 

@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import _cache
+from clothsim.accuracy import cache as _cache
 
 # Largest distance of a mass point from the reference [m] at a time [s], RK4 in double, dt = 5e-5 s.
 DOUBLE = {0.25: 5e-12, 0.5: 5e-11, 1.0: 5e-10}

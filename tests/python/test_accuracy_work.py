@@ -9,12 +9,15 @@ from importlib.util import find_spec
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import _cache, peers, plots, tables
-from clothsim.accuracy.bench import Measured
-from clothsim.accuracy.dataset import pareto
-from clothsim.accuracy.front import TARGETS, Front, Row, Target, cheapest, front, statement
+from clothsim.accuracy import cache as _cache
+from clothsim.accuracy import work_plot as plots
+from clothsim.accuracy import work_table as tables
+from clothsim.accuracy.labelled import pareto
+from clothsim.accuracy.measured import Measured
 from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
+from clothsim.lab.peers import solvers as peers
+from clothsim.lab.peers.front import TARGETS, Front, Row, Target, cheapest, front, statement
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-from clothsim._json import as_json
-from clothsim.benchmark import Settings, bench, machine, targets, works
-from clothsim.benchmark.report import text
+from clothsim.base.plain_json import as_json
+from clothsim.lab.bench import Settings, bench, machine, targets, works
+from clothsim.lab.bench.bench_report import text
 
 BRIEF = Settings(
     windows=1,
@@ -30,7 +30,7 @@ def report(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         # Compilations, millions of points and threads that wait for each other do not belong in a
         # fast test.
-        patch.setattr("clothsim.benchmark.numba_peer.import_kernels", _no_numba)
+        patch.setattr("clothsim.lab.peers.numba_peer.import_kernels", _no_numba)
         patch.setattr(machine, "_MEMORY_BYTES", 1 << 20)
         patch.setattr(machine._core, "core_round_trip", lambda: 1.23e-7)
         patch.setattr(works, "grid", lambda rows: replace(grid(min(rows, 40)), name=f"grid {rows}"))
@@ -237,7 +237,7 @@ def test_json_holds_everything_that_is_printed_as_such(report):
 
 @pytest.mark.parametrize("out, error", [(__file__, ValueError), (7, TypeError)])
 def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
-    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
     with pytest.raises(error, match="out must be"):
         bench(out)
 
@@ -252,7 +252,7 @@ def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
     ],
 )
 def test_what_are_no_sections_is_refused_before_measuring(monkeypatch, sections, error, told):
-    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
     some = "sections must be a collection of some of 'limits', 'steps'"
     with pytest.raises(error, match=f"{some}.*{told}"):
         bench(None, sections=sections)

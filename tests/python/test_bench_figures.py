@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from clothsim.benchmark import QUICK, targets
-from clothsim.benchmark.efficiency import efficiency, traffic
-from clothsim.benchmark.figures import Figure, Figures, Missing
-from clothsim.benchmark.ratios import ratios
+from clothsim.lab.bench import QUICK, targets
+from clothsim.lab.bench.efficiency import efficiency, traffic
+from clothsim.lab.bench.figures import Figure, Figures, Missing
+from clothsim.lab.bench.ratios import ratios
 
 
 def figure(**changes):

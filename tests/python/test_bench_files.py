@@ -4,8 +4,10 @@ import json
 from dataclasses import asdict, replace
 
 import pytest
-from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, bench, files, machine, plots, targets, works
-from clothsim.benchmark.report import text
+from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench, machine, targets, works
+from clothsim.lab.bench import bench_plots as plots
+from clothsim.lab.bench import saved as files
+from clothsim.lab.bench.bench_report import text
 
 BRIEF = replace(QUICK, windows=1, seconds=1e-5, sizes=(8,))
 
@@ -46,7 +48,7 @@ def test_a_target_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch)
     chosen, other = (t.name for t in targets.TARGETS[-2:])
     last = replace(targets.TARGETS[-1], value=broken)
     monkeypatch.setattr(targets, "TARGETS", (*targets.TARGETS[:-1], last))
-    monkeypatch.setattr("clothsim.benchmark.efficiency.efficiency", broken)
+    monkeypatch.setattr("clothsim.lab.bench.efficiency.efficiency", broken)
     monkeypatch.setitem(plots.ALL, "grids", broken)
     grid = works.grid
     monkeypatch.setattr(works, "grid", lambda rows: replace(grid(8), name=f"grid {rows}"))

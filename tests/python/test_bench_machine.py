@@ -5,7 +5,7 @@ import os
 from types import SimpleNamespace
 
 import clothsim as cs
-from clothsim.benchmark import machine
+from clothsim.lab.bench import machine
 
 
 def test_limits_are_of_their_instruction_set_precision_and_threads(monkeypatch):

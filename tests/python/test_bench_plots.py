@@ -3,7 +3,7 @@
 import itertools
 
 import pytest
-from clothsim.benchmark.plots import ALL
+from clothsim.lab.bench.bench_plots import ALL
 
 pytest.importorskip("matplotlib")
 

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.benchmark import QUICK, bench, candidates, sections, works
-from clothsim.benchmark.figures import Figures, Missing
-from clothsim.benchmark.numpy_peer import NumpyPeer
-from clothsim.benchmark.settings import PAPER_DT
-from clothsim.benchmark.timing import Work, calibrate, measure
+from clothsim.lab.bench import QUICK, bench, candidates, sections, works
+from clothsim.lab.bench.bench_settings import PAPER_DT
+from clothsim.lab.bench.figures import Figures, Missing
+from clothsim.lab.bench.timing import Work, calibrate, measure
+from clothsim.lab.peers.numpy_peer import NumpyPeer
 
 
 class Fake(Work):
@@ -83,7 +83,7 @@ def test_calibrate_fills_the_window_and_ignores_one_slow_try():
 
 
 def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch):
-    from clothsim.benchmark import numba_peer
+    from clothsim.lab.peers import numba_peer
 
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(ImportError, match=r"not installed: run pip install '\.\[bench\]'"):
@@ -91,11 +91,11 @@ def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch
 
     class Broken:
         def find_spec(self, name, path=None, target=None):
-            if name == "clothsim.benchmark.numba_kernels":
+            if name == "clothsim.lab.peers.numba_kernels":
                 raise OSError("libllvmlite.so is missing")
 
-    monkeypatch.delitem(sys.modules, "clothsim.benchmark.numba_kernels", raising=False)
-    monkeypatch.delattr("clothsim.benchmark.numba_kernels", raising=False)
+    monkeypatch.delitem(sys.modules, "clothsim.lab.peers.numba_kernels", raising=False)
+    monkeypatch.delattr("clothsim.lab.peers.numba_kernels", raising=False)
     monkeypatch.setattr(numba_peer, "find_spec", lambda name: name)
     monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
     with pytest.raises(ImportError, match="cannot be imported: OSError: libllvmlite.so is missing"):
@@ -104,7 +104,7 @@ def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch
 
 @pytest.mark.parametrize("parallel", [False, True])
 def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, parallel):
-    monkeypatch.setattr("clothsim.benchmark.numba_peer.most_threads", lambda: 2)
+    monkeypatch.setattr("clothsim.lab.peers.numba_peer.most_threads", lambda: 2)
     figures = Figures()
     settings = replace(QUICK, numba_parallel=parallel)
     most = candidates.numba_threads(settings, (1, 2, 8), figures)
@@ -143,7 +143,7 @@ def test_paper_s_cloth_has_every_peer(monkeypatch):
 
 
 def test_numba_takes_the_kernel_of_its_threads(monkeypatch):
-    from clothsim.benchmark import numba_peer
+    from clothsim.lab.peers import numba_peer
 
     names = ("serial", "parallel", "batch", "serial_slopes", "parallel_slopes")
     kernels = SimpleNamespace(**{name: name for name in names})
@@ -175,7 +175,7 @@ def test_numpy_peer_computes_the_same_cloth():
 @pytest.mark.parametrize("name", ("NumbaGather", "NumbaStrided"))
 def test_numba_peers_compute_the_same_cloth(name):
     pytest.importorskip("numba")
-    from clothsim.benchmark import numba_peer
+    from clothsim.lab.peers import numba_peer
 
     check_peer(getattr(numba_peer, name), threads=1)
 

@@ -141,7 +141,7 @@ def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
 ):
     for measures in ("simulate", "work_precision", "stability_map", "Stepper"):
         monkeypatch.delattr(cs, measures)
-    monkeypatch.delattr("clothsim.benchmark.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
     file = tmp_path / "file"
     file.write_text("kept")
     code, out, err = run(capsys, *command, "--out", file / below)
@@ -177,7 +177,7 @@ def test_interrupt_is_code_130(capsys, monkeypatch):
 @pytest.mark.parametrize("as_json", [False, True])
 def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_json):
     pytest.importorskip("matplotlib")
-    import clothsim.reproduce as module
+    import clothsim.lab.paper as module
 
     small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4, gpu_sizes=(16,), gpu_batches=(), gpu_seconds=0.01)
     monkeypatch.setattr(module, "QUICK", small)
@@ -280,7 +280,7 @@ def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path
     assert code == 2 and "--gif must end in one of .gif, .webp, .mp4" in err
     code, _, err = run(capsys, "run", "paper_swing", "--html", tmp_path / "missing" / "a.html")
     assert code == 2 and "--html must be in an existing folder" in err
-    monkeypatch.setattr("clothsim.view.animation.which", lambda name: None)
+    monkeypatch.setattr("clothsim.viewing.animation.which", lambda name: None)
     code, _, err = run(capsys, "run", "paper_swing", "--gif", tmp_path / "a.mp4")
     assert code == 1 and "needs the program ffmpeg" in err
 

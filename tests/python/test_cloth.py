@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from clothsim.cloth import FAMILIES, Cloth
+from clothsim.model.cloth import FAMILIES, Cloth
 
 SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 

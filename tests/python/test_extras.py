@@ -21,11 +21,11 @@ def never(*arguments, **options):
 @pytest.fixture
 def nothing_runs(monkeypatch):
     for module, name in [
-        ("_state", "State"),
+        ("engine.state", "State"),
         ("stability.map", "is_stable"),
         ("accuracy.work", "Bench"),
         ("accuracy.work", "solution_for"),
-        ("sweep.session", "run_all"),
+        ("sweeps.session", "run_all"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
 
@@ -66,7 +66,7 @@ if "{first}" == "clothsim":
 import {second}
 import xarray
 assert callable(xarray.Dataset().clothsim.plot.heatmap)
-assert "matplotlib" not in sys.modules and "clothsim.sweep.plots" not in sys.modules
+assert "matplotlib" not in sys.modules and "clothsim.sweeps.sweep_plots" not in sys.modules
 assert not any(type(finder).__name__ == "_AfterXarray" for finder in sys.meta_path)
 """
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)

@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.fabrics import FABRICS, spring_stiffness
+from clothsim.model.fabrics import FABRICS, spring_stiffness
 
 
 def energy_per_area(name, spacing, deform, families, **options):

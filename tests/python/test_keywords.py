@@ -93,7 +93,7 @@ def test_signature_and_documentation_stay():
     assert list(inspect.signature(cs.Sphere).parameters)[:2] == ["center", "radius"]
     assert list(inspect.signature(cs.triangles).parameters) == ["shape"]
     assert cs.triangles.__doc__.startswith("The triangles of the sheet")
-    assert inspect.unwrap(cs.step).__name__ == "step" and cs.step.__module__ == "clothsim.stepping"
+    assert inspect.unwrap(cs.step).__name__ == "step" and cs.step.__module__ == "clothsim.engine.stepping"
 
 
 def test_methods_that_take_many_arguments_say_theirs(tmp_path):

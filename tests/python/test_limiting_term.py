@@ -5,7 +5,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.stability.limiting import limiting_term
+from clothsim.engine.limiting import limiting_term
 
 
 def given(category, run):

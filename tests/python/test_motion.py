@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from clothsim.motion import Keyframes, Linear, Reciprocate, motion_from_dict
+from clothsim.model.motion import Keyframes, Linear, Reciprocate, motion_from_dict
 
 CENTER = (0.5, -0.5, 0.25)
 MOTIONS = [

@@ -5,7 +5,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from clothsim._progress import ProgressBar, wanted_by_command
+from clothsim.base.progress import ProgressBar, wanted_by_command
 from clothsim.cli import main
 
 pytest.importorskip("tqdm")

@@ -14,9 +14,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from clothsim.reproduce import FULL, QUICK, Settings, contact, findings, reproduce, text
-from clothsim.reproduce.settings import reductions
-from clothsim.reproduce.tables import number
+from clothsim.lab.paper import FULL, QUICK, Settings, findings, reproduce, text
+from clothsim.lab.paper import responses as contact
+from clothsim.lab.paper.paper_settings import reductions
+from clothsim.lab.paper.paper_tables import number
 from matplotlib.image import imread
 
 SMALL = Settings(

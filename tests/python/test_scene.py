@@ -6,11 +6,11 @@ import pickle
 
 import numpy as np
 import pytest
-from clothsim.cloth import Cloth
 from clothsim.errors import UnstableError
-from clothsim.motion import Keyframes, Linear
-from clothsim.scene import Scene
-from clothsim.sphere import Sphere
+from clothsim.model.cloth import Cloth
+from clothsim.model.motion import Keyframes, Linear
+from clothsim.model.scene import Scene
+from clothsim.model.sphere import Sphere
 
 CLOTH = Cloth(shape=(3, 4))
 

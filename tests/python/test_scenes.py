@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from clothsim import scenes
-from clothsim.scene import Scene
+from clothsim.model import ready as scenes
+from clothsim.model.scene import Scene
 
 
 def acceleration(scene, x, v):

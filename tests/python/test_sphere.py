@@ -6,9 +6,9 @@ from decimal import Decimal, getcontext
 
 import numpy as np
 import pytest
-from clothsim.cloth import Cloth
-from clothsim.motion import Keyframes, Linear, Reciprocate
-from clothsim.sphere import Sphere
+from clothsim.model.cloth import Cloth
+from clothsim.model.motion import Keyframes, Linear, Reciprocate
+from clothsim.model.sphere import Sphere
 
 
 def eq_13(rest_length, radius):

@@ -5,10 +5,10 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.integration import amplification_matrix
-from clothsim.stability.measure import is_stable
-from clothsim.stability.region import box_limit, mode_limit
+from clothsim.engine.integration import amplification_matrix
+from clothsim.engine.region import box_limit, mode_limit
 from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
+from clothsim.stability.trial import is_stable
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
 SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]

@@ -5,9 +5,9 @@ import operator
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep import batch, metrics
-from clothsim.sweep.member import Member, Settings
-from clothsim.sweep.reference import reference_steps, solve
+from clothsim.sweeps import batch, metrics
+from clothsim.sweeps.member import Member, Settings
+from clothsim.sweeps.reference import reference_steps, solve
 
 xarray = pytest.importorskip("xarray")
 
@@ -203,7 +203,7 @@ def test_with_tolerances_too():
 
 
 def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
-    from clothsim.sweep import reference
+    from clothsim.sweeps import reference
 
     solved = []
     monkeypatch.setattr(reference, "_kept", reference._Kept())

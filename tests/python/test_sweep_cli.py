@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from clothsim.cli import main
 from clothsim.cli.sweep import parse_values
-from clothsim.sweep import plots
+from clothsim.sweeps import sweep_plots as plots
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")

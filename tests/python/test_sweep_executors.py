@@ -13,12 +13,13 @@ from concurrent.futures.process import BrokenProcessPool
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep import batch, engine, planning, results
-from clothsim.sweep.grid import make_grid
-from clothsim.sweep.member import Members, Settings
-from clothsim.sweep.metrics import choose_metrics
-from clothsim.sweep.planning import Planner
-from clothsim.sweep.task import Task, TaskResult, run_task
+from clothsim.sweeps import batch, planning, results
+from clothsim.sweeps import workers as engine
+from clothsim.sweeps.grid import make_grid
+from clothsim.sweeps.member import Members, Settings
+from clothsim.sweeps.metrics import choose_metrics
+from clothsim.sweeps.planning import Planner
+from clothsim.sweeps.task import Task, TaskResult, run_task
 
 pytest.importorskip("xarray")
 

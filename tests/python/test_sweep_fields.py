@@ -3,8 +3,8 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep import fields
-from clothsim.sweep.fields import change_scene
+from clothsim.sweeps import fields
+from clothsim.sweeps.fields import change_scene
 
 LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
 AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
@@ -125,7 +125,7 @@ def test_units():
 
 
 def test_numerics_make_no_other_physics():
-    from clothsim.sweep.grid import make_grid
+    from clothsim.sweeps.grid import make_grid
 
     grid = make_grid(
         {

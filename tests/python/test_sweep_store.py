@@ -10,7 +10,8 @@ import time
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep import engine, planning, session, store
+from clothsim.sweeps import planning, session, store
+from clothsim.sweeps import workers as engine
 
 xarray = pytest.importorskip("xarray")
 zarr = pytest.importorskip("zarr")
@@ -152,7 +153,7 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, m
 SCRIPT = """
 import sys
 from clothsim.cli import main
-from clothsim.sweep import planning, store
+from clothsim.sweeps import planning, store
 planning.SHORTEST_HERE = planning.LONGEST = 1e-9
 store._SECONDS_BETWEEN_WRITES = 0.0
 sys.exit(main(sys.argv[1:]))

@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweep.member import Member, Settings
+from clothsim.sweeps.member import Member, Settings
 
 pytest.importorskip("xarray")
 

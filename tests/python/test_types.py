@@ -10,6 +10,7 @@ import clothsim.typing
 import numpy as np
 import pytest
 from clothsim import _core
+from clothsim.model.cloth import FAMILIES
 
 PACKAGE = Path(cs.__file__).parent
 STUB = ast.parse((PACKAGE / "_core.pyi").read_text())
@@ -52,7 +53,7 @@ def test_a_constructor_is_declared_as_it_is(cls):
     assert [one.arg for one in arguments.args[1:]] == [one.name for one in parameters]
     assert not arguments.kwonlyargs
     defaults = [one.default for one in parameters if one.default is not one.empty]
-    names = {"FAMILIES": cs.cloth.FAMILIES}
+    names = {"FAMILIES": FAMILIES}
     written = [names[one.id] if isinstance(one, ast.Name) else ast.literal_eval(one) for one in arguments.defaults]
     assert written == defaults
 

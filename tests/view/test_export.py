@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.view import export as exporting
-from clothsim.view.clip import Clip, hermite, interpolation_error, vertex_normals
+from clothsim.viewing import exports as exporting
+from clothsim.viewing.clip import Clip, hermite, interpolation_error, vertex_normals
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_normals_of_the_flat_sheet_point_up_and_texture_coordinates_are_not_mirr
 
 
 def test_normals_of_a_ball_point_outwards_and_a_lost_vertex_gets_one_as_well():
-    from clothsim.view.formats.ball import unit_ball
+    from clothsim.viewing.formats.ball import unit_ball
 
     vertices, corners = unit_ball()
     assert np.linalg.norm(vertices, axis=-1) == pytest.approx(1, abs=1e-15)
@@ -149,7 +149,7 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(run, tmp_path, monkeypat
             raise OSError("disk full")
         return original(*_)
 
-    where = "clothsim.view.formats.table.penetration" if suffix == ".csv" else "clothsim.view.clip.hermite"
+    where = "clothsim.viewing.formats.rows.penetration" if suffix == ".csv" else "clothsim.viewing.clip.hermite"
     original = cs.penetration if suffix == ".csv" else hermite
     monkeypatch.setattr(where, fail)
     with pytest.raises(OSError, match="disk full"):

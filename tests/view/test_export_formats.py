@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.view.export import export
+from clothsim.viewing.exports import export
 
 FPS = 50
 SINGLE = 2.0**-23  # relative rounding of float32, and a little more

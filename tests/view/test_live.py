@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed (extra view)")
 
-from clothsim.view import live
+from clothsim.viewing import live
 
 pytestmark = pytest.mark.slow  # run by `make test-view`: the browser draws on the processor
 

@@ -7,8 +7,8 @@ from base64 import b64decode
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run import Run
-from clothsim.view.packing import pack, point_stretch
+from clothsim.run.result import Run
+from clothsim.viewing.packing import pack, point_stretch
 
 FRAMES = 300
 

@@ -8,8 +8,8 @@ from shutil import which
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.view import camera, png, raster
-from clothsim.view.animation import shown_frames
+from clothsim.viewing import camera, png, raster
+from clothsim.viewing.animation import shown_frames
 
 ABOVE = cs.Camera((0.0, 1.0, 0.0), (0.5, 0.0, 0.5), 1.1, 1.1)
 
@@ -222,7 +222,7 @@ def test_plot_has_the_run_s_figures(run, tmp_path):
 
 
 def test_contacts_are_the_points_within_the_contact_radius():
-    from clothsim.view.curves import touching
+    from clothsim.viewing.curves import touching
 
     cloth = cs.Cloth((11, 11), pins=())  # spacing 0.1 m: near is 3.125 mm
     sphere = cs.Sphere((0.5, -0.25, 0.5), 0.25, offset="none")
@@ -288,7 +288,7 @@ def test_films_that_cannot_be(run, tmp_path, monkeypatch):
 
 def test_importing_clothsim_imports_nothing_of_the_room():
     code = (
-        "import sys, clothsim; names = ('clothsim.view', 'matplotlib', 'PIL', 'k3d', 'viser', 'IPython')\n"
+        "import sys, clothsim; names = ('clothsim.viewing', 'matplotlib', 'PIL', 'k3d', 'viser', 'IPython')\n"
         "print([m for m in sys.modules if m.split('.')[0] in names or m.startswith(names[0])])"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.view.playground import DRAG_SPEED, Playground
+from clothsim.viewing.playground import DRAG_SPEED, Playground
 
 
 def level(**sphere):

@@ -1,6 +1,6 @@
 """Trusted solutions, and the errors of everything else against them. See docs/accuracy.md."""
 
-from ._cache import cache_directory
+from .cache import cache_directory
 from .order import Convergence, convergence
 from .solution import Reference, reference
 from .work import work_precision

@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .. import _validate as check
-from ..integration import integrator_name, integrators
-from ..measures import max_stable_dt
-from ..plan import PRECISIONS
-from ..scene import Scene
-from ..simulation import simulate
+from ..base import check
+from ..engine.integration import integrator_name, integrators
+from ..engine.plan import PRECISIONS
+from ..measure.measures import max_stable_dt
+from ..model.scene import Scene
+from ..run.simulate import simulate
 from ..typing import Precision
 
 Floats = npt.NDArray[np.float64]

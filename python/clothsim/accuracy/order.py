@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import _validate as check
-from .._keywords import suggests
-from .._record import EqualByValue
+from ..base import check
+from ..base.keywords import suggests
+from ..base.record import EqualByValue
+from ..engine.integration import integrator_name
 from ..errors import UnstableError
-from ..integration import integrator_name
-from ..scene import Scene
-from ..simulation import simulate
+from ..model.scene import Scene
+from ..run.simulate import simulate
 from ..typing import Integrator, Precision
 from .methods import extent
 from .solution import Reference, reference

@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from .. import _validate as check
-from .._keywords import suggests
-from .._record import EqualByValue
-from ..measures import max_stable_dt
-from ..plan import choose_threads
-from ..scene import Scene
-from ..stepper import Stepper
-from . import _cache
-from ._contact import first_contact
+from ..base import check
+from ..base.keywords import suggests
+from ..base.record import EqualByValue
+from ..engine.plan import choose_threads
+from ..engine.stepper import Stepper
+from ..measure.measures import max_stable_dt
+from ..model.scene import Scene
+from . import cache as _cache
+from .first_contact import first_contact
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .. import _validate as check
-from .._extras import check_progress, needed
-from .._keywords import suggests
-from .._progress import ProgressBar
-from ..plan import PRECISIONS
-from ..scene import Scene
+from ..base import check
+from ..base.extras import check_progress, needed
+from ..base.keywords import suggests
+from ..base.progress import ProgressBar
+from ..engine.plan import PRECISIONS
+from ..model.scene import Scene
 from ..typing import Precision
-from .bench import Bench, Measured
-from .dataset import dataset
+from .labelled import dataset
+from .measured import Bench, Measured
 from .methods import Method, own_methods
 from .order import solution_for
 from .solution import Reference
@@ -136,7 +136,7 @@ def _methods(
     chosen: list[Method] = list(own_methods(names, precisions, threads))
     chosen += [m for m in methods or () if not isinstance(m, str)]
     if peers:
-        from .peers import installed_peers, refused
+        from ..lab.peers.solvers import installed_peers, refused
 
         if reason := refused(scene):
             raise ValueError(f"peers must be False for this scene: {reason}")

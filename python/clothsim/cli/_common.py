@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..frames import EVERY_STEP, checked_every
-from ..integration import integrator_name
+from ..engine.integration import integrator_name
+from ..run.frames import EVERY_STEP, checked_every
 
 EVERY_HELP = (
     "store a frame every N steps (whole number from 2), every S seconds (with a point or "

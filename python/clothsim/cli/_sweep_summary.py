@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from clothsim.sweep import METRICS
+from clothsim.sweeps import METRICS
 
 _OWN = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 

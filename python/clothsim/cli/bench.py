@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .._json import as_json
-from .._progress import wanted_by_command
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
 from ._common import add_command
 
 
 def add_parser(subparsers: Any) -> None:
-    from clothsim.benchmark import SECTIONS
+    from clothsim.lab.bench import SECTIONS
 
     command = add_command(subparsers, "bench", run, "Measure speed beside the machine's limits and the targets.")
     size = command.add_mutually_exclusive_group()
@@ -31,8 +31,8 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from clothsim.benchmark import FULL, NORMAL, QUICK, SECTIONS, bench
-    from clothsim.benchmark.report import text
+    from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench
+    from clothsim.lab.bench.bench_report import text
 
     report = bench(
         args.out,

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from .._json import as_json
-from .._progress import ProgressBar, wanted_by_command
+from ..base.plain_json import as_json
+from ..base.progress import ProgressBar, wanted_by_command
 from ._common import add_command, as_table, short
 
 SLOPE = math.tan(0.35)
@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
-    from clothsim import contact
+    from clothsim.lab import contact
 
     return {
         "crossings": contact.crossings,

@@ -6,10 +6,10 @@ import argparse
 from typing import Any
 
 import clothsim as cs
-from clothsim.view.export import SUFFIXES, export
+from clothsim.viewing.exports import SUFFIXES, export
 
-from .._json import as_json
-from .._progress import wanted_by_command
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
 from ._common import add_command, written
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import clothsim as cs
 
-from .._json import as_json
+from ..base.plain_json import as_json
 from ._common import add_command, as_text
 
 

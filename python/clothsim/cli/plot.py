@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.sweep.plots import KINDS
+from clothsim.sweeps.sweep_plots import KINDS
 
-from .._json import as_json
-from .._progress import wanted_by_command
-from ..view.animation import FORMATS, animate
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
+from ..viewing.animation import FORMATS, animate
 from ._common import add_command
 from .sweep import save_plot
 

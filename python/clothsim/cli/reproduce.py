@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .._json import as_json
-from .._progress import wanted_by_command
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
 from ._common import add_command, count
 
 
@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from clothsim.reproduce import reproduce, text
+    from clothsim.lab.paper import reproduce, text
 
     report = reproduce(
         args.out,

@@ -13,14 +13,14 @@ from typing import Any
 
 import clothsim as cs
 
-from .._files import npz_path
-from .._json import as_json
-from .._progress import wanted_by_command
-from ..plan import KERNELS
-from ..view.animation import FORMATS as FILMS
-from ..view.animation import animate, film_path
-from ..view.export import Target, export
-from ..view.picture import file_path
+from ..base.files import npz_path
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
+from ..engine.plan import KERNELS
+from ..viewing.animation import FORMATS as FILMS
+from ..viewing.animation import animate, film_path
+from ..viewing.exports import Target, export
+from ..viewing.picture import file_path
 from ._common import EVERY_HELP, add_command, as_table, count, every, integrator, written
 
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
@@ -44,7 +44,7 @@ UNITS = {
 
 
 def ready_scenes() -> dict[str, Callable[..., cs.Scene]]:
-    """The functions of `clothsim.scenes` that return a scene, by name."""
+    """The functions of `clothsim.model.ready` that return a scene, by name."""
     return {
         name: function
         for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)

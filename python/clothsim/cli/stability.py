@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim import _validate as check
-from clothsim.plan import INTEGRATORS, PRECISIONS
+from clothsim.base import check
+from clothsim.engine.plan import INTEGRATORS, PRECISIONS
 
-from .._json import as_json
-from .._progress import wanted_by_command
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
 from ._common import add_command, count, integrator, refuse_ignored
 from .run import ready_scenes
 
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _hard_cases(args: argparse.Namespace) -> None:
-    from clothsim.stability.report import hard_case_table, run_hard_cases
+    from clothsim.stability.map_report import hard_case_table, run_hard_cases
 
     refuse_ignored(args, "--hard-cases", _OF_THE_MAP)
     results = run_hard_cases(cs.scenes.hard_cases(), progress=wanted_by_command())
@@ -102,7 +102,7 @@ def _hard_cases(args: argparse.Namespace) -> None:
 
 def _map(args: argparse.Namespace) -> None:
     from clothsim.stability.map import measure_map
-    from clothsim.stability.report import draw_map, map_table, need_matplotlib, write_csv
+    from clothsim.stability.map_report import draw_map, map_table, need_matplotlib, write_csv
 
     folder = check.folder("--out", args.out) if args.out else None
     if folder:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.sweep import METRICS, fields
+from clothsim.sweeps import METRICS, fields
 
-from .._extras import check_installed, needed
-from .._json import as_json
-from .._progress import wanted_by_command
+from ..base.extras import check_installed, needed
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
 from ._common import EVERY_HELP, add_command, count, every
 from ._sweep_summary import as_data, summary
 from .run import ready_scenes, scene_of

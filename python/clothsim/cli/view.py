@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 import clothsim as cs
-from clothsim.view.live import view
+from clothsim.viewing.live import view
 
 from ._common import add_command
 from .run import scene_of

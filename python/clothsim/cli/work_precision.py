@@ -8,11 +8,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
-from clothsim import _validate as check
+from clothsim.base import check
 
-from .._json import as_json
-from .._progress import wanted_by_command
-from ..plan import PRECISIONS
+from ..base.plain_json import as_json
+from ..base.progress import wanted_by_command
+from ..engine.plan import PRECISIONS
 from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 
@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> None:
         return
     if args.errors is not None:
         raise ValueError("--errors needs --fastest")
-    from clothsim.accuracy.plots import plot_work_precision
-    from clothsim.accuracy.tables import rows_of, text_of_runs, write_csv
+    from clothsim.accuracy.work_plot import plot_work_precision
+    from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
 
     folder = check.folder("--out", args.out)
     data = cs.work_precision(
@@ -126,8 +126,8 @@ def _errors(text: str) -> list[float]:
 
 
 def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
-    from clothsim.accuracy.front import ERRORS, TARGETS, front, statement
-    from clothsim.accuracy.tables import targets_of, text_of_front, text_of_targets
+    from clothsim.accuracy.work_table import targets_of, text_of_front, text_of_targets
+    from clothsim.lab.peers.front import ERRORS, TARGETS, front, statement
 
     if args.targets:
         refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--errors", "--out"])

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..grid import GROUP
-from ..plan import core_plan
-from ..scene import Scene
+from ..engine.plan import core_plan
+from ..model.mesh import GROUP
+from ..model.scene import Scene
 from . import parameters
 from .device import Device, translated
 from .shader import Features, pipelines

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from .._extras import how_to_install
+from ..base.extras import how_to_install
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # float64, and the integers of its size that `keep` takes it through.

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..cloth import FAMILIES
-from ..plan import point_radius
-from ..scene import Scene
+from ..engine.plan import point_radius
+from ..model.cloth import FAMILIES
+from ..model.scene import Scene
 
 FIRST_WEIGHT = 20
 CONTACT_SIZE = 16

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..scene import Scene
+from ..model.scene import Scene
 
 # Extents of a cloth from the origin to its middle, from which on single keeps positions relative to
 # there, as in the core.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..cloth import Cloth
-from ..grid import thread_grid
-from ..scene import Scene
+from ..model.cloth import Cloth
+from ..model.mesh import thread_grid
+from ..model.scene import Scene
 from . import parameters
 from .block import workgroups
 from .device import Device, opened, translated

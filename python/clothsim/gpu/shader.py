@@ -7,8 +7,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from ..cloth import FAMILIES
-from ..scene import Scene
+from ..model.cloth import FAMILIES
+from ..model.scene import Scene
 from .device import Device, translated
 
 STAGES = (1, 2, 3, 4)

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..scene import Scene
+from ..model.scene import Scene
 from . import device as devices
-from .blocks import MOST_STEPS_UNCHECKED, Blocks
+from .batches import MOST_STEPS_UNCHECKED, Blocks
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import _core
-from ..plan import core_cloth
-from ..scene import Scene
+from ..engine.plan import core_cloth
+from ..model.scene import Scene
 from .planes import arrays_of
 
 # Steps of the clock between two looks, the core's `steps_between_energies`.

@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from .. import _validate as check
-from .._extras import check_installed, check_progress, needed
-from .._keywords import suggests
-from .._progress import ProgressBar
-from ..measures import max_stable_dt
-from ..plan import check_options
-from ..scene import Scene
+from ..base import check
+from ..base.extras import check_installed, check_progress, needed
+from ..base.keywords import suggests
+from ..base.progress import ProgressBar
+from ..engine.plan import check_options
+from ..measure.measures import max_stable_dt
+from ..model.scene import Scene
 from ..typing import Integrator, Precision
-from .measure import STEPS, is_stable
 from .spectrum import spectral_limit
+from .trial import STEPS, is_stable
 
 if TYPE_CHECKING:
     import xarray
@@ -141,7 +141,7 @@ def stability_map(
     """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
     Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. It is
-    stable unless its total energy rises (`clothsim.stability.measure`), which nothing but the time
+    stable unless its total energy rises (`clothsim.stability.trial`), which nothing but the time
     step can make it do: spheres are left out. The prediction is that of the linearised forces at
     the initial state, so a cloth that moves far, as a swing does, may keep to a lower limit.
 

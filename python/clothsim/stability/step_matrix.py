@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..integration import integrators, splitting_step
+from ..engine.integration import integrators, splitting_step
 from .subspace import Operator, Subspace
 
 Floats = npt.NDArray[np.float64]

@@ -1,0 +1,139 @@
+"""Solutions kept in memory and on disk, so that a trusted one is computed once.
+
+A file is written under another name in the same folder and then renamed, which replaces it at once:
+readers see a whole file or none, and of several writers (processes, machines on a shared folder)
+the last one wins, with the same content. What cannot be read is computed again and replaced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+import tempfile
+import threading
+import warnings
+import zipfile
+from collections import OrderedDict
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+
+ENVIRONMENT_VARIABLE = "CLOTHSIM_CACHE_DIR"
+_IN_MEMORY = 32  # solutions
+
+_memory: OrderedDict[str, dict[str, np.ndarray]] = OrderedDict()
+_lock = threading.Lock()
+
+
+def cache_directory() -> Path:
+    """The folder in which `reference` keeps its solutions.
+
+    Returns
+    -------
+    pathlib.Path
+        The environment variable CLOTHSIM_CACHE_DIR if it is set, else "clothsim" in the user's
+        cache folder: XDG_CACHE_HOME or ~/.cache, ~/Library/Caches on macOS, LOCALAPPDATA on
+        Windows. It is made when the first solution is kept; it may be deleted at any time.
+
+    Examples
+    --------
+    >>> from clothsim.accuracy import cache_directory
+    >>> cache_directory().is_absolute()
+    True
+    """
+    if chosen := os.environ.get(ENVIRONMENT_VARIABLE):
+        return Path(chosen).absolute()
+    if sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    elif sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    else:
+        given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        base = given if given.is_absolute() else Path.home() / ".cache"
+    return base / "clothsim"
+
+
+@cache
+def code() -> str:
+    """A hash of what computes a solution: the built core, and the modules that describe a cloth to it.
+
+    The version does not tell them apart while somebody is changing them.
+    """
+    package = Path(__file__).parent.parent
+    modules = (package / name for name in ("model/cloth.py", "engine/plan.py", "model/scene.py", "accuracy/solution.py"))
+    found = hashlib.sha256()
+    for path in (Path(_core.__file__), *modules):
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+def key_of(facts: Mapping[str, Any]) -> str:
+    """A name for what `facts` (plain data) determine."""
+    text = json.dumps(facts, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _path(key: str) -> Path:
+    return cache_directory() / "references" / f"{key}.npz"
+
+
+def load(key: str) -> tuple[dict[str, np.ndarray], str] | None:
+    """The arrays kept under `key` and where they were, "memory" or "disk"; None if nowhere."""
+    with _lock:
+        if key in _memory:
+            _memory.move_to_end(key)
+            return _memory[key], "memory"
+    try:
+        with np.load(_path(key), allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
+        if str(arrays.pop("key")) != key:
+            return None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return _remember(key, arrays), "disk"
+
+
+def _remember(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    for array in arrays.values():
+        array.flags.writeable = False
+    with _lock:
+        _memory[key] = arrays
+        _memory.move_to_end(key)
+        while len(_memory) > _IN_MEMORY:
+            _memory.popitem(last=False)
+    return arrays
+
+
+def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Keep `arrays`, read-only from here on, under `key` in memory and on disk."""
+    path = _path(key)
+    part = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            part = file.name
+            named: dict[str, Any] = {"key": np.array(key), **arrays}
+            np.savez_compressed(file, **named)
+        os.replace(part, path)
+    except OSError as error:
+        if part is not None:
+            Path(part).unlink(missing_ok=True)
+        warnings.warn(
+            f"the reference solution is kept in memory only: {error} ({ENVIRONMENT_VARIABLE} names another folder)",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+    return _remember(key, arrays)
+
+
+def forget() -> None:
+    """Drop what is kept in memory."""
+    with _lock:
+        _memory.clear()

@@ -1,0 +1,47 @@
+"""Whether and when a cloth that falls freely meets a sphere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..engine.stepper import Stepper
+from ..measure.measures import max_stable_dt
+from ..model.scene import Scene
+
+# Of the time in which the cloth's size is crossed: how far apart the looks are at most.
+_MOST_BETWEEN = 1e-4  # s
+
+
+def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
+    """Earliest time at which a mass point comes as close to a sphere as its contact radius.
+
+    The cloth moves freely, by RK4; between two looks a point is taken to be as near as its speed
+    relative to the sphere allows, so that no contact is missed and one missed by less than that
+    distance counts as one.
+
+    Returns
+    -------
+    (float, int) or None
+        Time [s] and index of the sphere; None without contact up to `duration`.
+    """
+    if not scene.spheres:
+        return None
+    free = ~scene.cloth.pinned
+    stepper = Stepper(scene.replace(spheres=()), threads=1)
+    between = min(_MOST_BETWEEN, 0.5 * max_stable_dt(scene), duration)
+    count = math.ceil(duration / between)
+    dt = duration / count
+    for n in range(count + 1):
+        t = n * dt
+        x, v = stepper.positions[free], stepper.velocities[free]
+        for k, sphere in enumerate(scene.spheres):
+            center = sphere.center_at(t)
+            distance = np.linalg.norm(x - center, axis=-1)
+            speed = np.linalg.norm(v - sphere.velocity_at(t), axis=-1)
+            if (distance < sphere.contact_radius(scene.cloth) + speed * dt).any():
+                return t, k
+        if n < count:
+            stepper.advance(1, dt)
+    return None

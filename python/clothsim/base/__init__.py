@@ -1,0 +1,1 @@
+"""Helpers that know nothing of cloth: checks of arguments, extras, files, progress."""

@@ -1,0 +1,27 @@
+"""Names of a package that are imported when they are first asked for: what a simulation does without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+
+def on_demand(
+    namespace: dict[str, Any], places: Mapping[str, str], also: Sequence[str] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of the package with that namespace (PEP 562).
+
+    `places` has the module of each name, relative to the package. `dir` lists `__all__`, the names
+    of Python itself and those in `also`.
+    """
+    package = namespace["__name__"]
+
+    def get(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = namespace[name] = getattr(import_module(places[name], package), name)
+        return value
+
+    names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
+    return get, lambda: sorted(names)

@@ -1,0 +1,98 @@
+"""Progress bars: shown in a terminal or a notebook, never in a pipe or a file."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+from . import check
+from .extras import needed
+
+Item = TypeVar("Item")
+
+
+def wanted_by_command() -> bool:
+    """Whether a command shows progress: on a terminal, where tqdm is installed."""
+    return sys.stderr.isatty() and find_spec("tqdm") is not None
+
+
+def in_notebook() -> bool:
+    """Whether this process is the kernel of a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+class ProgressBar:
+    """A tqdm bar as a context; nothing where it is not asked for, or goes to a pipe or a file.
+
+    Parameters
+    ----------
+    shown : bool
+        The caller's argument `progress`.
+    options
+        As for ``tqdm.tqdm``, such as `total`, `unit` and `desc`.
+
+    Attributes
+    ----------
+    bar : tqdm.tqdm or None
+        None where nothing is shown.
+
+    Raises
+    ------
+    TypeError
+        If `shown` is no bool.
+    ImportError
+        Without tqdm, naming the extra that brings it, where `shown` is True.
+
+    Examples
+    --------
+    >>> with ProgressBar(False, total=3, unit="run") as bar:
+    ...     bar.advance(3)
+    """
+
+    def __init__(self, shown: bool, **options: Any) -> None:
+        self.bar: Any = None
+        if check.boolean("progress", shown):
+            with warnings.catch_warnings():  # a notebook without widgets gets a bar of text
+                warnings.simplefilter("ignore")
+                tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
+            # With None, tqdm itself finds out whether stderr is a terminal.
+            bar = tqdm(disable=False if in_notebook() else None, **options)
+            self.bar = None if bar.disable else bar
+
+    def advance(self, count: float = 1) -> None:
+        """Move on by so many units."""
+        if self.bar is not None:
+            self.bar.update(count)
+
+    def count(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items, each counted once it has been used."""
+        for item in items:
+            yield item
+            self.advance()
+
+    def say(self, text: str) -> None:
+        """Show what is being done in front of the bar."""
+        if self.bar is not None:
+            self.bar.set_description(text)
+
+    def print(self, text: str) -> None:
+        """Print to stdout, in a terminal above the bar."""
+        if self.bar is None:
+            print(text, flush=True)
+        else:
+            self.bar.write(text, file=sys.stdout)
+
+    def close(self) -> None:
+        """Leave the bar as it is and start a new line."""
+        if self.bar is not None:
+            self.bar.close()
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

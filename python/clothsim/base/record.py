@@ -1,0 +1,197 @@
+"""What value types have in common: equality, hash, copies, plain data and a short repr."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from . import check
+
+Self = TypeVar("Self", bound="Record")
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        numbers = isinstance(a, np.ndarray) and a.dtype.kind == "f"
+        return type(a) is type(b) and np.array_equal(a, b, equal_nan=numbers)
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_same(value, b[key]) for key, value in a.items())
+    return bool(a == b) or (a != a and b != b)
+
+
+def _hashable(value: Any) -> Any:
+    """A value that has a hash, equal where `_same` holds."""
+    if isinstance(value, np.ndarray):
+        # 0.0 and -0.0 are equal and have other bytes: adding 0 leaves 0.0 of both.
+        return value.shape, (value + 0.0).tobytes()
+    if isinstance(value, Mapping):
+        return frozenset(value.items())
+    return value
+
+
+# Longer arrays, and tuples of more numbers or records, are shown by their shape or length.
+_SHOWN = 24
+_RECORDS_SHOWN = 4
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        if value.size > _SHOWN:
+            return f"<array of shape {value.shape}>"
+        return repr(value.tolist())
+    if isinstance(value, MappingProxyType):
+        return repr(dict(value))
+    if isinstance(value, tuple) and value:
+        most = _RECORDS_SHOWN if isinstance(value[0], Record) else _SHOWN
+        if len(value) > most:
+            return f"<{len(value)} entries, the first {value[0]!r}>"
+    return repr(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Record):
+        return value.to_dict()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return value
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """`array` itself, made read-only."""
+    array.flags.writeable = False
+    return array
+
+
+class EqualByValue:
+    """Base of dataclasses that are equal where all their fields are, arrays included."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine, theirs = self._values(), other._values()
+        return all(_same(mine[name], theirs[name]) for name in mine)
+
+    # Reports are dicts, which have no hash.
+    __hash__: Any = None
+
+    def _values(self) -> dict[str, Any]:
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return {field.name: getattr(self, field.name) for field in fields}
+
+
+class Record(EqualByValue):
+    """Base of the frozen dataclasses of the model: equal and hashed by value, arrays included."""
+
+    def __hash__(self) -> int:
+        # Kept, as arrays are long; `__reduce__` does not copy it, as other processes hash otherwise.
+        if "_hash" not in self.__dict__:
+            values = tuple(_hashable(value) for value in self._values().values())
+            self._set(_hash=hash((type(self).__name__, *values)))
+        return int(self.__dict__["_hash"])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor, so that a copy's arrays are read-only again.
+        return partial(type(self), **self._open_values()), ()
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={_short(value)}" for name, value in self._values().items())
+        return f"{type(self).__name__}({values})"
+
+    def _open_values(self) -> dict[str, Any]:
+        """The arguments, with plain dicts in place of read-only views of them."""
+        return {
+            name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in self._values().items()
+        }
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self: Self, **changes: Any) -> Self:
+        """A copy with the named arguments changed; the original stays as it is.
+
+        Parameters
+        ----------
+        **changes
+            Any argument of the constructor, by its name.
+
+        Returns
+        -------
+        same type as the original
+
+        Raises
+        ------
+        TypeError
+            For a name that the constructor does not have.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
+        0.5
+        """
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
+
+        Returns
+        -------
+        dict
+            One key per argument of the constructor; arguments that are None are left out, as
+            TOML has no None. ``from_dict`` makes an equal object of it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
+        [4, 5]
+        """
+        return {name: _plain(value) for name, value in self._values().items() if value is not None}
+
+    @classmethod
+    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
+        """The object that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            Arguments of the constructor; what is missing takes its default.
+
+        Returns
+        -------
+        instance of this class
+
+        Raises
+        ------
+        ValueError
+            For an unknown key (the nearest known one is named), a missing one without default,
+            or a value that the constructor refuses.
+        TypeError
+            If `data` is no mapping.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cloth = cs.Cloth(shape=(4, 5), mass=2.0)
+        >>> cs.Cloth.from_dict(cloth.to_dict()) == cloth
+        True
+        """
+        return cls(**cls._arguments(data))
+
+    @classmethod
+    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+        """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
+        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+        known = [*more, *(f.name for f in fields)]
+        required = [*more, *(f.name for f in fields if f.default is dataclasses.MISSING)]
+        return check.keys(cls.__name__, data, known, required)

@@ -1,0 +1,1 @@
+"""From a scene to stepping arrays: plan, state, steps, snapshots, integrators."""

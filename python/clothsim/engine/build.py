@@ -1,0 +1,45 @@
+"""How this package was built and what it uses here."""
+
+from __future__ import annotations
+
+import platform
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..base.keywords import suggests
+
+
+@suggests
+def build_config() -> dict[str, Any]:
+    """How clothsim was compiled and what it will use on this machine.
+
+    Returns
+    -------
+    dict
+        "version", "compiler", "build_type", "flags", "kernel_flags" (per instruction set),
+        "instruction_sets_built", "instruction_sets_supported" (of this processor),
+        "instruction_set" (the one used; the environment variable CLOTHSIM_ISA overrides it),
+        "openmp" (date of the standard), "openmp_threads" (processors available), "eigen",
+        "xsimd", "python" and "numpy" (versions).
+
+    Raises
+    ------
+    ValueError
+        If CLOTHSIM_ISA names an instruction set that is not built or not supported.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> config = cs.build_config()
+    >>> config["instruction_set"] in config["instruction_sets_supported"]
+    True
+    """
+    return {
+        **_core.build_facts(),
+        "instruction_set": _core.choose_instruction_set(""),
+        "openmp_threads": _core.available_threads(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }

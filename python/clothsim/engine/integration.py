@@ -1,0 +1,477 @@
+"""The time integration methods: what each is, what it costs and where it is stable.
+
+Stability is told by the damped oscillator, one mode of a cloth near rest: with the angular
+frequency omega and the damping rate delta (both 1/s, the square root of an eigenvalue of the
+stiffness per unit mass, and an eigenvalue of the damping per unit mass),
+
+    x'' = - omega^2 x - delta x'
+
+A step of dt maps (x, dt v) linearly: by the matrix that `amplification_matrix` gives as a function
+of omega dt and delta dt. The step is stable where no eigenvalue of it is larger than 1 in size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggests
+from ..errors import OrderWarning, warn_caller
+
+if TYPE_CHECKING:
+    from ..model.scene import Scene
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Integrator:
+    """One time integration method.
+
+    Attributes
+    ----------
+    name : str
+        What `step`, `simulate` and `Stepper` take as ``integrator``.
+    order, order_damped : int
+        The error of a smooth motion falls with this power of the time step: of a scene without
+        damping, and of a damped one; see `order_of`.
+    stages : int
+        Force evaluations per step of an undamped scene; see `evaluations_per_step`.
+    stages_damped : int
+        Force evaluations per step of a scene with damping.
+    explicit : bool
+        False: a step solves a system of equations.
+    adaptive : bool
+        Carries an error estimate, so that `simulate` can choose the step by it. Where a time step
+        is given, it runs at that step.
+    symplectic : bool
+        Keeps the energy of an undamped scene bounded over any number of steps.
+    damped : bool
+        Whether it keeps its order with forces that depend on the velocity, as damping does.
+    imaginary_limit : float
+        Largest stable omega * dt of the undamped oscillator.
+    real_limit : float
+        Largest stable delta * dt of pure damping.
+    description, source : str
+        What it is for, and where its coefficients are published.
+    """
+
+    name: str
+    order: int
+    order_damped: int
+    stages: int
+    stages_damped: int
+    explicit: bool
+    adaptive: bool
+    symplectic: bool
+    damped: bool
+    imaginary_limit: float
+    real_limit: float
+    description: str
+    source: str
+
+    def order_of(self, scene: Scene) -> int:
+        """The order with which the error of this scene falls: `order_damped` if it is damped.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> pefrl = cs.integrators()["pefrl"]
+        >>> [pefrl.order_of(cs.scenes.oscillator(damping=c)) for c in (0.0, 0.1)]
+        [4, 1]
+        """
+        return self.order_damped if scene.cloth.damped else self.order
+
+    def evaluations_per_step(self, damped: bool) -> int:
+        """Force evaluations per step of a scene with or without damping."""
+        return self.stages_damped if damped else self.stages
+
+    def __repr__(self) -> str:
+        stages, kind = self._traits
+        return f"<Integrator {self.name}: order {self.order}, stages {stages}, {kind}>"
+
+    @property
+    def _traits(self) -> tuple[str, ...]:
+        """The properties in words, as they are printed."""
+        order = "" if self.damped else " (damped: order 1)"
+        damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
+        return (
+            f"{self.stages}{damped}",
+            ("explicit" if self.explicit else "implicit")
+            + ", adaptive" * self.adaptive
+            + ", symplectic" * self.symplectic
+            + order,
+        )
+
+
+def _record(
+    name: str,
+    order: int,
+    stages: int,
+    imaginary_limit: float,
+    real_limit: float,
+    description: str,
+    source: str,
+    *,
+    stages_damped: int | None = None,
+    explicit: bool = True,
+    adaptive: bool = False,
+    symplectic: bool = False,
+    order_damped: int | None = None,
+) -> Integrator:
+    damped = order_damped is None
+    return Integrator(
+        name,
+        order,
+        order_damped or order,
+        stages,
+        stages_damped or stages,
+        explicit,
+        adaptive,
+        symplectic,
+        damped,
+        imaginary_limit,
+        real_limit,
+        description,
+        source,
+    )
+
+
+_TABLE = (
+    _record(
+        "rk4",
+        4,
+        4,
+        2.8284271247461903,
+        2.7852935634052816,
+        "classic Runge-Kutta, the paper's: the default",
+        "Kutta, Z. Math. Phys. 46 (1901)",
+    ),
+    _record(
+        "semi_implicit_euler",
+        1,
+        1,
+        2.0,
+        2.0,
+        "kick, then drift: what games use",
+        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.9",
+        symplectic=True,
+    ),
+    _record(
+        "velocity_verlet",
+        2,
+        1,
+        2.0,
+        2.0,
+        "kick, drift, kick; the second kick takes the velocity predicted by Euler's method, which "
+        "keeps order 2 with damping, at two evaluations a step then",
+        "Swope et al., J. Chem. Phys. 76 (1982) 637",
+        stages_damped=2,
+        symplectic=True,
+    ),
+    _record(
+        "pefrl",
+        4,
+        4,
+        2.9894,
+        2.3414,
+        "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes; of order 1 with damping",
+        "Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20",
+        symplectic=True,
+        order_damped=1,
+    ),
+    _record(
+        "dopri5",
+        5,
+        6,
+        0.9971,
+        3.3065,
+        "Dormand-Prince 5(4): errors of 1e-3 to 1e-7 of the size",
+        "Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19",
+        adaptive=True,
+    ),
+    _record(
+        "dop853",
+        8,
+        12,
+        5.9603,
+        6.3936,
+        "Dormand-Prince 8(5,3): small errors at the least cost",
+        "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., II.5, dop853.f",
+        adaptive=True,
+    ),
+    _record(
+        "implicit_midpoint",
+        2,
+        1,
+        math.inf,
+        math.inf,
+        "Newton's method with a sparse factorisation: stays bounded at huge steps, at the price of "
+        "the error that order 2 has there",
+        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.7",
+        explicit=False,
+        symplectic=True,
+    ),
+)
+
+
+class _Integrators(Mapping[str, Integrator]):
+    """The methods by name; it prints as a table."""
+
+    def __init__(self, methods: tuple[Integrator, ...]) -> None:
+        self._methods = {method.name: method for method in methods}
+
+    def __getitem__(self, name: str) -> Integrator:
+        return self._methods[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._methods)
+
+    def __len__(self) -> int:
+        return len(self._methods)
+
+    def __repr__(self) -> str:
+        rows: list[tuple[str, ...]] = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
+        for one in self.values():
+            stages, kind = one._traits
+            limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
+            rows.append((one.name, str(one.order), stages, *limits, kind))
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ("  ".join(cell.ljust(n) for cell, n in zip(row, widths)).rstrip() for row in rows)
+        return "\n".join(lines)
+
+
+_INTEGRATORS: Mapping[str, Integrator] = _Integrators(_TABLE)
+
+ALIASES: Mapping[str, str] = {
+    "runge_kutta": "rk4",
+    "runge_kutta_4": "rk4",
+    "euler": "semi_implicit_euler",
+    "symplectic_euler": "semi_implicit_euler",
+    "verlet": "velocity_verlet",
+    "leapfrog": "velocity_verlet",
+    "forest_ruth": "pefrl",
+    "rk45": "dopri5",
+    "dormand_prince": "dopri5",
+    "dop8": "dop853",
+    "midpoint": "implicit_midpoint",
+}
+"""Further names of the methods, as other packages and books have them."""
+
+
+def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
+    """The name of a method as `integrators` has it.
+
+    Case does not count, nor whether words are joined by "_", "-" or a space; `ALIASES` are taken
+    as well.
+
+    Parameters
+    ----------
+    name : str
+    *more : str
+        Names accepted beside those of the methods, such as "auto".
+    argument : str, default "integrator"
+        Name of the argument in error messages.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `name` is no such name; the message suggests the nearest.
+
+    Examples
+    --------
+    >>> from clothsim.engine.integration import integrator_name
+    >>> integrator_name("RK4"), integrator_name("RK45"), integrator_name("semi-implicit Euler")
+    ('rk4', 'dopri5', 'semi_implicit_euler')
+    """
+    if isinstance(name, str):
+        if name in _INTEGRATORS or name in more:
+            return str(name)
+        plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
+        plain = ALIASES.get(plain, plain)
+        if plain in _INTEGRATORS or plain in more:
+            return plain
+    return check.choice(argument, name, (*more, *_INTEGRATORS))
+
+
+@suggests
+def integrators() -> Mapping[str, Integrator]:
+    """The time integration methods by name, each an `Integrator`.
+
+    Returns
+    -------
+    mapping of str to Integrator
+        Read-only, in the order in which they are documented. It prints as a table.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> for one in cs.integrators().values():
+    ...     print(one.name, one.order, one.stages, one.explicit, one.imaginary_limit)
+    rk4 4 4 True 2.8284271247461903
+    semi_implicit_euler 1 1 True 2.0
+    velocity_verlet 2 1 True 2.0
+    pefrl 4 4 True 2.9894
+    dopri5 5 6 True 0.9971
+    dop853 8 12 True 5.9603
+    implicit_midpoint 2 1 False inf
+    """
+    return _INTEGRATORS
+
+
+def warn_of_order(integrator: str, scene: Scene) -> bool:
+    """Give an `OrderWarning` where damping lowers the order of this integrator; whether it did."""
+    method = _INTEGRATORS[integrator]
+    lower = method.order_of(scene) < method.order
+    if lower:
+        warn_caller(
+            f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "
+            f"{method.order}: its errors are those of a method of order {method.order_damped}; take "
+            "'rk4' or 'velocity_verlet', which keep their orders, or a cloth with damping=0",
+            OrderWarning,
+        )
+    return lower
+
+
+# Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
+# further ones: b A^(k-1) 1 with their tableau (A, b).
+_FURTHER_TERMS = {
+    "rk4": (),
+    "dopri5": (1 / 600,),
+    "dop853": (2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10),
+}
+
+# PEFRL: drift, kick, drift, kick, ... as parts of the step.
+_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
+_PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
+_PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
+_SPLITTINGS = {"semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)), "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS)}
+
+
+@suggests
+def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+    """The matrix by which a step maps (x, dt v) of the damped oscillator.
+
+    Parameters
+    ----------
+    integrator : str
+        A name of `integrators`.
+    omega_dt, delta_dt : array_like
+        omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0, of any shapes that broadcast.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (..., 2, 2).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> from clothsim.engine.integration import amplification_matrix
+    >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
+    [[0.0, 1.0], [-1.0, 1.0]]
+    """
+    integrator = integrator_name(integrator)
+    omega, delta = np.broadcast_arrays(_rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt))
+    square = omega * omega
+    if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
+        one, zero = np.ones_like(square), np.zeros_like(square)
+        x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
+        k, c = square[..., None], delta[..., None]
+        x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
+        return np.stack([x, w], -2)
+    slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
+    identity = np.broadcast_to(np.eye(2), slope.shape)
+    if integrator == "implicit_midpoint":
+        return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
+    terms = [1 / math.factorial(k) for k in range(_INTEGRATORS[integrator].order + 1)]
+    result = np.zeros_like(slope)
+    for term in reversed((*terms, *_FURTHER_TERMS[integrator])):
+        result = slope @ result + term * identity
+    return result
+
+
+@suggests
+def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+    """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
+
+    Parameters
+    ----------
+    integrator, omega_dt, delta_dt
+        As for `amplification_matrix`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Of the shape to which the two broadcast.
+
+    Examples
+    --------
+    >>> from clothsim.engine.integration import amplification
+    >>> amplification("rk4", [2.8, 2.9], 0.0).round(3).tolist()
+    [0.931, 1.193]
+    """
+    matrix = amplification_matrix(integrator, omega_dt, delta_dt)
+    half_trace = (matrix[..., 0, 0] + matrix[..., 1, 1]) / 2
+    determinant = np.linalg.det(matrix)
+    root = np.sqrt((half_trace**2 - determinant).astype(complex))
+    return np.asarray(np.maximum(abs(half_trace + root), abs(half_trace - root)))
+
+
+def _rates(name: str, value: npt.ArrayLike) -> Floats:
+    array = check.as_array(name, value, "real numbers >= 0")
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
+    array = array.astype(np.float64)
+    check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
+    return array
+
+
+def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
+    return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
+
+
+def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
+    """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
+
+    Parameters
+    ----------
+    integrator : {"semi_implicit_euler", "velocity_verlet", "pefrl"}
+    acceleration : callable
+        dt^2 times the acceleration, of (x, w).
+    x, w : numpy.ndarray
+        Positions, and dt times the velocities.
+
+    Returns
+    -------
+    x, w : numpy.ndarray
+        At the end of the step.
+    stages : list of numpy.ndarray
+        The accelerations evaluated, in order.
+    """
+    if integrator == "velocity_verlet":
+        first = acceleration(x, w)
+        x = x + w + first / 2
+        second = acceleration(x, w + first)
+        return x, w + (first + second) / 2, [first, second]
+    stages = []
+    for drift, kick in zip(*_SPLITTINGS[integrator]):
+        x = x + drift * w if drift else x
+        if kick:
+            stages.append(acceleration(x, w))
+            w = w + kick * stages[-1]
+    return x, w, stages

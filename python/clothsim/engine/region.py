@@ -1,0 +1,117 @@
+"""Stability regions: the largest time step that keeps a damped oscillator from growing.
+
+A mode of the linearised cloth is the oscillator x'' = -omega^2 x - delta x'. A step of dt multiplies
+its (x, v) by a 2 x 2 matrix G(omega dt, delta dt); the mode does not grow where the eigenvalues of G
+are at most 1 in size, which for the trace T and determinant D of G means |T| <= 1 + D and |D| <= 1.
+
+In the plane of (omega dt, delta dt) a time step walks along a ray from the origin. What is kept per
+integrator is where each ray leaves the stable region for the first time.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .integration import amplification_matrix, integrators
+
+Floats = npt.NDArray[np.float64]
+
+_ANGLES = 257
+_RADIUS_STEP = 0.05
+_BISECTIONS = 30
+_ROUNDING = 1e-9  # growth a step that counts as rounding: e-fold in 1e9 steps
+
+
+def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Whether a step does not amplify the mode, per entry."""
+    g = amplification_matrix(integrator, omega_dt, delta_dt)
+    trace = g[..., 0, 0] + g[..., 1, 1]
+    determinant = g[..., 0, 0] * g[..., 1, 1] - g[..., 0, 1] * g[..., 1, 0]
+    with np.errstate(invalid="ignore"):
+        return (np.abs(trace) <= 1 + determinant + _ROUNDING) & (np.abs(determinant) <= 1 + _ROUNDING)
+
+
+@cache
+def _exits(integrator: str) -> tuple[Floats, Floats]:
+    """Angles from the omega axis to the delta axis, and the radius where each ray leaves."""
+    angle = np.linspace(0.0, np.pi / 2, _ANGLES)
+    return angle, _exit_radii(integrator, angle)
+
+
+def _exit_radii(integrator: str, angle: Floats) -> Floats:
+    """The radius where the ray of each angle (from the omega axis) leaves the stable region."""
+    method = integrators()[integrator]
+    if not method.explicit:
+        return np.full(len(angle), np.inf)
+    omega, delta = np.cos(angle), np.sin(angle)
+    omega[angle >= np.pi / 2] = 0.0
+    # Nowhere between the axes does a region reach twice as far as on them.
+    farthest = 2 * max(method.imaginary_limit, method.real_limit)
+    radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
+    bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
+    first = bad.argmax(axis=1)
+    high, low = radii[first], np.where(first > 0, radii[first - 1], 0.0)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        good = stable(integrator, middle * omega, middle * delta)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return np.where(bad.any(axis=1), low, farthest)
+
+
+@cache
+def notched(integrator: str) -> bool:
+    """Whether slow modes with little damping can limit the step more than fast ones do.
+
+    So it is with dopri5, whose region ends at 1 on the omega axis and at 3 right beside it.
+    """
+    _, radius = _exits(integrator)
+    return bool(np.isfinite(radius[0]) and radius[0] < 0.5 * radius.max())
+
+
+def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
+    """Largest stable time step of each mode [s]; infinite for one at rest.
+
+    Parameters
+    ----------
+    integrator : str
+    omega, delta : array_like
+        Angular frequency [1/s] and damping [1/s] of the modes, >= 0, of one shape.
+    """
+    angle, radius = _exits(integrator)
+    omega, delta = np.asarray(omega, float), np.asarray(delta, float)
+    ray, size = np.atleast_1d(np.arctan2(delta, omega)), np.hypot(omega, delta)
+    if not np.isfinite(radius).all():  # implicit
+        return np.full(size.shape, np.inf)
+    after = np.searchsorted(angle, ray).clip(1, len(angle) - 1)
+    pair = radius[after - 1], radius[after]
+    steady = np.abs(pair[0] - pair[1]) < 0.02 * pair[1]  # else the border jumps between the rays
+    exits = np.interp(ray, angle, radius)
+    if not steady.all():
+        # Each ray once: of an undamped cloth all modes are on one.
+        rays, place = np.unique(ray[~steady], return_inverse=True)
+        exits[~steady] = _exit_radii(integrator, rays)[place.ravel()]
+    with np.errstate(divide="ignore"):
+        return np.asarray(exits.reshape(size.shape) / size)
+
+
+def box_limit(integrator: str, omega: float, delta: float) -> float:
+    """Largest time step that is stable for every mode with at most this omega and this delta [s].
+
+    The box [0, omega dt] x [0, delta dt] has to lie in the stable region, whatever combination of
+    frequency and damping the modes have. Between two rays the box is taken at its widest and the
+    region at its narrowest.
+    """
+    if omega == 0 or delta == 0:
+        return float(mode_limit(integrator, omega, delta))
+    angle, radius = _exits(integrator)
+    box = np.full(len(angle), np.hypot(omega, delta))  # as far as the corner, then the far side
+    before = angle < np.arctan2(delta, omega)
+    after = ~before
+    box[before] = omega / np.cos(angle[before])
+    box[after] = delta / np.sin(angle[after])
+    widest = np.maximum(box[:-1], box[1:])
+    widest[np.count_nonzero(before) - 1] = np.hypot(omega, delta)
+    return float((np.minimum(radius[:-1], radius[1:]) / widest).min())

@@ -1,0 +1,182 @@
+"""The whole state of a simulation at one moment, in memory and in a file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base import files as _files
+from ..model.scene import Scene
+from .build import build_config
+
+SCHEMA = 1
+_OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot:
+    """A simulation at one moment, to be continued bit for bit.
+
+    It holds the scene, the options, the clock and the whole state of the core, the compensation of
+    "single" included. `Stepper.restore` continues it; `save` and `load` keep it in a file without
+    pickle. It also pickles. Two snapshots are equal only if they are the same object.
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> one = cs.Stepper(cs.scenes.paper_swing(), precision="single")
+    >>> one.advance(10, 1e-4)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     snapshot = cs.Snapshot.load(one.snapshot().save(folder + "/swing"))
+    >>> other = cs.Stepper.restore(snapshot)
+    >>> one.advance(10, 1e-4); other.advance(10, 1e-4)
+    >>> bool((one.positions == other.positions).all())
+    True
+    """
+
+    arguments: dict[str, Any]
+    shape: tuple[int, ...]
+    dtype: str
+    core: tuple[Any, ...]
+
+    @property
+    def scene(self) -> Scene | Sequence[Scene]:
+        """The scene, or the scenes of a batch."""
+        scene: Scene | Sequence[Scene] = self.arguments["scene"]
+        return scene
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+        origin, steps, dt, _ = self.core
+        return float(origin + steps * dt)
+
+    def __repr__(self) -> str:
+        options = ", ".join(str(self.arguments[name]) for name in ("integrator", "precision"))
+        size = " x ".join(map(str, self.shape[:-1]))
+        return f"<Snapshot of {size} mass points at t = {self.time:g} s ({options})>"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the snapshot to a .npz file that `load` reads.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in ".npz", which is added where there is no ending. An existing file is replaced.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError
+            For any other ending.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> snapshot = cs.Stepper(cs.scenes.paper_swing()).snapshot()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = snapshot.save(folder + "/start")
+        ...     stepper = cs.Stepper.restore(cs.Snapshot.load(path))
+        >>> path.name, stepper.time
+        ('start.npz', 0.0)
+        """
+        return _files.write_npz(_files.npz_path(path), to_arrays(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Snapshot:
+        """Read a snapshot that `save` wrote. Nothing in the file is executed.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Returns
+        -------
+        Snapshot
+
+        Raises
+        ------
+        ValueError
+            If the file is no snapshot.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> snapshot = cs.Stepper(cs.scenes.paper_swing()).snapshot()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = snapshot.save(folder + "/start")
+        ...     stepper = cs.Stepper.restore(cs.Snapshot.load(path))
+        >>> path.name, stepper.time
+        ('start.npz', 0.0)
+        """
+        arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
+        try:
+            return from_arrays(arrays)
+        except (ValueError, TypeError, KeyError) as error:
+            raise ValueError(f"{os.fspath(path)} is no snapshot of clothsim: {error}") from None
+
+
+def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
+    """The snapshot as a text and an array, "snapshot" (JSON) and "snapshot_state"."""
+    arguments = dict(snapshot.arguments)
+    scene = arguments.pop("scene")
+    origin, steps, dt, members = snapshot.core
+    header = {
+        "schema": SCHEMA,
+        "version": build_config()["version"],
+        "scene": scene.to_dict() if isinstance(scene, Scene) else [s.to_dict() for s in scene],
+        "arguments": arguments,
+        "shape": list(snapshot.shape),
+        "dtype": snapshot.dtype,
+        "clock": [origin, steps, dt],
+        "contact_energy": [energy for _, energy in members],
+    }
+    state = np.array([values for values, _ in members])
+    return {"snapshot": json.dumps(header), "snapshot_state": state}
+
+
+def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
+    """The snapshot that `to_arrays` took apart."""
+    header = json.loads(str(arrays["snapshot"]))
+    if header["schema"] != SCHEMA:
+        raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
+    scene: Any = header["scene"]
+    if isinstance(scene, list):
+        scene = [Scene.from_dict(one) for one in scene]
+    else:
+        scene = Scene.from_dict(scene)
+    state = np.asarray(arrays["snapshot_state"], dtype=np.float64)
+    energies = header["contact_energy"]
+    if state.ndim != 2 or len(state) != len(energies):
+        raise ValueError(f"its state must have {len(energies)} rows, got shape {state.shape}")
+    origin, steps, dt = header["clock"]
+    members = [(row, float(energy)) for row, energy in zip(state, energies)]
+    return Snapshot(
+        {**header["arguments"], "scene": scene},
+        tuple(header["shape"]),
+        str(header["dtype"]),
+        (float(origin), int(steps), float(dt), members),
+    )
+
+
+def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
+    """A snapshot of a `_state.State` that was made with these options."""
+    arguments = {
+        **{name: options[name] for name in _OPTIONS},
+        "scene": scene,
+        "track_contact_energy": track,
+        "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],
+    }
+    return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())

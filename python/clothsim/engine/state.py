@@ -1,0 +1,416 @@
+"""Arrays in, arrays out: the state of one cloth or a batch, and a core simulation around it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import check
+from ..errors import ContactError, ContactWarning, LongRunWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
+from ..model.scene import Scene
+from .bound import guaranteed_dt
+from .integration import integrators, warn_of_order
+from .limiting import limiting_term
+from .plan import check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius
+
+# float32 or float64, as the caller gave it: a state that is stepped stays of its type.
+FloatArray = npt.NDArray[Any]
+
+
+def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
+    """`scene` as a list of scenes of one shape."""
+    if isinstance(scene, Scene):
+        return [scene]
+    accepted = "a Scene or a non-empty sequence of Scene of one shape"
+    if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
+        raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
+    for k, one in enumerate(scene):
+        if not isinstance(one, Scene):
+            raise TypeError(f"scene must be {accepted}, got {type(one).__name__} at index {k}")
+    shapes = {one.cloth.shape for one in scene}
+    if len(shapes) != 1:
+        raise ValueError(f"scene must be {accepted}, got the shapes {sorted(shapes)}")
+    return list(scene)
+
+
+def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
+    """`value` as a finite float32 or float64 array, C-contiguous, not copied where it is one.
+
+    Its shape is (rows, columns, 3), or (B, rows, columns, 3): B is the number of scenes if they
+    came as a sequence (`batched`), else free.
+    """
+    shape = (*scenes[0].cloth.shape, 3)
+    if batched:
+        shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)"
+    else:
+        shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
+    accepted = f"an array of shape {shapes} of finite numbers"
+    given = check.as_array(name, value, accepted)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
+    fits = given.shape[-3:] == shape and (
+        given.ndim == 4 and given.shape[0] == len(scenes)
+        if batched
+        else given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
+    )
+    if not fits:
+        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
+    dtype = np.float32 if given.dtype == np.float32 else np.float64
+    result = np.require(given, dtype, ("C", "A"))
+    check.check_all(name, result, np.isfinite(result), accepted, points=True)
+    return result
+
+
+def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
+    """`x` and `v` checked, of one shape and dtype (the wider of the two)."""
+    x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
+    if x.shape != v.shape:
+        raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
+    dtype = np.result_type(x, v)
+    return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
+
+
+def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
+    """As `state_arrays`, and of numbers that the precision can hold."""
+    x, v = state_arrays(x, v, scenes, batched)
+    if precision == "single":
+        largest = float(np.finfo(np.float32).max)
+        for name, array in (("x", x), ("v", v)):
+            if max(array.max(), -array.min()) <= largest:
+                continue
+            accepted = f"at most {largest:.3g} in size with precision 'single'"
+            check.check_all(name, array, np.abs(array) <= largest, accepted)
+    return x, v
+
+
+def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`out` checked to be two arrays that can hold results like `x`; new ones where it is None."""
+    if out is None:
+        return np.empty_like(x), np.empty_like(x)
+    arrays = check.items("out", out, 2, "arrays (x, v)")
+    for name, array in zip(("out[0]", "out[1]"), arrays):
+        out_array(name, array, x)
+    if np.may_share_memory(*arrays) and np.shares_memory(*arrays):
+        raise ValueError("out must be two arrays that share no memory")
+    return arrays[0], arrays[1]
+
+
+def out_array(name: str, array: Any, like: FloatArray) -> None:
+    """Check that `array` can be written to in place of a new array like `like`."""
+    if type(array) is np.ndarray and array.dtype == like.dtype and array.shape == like.shape:
+        flags = array.flags
+        if flags.c_contiguous and flags.writeable and flags.aligned:
+            return
+    accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
+    if not isinstance(array, np.ndarray) or check.is_masked(array):
+        raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
+    flags = array.flags
+    if array.dtype != like.dtype or array.shape != like.shape:
+        raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
+    if not (flags.writeable and flags.c_contiguous and flags.aligned):
+        raise ValueError(f"{name} must be {accepted}, got one that is not")
+
+
+MANY_STEPS = 1_000_000
+"""A run of more steps is announced, with the time that it will take."""
+
+# Copies of the state are stepped for so long to tell the time of a step, four times, of which the first warms
+# caches and threads. Half as long is noisy on a busy machine; twice as long is felt.
+_SECONDS_TIMED = 0.02
+_TIMINGS = 4
+_MOST_STEPS_TIMED = 20_000
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in words, of two digits."""
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+def start_time(t: Any, scenes: Sequence[Scene]) -> float:
+    """`t` checked; 0 where it is not given, which is refused where a sphere moves."""
+    if t is not None:
+        return check.number("t", t)
+    for scene in scenes:
+        for k, sphere in enumerate(scene.spheres):
+            if sphere.motion is not None:
+                raise ValueError(
+                    f"t must be given where a sphere moves, and spheres[{k}] has a motion: give "
+                    "the time of this state in seconds, t=0.0 if it is the start"
+                )
+    return 0.0
+
+
+class State:
+    """A core simulation of checked arguments that turns its outcomes into results and errors."""
+
+    def __init__(
+        self,
+        scene: Scene | Sequence[Scene],
+        x: Any,
+        v: Any,
+        *,
+        t: float | None,
+        integrator: str,
+        precision: str,
+        threads: int | None,
+        kernel: str,
+        strict: bool,
+        backend: str = "cpu",
+        inspect: bool = True,
+    ) -> None:
+        """`inspect`: warn of continuous spheres that are on the cloth."""
+        scenes = scenes_of(scene)
+        batched = not isinstance(scene, Scene)
+        integrator = check_options(precision, kernel, strict, integrator)
+        check_backend(backend, kernel, threads, integrator)
+        t = 0.0 if t is None and x is None else start_time(t, scenes)
+        self._options: dict[str, Any] = {
+            "t": t,
+            "integrator": integrator,
+            "precision": precision,
+            "threads": threads,
+            "kernel": kernel,
+            "strict": strict,
+            "backend": backend,
+            "inspect": False,
+        }
+        if x is None:
+            x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
+        if v is None:
+            v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
+            v = np.broadcast_to(v, np.shape(x))
+        x, v = checked_state(x, v, scenes, batched, precision)
+        self.batched = x.ndim == 4
+        members = len(x) if self.batched else 1
+        self.scenes = scenes * members if not batched else scenes
+        self.shape, self.dtype = x.shape, x.dtype
+        self.integrator = integrator
+        method = integrators()[integrator]
+        self._may_lose_order = method.order_damped < method.order
+        self.threads_optional = threads is None
+        self.backend = backend
+        if backend == "gpu":
+            self._use_gpu(t, precision, strict)
+            cloths = [core_cloth(s) for s in scenes]
+        else:
+            self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
+            plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
+            self.kernel = choose_kernel(kernel, strict)
+            self.instruction_set = plans[0].instruction_set
+            self.core = _core.Simulation(plans * members if not batched else plans, t, self.threads)
+            cloths = [plan.cloth for plan in plans]
+        limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
+        self.max_stable_dt = limits * members if not batched else limits
+        self._least_stable_dt = min(*self.max_stable_dt, sys.float_info.max)  # inf without springs
+        self.core.set_stable_dt(self.max_stable_dt)
+        self.warned = self.warned_of_growth = self.announced = False
+        self.steps_before = 0  # earlier calls of the run; errors count steps from its start
+        self.core.load(x, v)
+        self._warned_of_pins = False
+        self.waiting: list[State] | None = None  # where it waits between calls, see `_calls`
+        self._input: tuple[Any, ...] = ()
+        spheres = [sphere for one in scenes for sphere in one.spheres]
+        self._moves = any(sphere.motion is not None for sphere in spheres)
+        self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
+        self._warn_of_start(x, t)
+
+    def _warn_of_start(self, x: FloatArray, t: float) -> None:
+        if self._inspected:
+            for member, one in enumerate(x if self.batched else x[None]):
+                warn_of_start(self.scenes[member], one, t, member if self.batched else None)
+
+    def begin(self, x: FloatArray, v: FloatArray, t: float | None) -> bool:
+        """Take another state, of arrays like the last ones; False if it is none that the core can take."""
+        t = start_time(t, self.scenes if self._moves else ())
+        try:
+            if not self.core.begin(t, x, v, True):
+                return False
+        except TypeError:  # not contiguous
+            return False
+        self._input = t, x, v
+        self._options["t"] = t
+        self.warned = self.warned_of_growth = self.announced = self._warned_of_pins = False
+        self._warn_of_start(x, t)
+        return True
+
+    def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
+        from ..gpu.simulation import Simulation
+
+        simulation = Simulation(self.scenes, t, precision, strict)
+        self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
+        self.threads, self.kernel = 1, "gather"
+        self.instruction_set = str(simulation.adapter)
+
+    def advance(self, steps: Any, dt: Any) -> None:
+        """Advance all members; see `Stepper.advance`."""
+        # What nearly every call is, told apart in a tenth of the time that the checks take.
+        plain = type(steps) is int and type(dt) is float
+        if not (plain and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt):
+            if isinstance(steps, float) and isinstance(dt, int):
+                raise TypeError(
+                    f"steps must be an integer, got steps={steps!r} and dt={dt!r}, which look "
+                    "swapped: the order is advance(steps, dt) and step(scene, x, v, dt, steps); "
+                    "both can be given by name"
+                )
+            steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
+            dt = check.number("dt", dt, minimum=0, exclusive=True)
+            self._warn(dt)
+            self.announce(steps, dt)
+        outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+        if outcome:
+            self._go_on(outcome, steps, dt)
+
+    def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
+        """Judge what the core told, and do the steps that it has left to do for that."""
+        done = 0
+        while outcome:
+            if "again" in outcome:
+                t, x, v = self._input
+                self.core.begin(t, x, v, False)
+                outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+                continue
+            if "point" in outcome:
+                outcome["step"] += done
+            self.judge(outcome, dt)
+            if "grown" not in outcome:
+                return
+            done += outcome["steps"]
+            outcome = self.core.advance(steps - done, dt, self.threads, self.threads_optional)
+
+    def judge(self, outcome: dict[str, Any], dt: float) -> None:
+        """Warn of what the core has found, and raise an error for what it could not do."""
+        if "pinned_inside" in outcome and not self._warned_of_pins:
+            self._warned_of_pins = True
+            member, point = outcome["pinned_inside"]
+            where = divmod(point, self.scenes[member].cloth.columns)
+            warn_caller(
+                f"a sphere has run into the pinned mass point {where}"
+                f"{f' of batch member {member}' if self.batched else ''}; a pinned point never "
+                "moves, so it, and triangles at it, are inside while the sphere is there",
+                ContactWarning,
+            )
+        if "grown" in outcome:
+            self._warn_of_growth(outcome["grown"], dt)
+        if "point" in outcome:
+            self._raise_error(outcome, dt)
+
+    def _warn_of_growth(self, member: int, dt: float) -> None:
+        if self.warned_of_growth:
+            return
+        from ..measure.measures import max_stable_dt
+
+        self.warned_of_growth = True
+        x, v = np.empty(self.shape), np.empty(self.shape)
+        self.core.store(x, v)
+        state = (x[member], v[member]) if self.batched else (x, v)
+        try:
+            limit = max_stable_dt(self.scenes[member], self.integrator, *state)
+        except ValueError:  # points too near for a direction; no reason to end the run
+            limit = self.max_stable_dt[member]
+        which = member if self.batched else None
+        warn_of_growth(self.core.time, dt, limit, self.integrator, which)
+
+    def warn_of_order(self) -> None:
+        """Give an `OrderWarning` for the first scene for which the integrator loses order."""
+        if self._may_lose_order:
+            any(warn_of_order(self.integrator, scene) for scene in self.scenes)
+
+    def announce(self, steps: float, dt: float) -> None:
+        """Give a `LongRunWarning`, once, before so many steps of dt where they are too many."""
+        if self.announced or steps <= MANY_STEPS:
+            return
+        self.announced = True
+        seconds = steps * self._seconds_per_step(dt)
+        term = limiting_term(self.scenes[0], self.integrator)
+        why = f"; {term}" if dt >= term.max_stable_dt / 4 else ""  # the limit made it short
+        warn_caller(f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}", LongRunWarning)
+
+    def _seconds_per_step(self, dt: float) -> float:
+        """Measured on steps of a copy of this state, for a twentieth of a second or so."""
+        x, v = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
+        self.store(x, v)
+        copy = State(self.scenes if self.batched else self.scenes[0], x, v, **self._options)
+        copy.warned = copy.warned_of_growth = copy.announced = True
+        each, steps = 0.0, 8
+        try:
+            for _ in range(_TIMINGS):
+                start = time.perf_counter()
+                copy.advance(steps, dt)
+                each = (time.perf_counter() - start) / steps
+                steps = min(max(8, int(_SECONDS_TIMED / each)), _MOST_STEPS_TIMED)
+        except ArithmeticError:  # the run itself tells of it
+            pass
+        return each
+
+    def _warn(self, dt: float) -> None:
+        if self.warned or dt <= self._least_stable_dt:
+            return
+        active = [k for k, frozen in enumerate(self.core.frozen) if not frozen]
+        limit, member = min(((self.max_stable_dt[k], k) for k in active), default=(dt, 0))
+        if dt > limit:
+            self.warned = True
+            term = str(limiting_term(self.scenes[member], self.integrator))
+            warn_of_dt(dt, limit, self.integrator, member if self.batched else None, term)
+
+    def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
+        x, v = np.empty(self.shape), np.empty(self.shape)
+        self.core.store(x, v)
+        member = outcome["member"]
+        scene = self.scenes[member]
+        if outcome["shut_in"]:
+            raise ContactError(
+                step=self.steps_before + outcome["step"],
+                time=outcome["time"],
+                point=divmod(outcome["point"], scene.cloth.columns),
+                x=x[member] if self.batched else x,
+                v=v[member] if self.batched else v,
+                member=member if self.batched else None,
+            )
+        raise UnstableError(
+            step=self.steps_before + outcome["step"],
+            time=outcome["time"],
+            point=divmod(outcome["point"], scene.cloth.columns),
+            dt=dt,
+            max_stable_dt=self.max_stable_dt[member],
+            term=str(limiting_term(scene, self.integrator)),
+            x=x[member] if self.batched else x,
+            v=v[member] if self.batched else v,
+            member=member if self.batched else None,
+        )
+
+    def store(self, x: FloatArray | None, v: FloatArray | None) -> None:
+        """Write positions and velocities where they are wanted."""
+        self.core.store(x, v)
+
+
+# Rounding of float32 positions, as part of the radius and the distance of the centre.
+_START_ROUNDING = 1e-6
+
+
+def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> None:
+    """Warn where a continuous sphere is on the cloth at the start, with the deepest point."""
+    for k, sphere in enumerate(scene.spheres):
+        if sphere.response != "continuous":
+            continue
+        radius, center = point_radius(sphere, scene.cloth), sphere.center_at(t)
+        depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+        inside = depth > _START_ROUNDING * (radius + np.abs(center).sum())
+        if not inside.any():
+            continue
+        row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
+        warn_caller(
+            f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
+            f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
+            f"{depth[row, column]:.3g} m; they are pushed out at {sphere.push_out_speed:g} m/s "
+            "at most (push_out_speed)",
+            ContactWarning,
+        )

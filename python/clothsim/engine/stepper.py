@@ -1,0 +1,435 @@
+"""A scene whose state stays in the core between calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggesting, suggests
+from ..base.record import frozen
+from ..model.scene import Scene
+from ..model.summary import stepper_lines, stepper_state_lines
+from ..typing import Backend, Integrator, Kernel, Precision
+from .snapshot import Snapshot, take
+from .state import FloatArray, State, checked_state, scenes_of
+
+
+@suggesting
+class Stepper:
+    """A scene whose state stays in the core between calls.
+
+    Parameters
+    ----------
+    scene : Scene or sequence of Scene
+        A sequence of B scenes of one shape is a batch of B states.
+    x, v : array_like, optional
+        Initial positions [m] and velocities [m/s], shape (rows, columns, 3) or
+        (B, rows, columns, 3). Default: the scene's own.
+    t : float, optional
+        Time of that state [s]. Required where a sphere moves and `x` is given; else 0, at which
+        the scene's own state is.
+    integrator, precision, threads, kernel, strict, backend
+        As for `step`. With the backend "gpu" the state stays on the adapter.
+    track_contact_energy : bool, default False
+        True counts the energy that the collision passes add (`contact_energy`). The passes are
+        then done by one thread. Not with the backend "gpu".
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> stepper = cs.Stepper(cs.scenes.paper_static())
+    >>> stepper.advance(1000, 5e-6)
+    >>> round(stepper.time, 12)
+    0.005
+    >>> stepper.positions.shape
+    (32, 32, 3)
+    """
+
+    _announces = True  # gives warnings of the order and of long runs
+
+    def __init__(
+        self,
+        scene: Scene | Sequence[Scene],
+        x: npt.ArrayLike | None = None,
+        v: npt.ArrayLike | None = None,
+        *,
+        t: float | None = None,
+        integrator: Integrator = "rk4",
+        precision: Precision = "double",
+        threads: int | None = None,
+        kernel: Kernel = "auto",
+        strict: bool = False,
+        backend: Backend = "cpu",
+        track_contact_energy: bool = False,
+    ) -> None:
+        self._options: dict[str, Any] = {
+            "integrator": integrator,
+            "precision": precision,
+            "threads": threads,
+            "kernel": kernel,
+            "strict": strict,
+            "backend": backend,
+        }
+        self._scene = scene
+        self._track = check.boolean("track_contact_energy", track_contact_energy)
+        self._state = State(scene, x, v, t=t, **self._options)
+        self._announce()
+        self._state.core.set_track_contact_energy(self._track)
+
+    def _announce(self) -> None:
+        if self._announces:
+            self._state.warn_of_order()
+        else:
+            self._state.announced = True
+
+    def advance(self, steps: int, dt: float) -> None:
+        """Advance by `steps` time steps of `dt`.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps, >= 0.
+        dt : float
+            Time step [s], > 0. The order is that of `steps`, then `dt`, where `step` has `dt`
+            first: both can be given by name. Swapped numbers are refused, as `steps` is an int.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+        UnstableError
+            If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
+            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if
+            a point crosses the whole sheet within a step. It is found within 128 steps, and the
+            stepper then stands right before the step that went wrong: every member of a batch at
+            that same step, with the bits it has when it runs alone. `freeze` lets the others go on.
+        KeyboardInterrupt
+            On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
+        RuntimeError
+            If another thread is advancing this stepper.
+        clothsim.gpu.AdapterLostError
+            If the graphics adapter stops answering. The stepper then stands at the last state that
+            was copied back, at most about a second of work ago.
+
+        Warns
+        -----
+        StabilityWarning
+            Once in the life of a stepper, if `dt` is above `max_stable_dt`; and once if more than
+            half of the kinetic and elastic energy comes out of nothing (docs/stability.md).
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> stepper = cs.Stepper(cs.scenes.paper_swing())
+        >>> stepper.advance(100, 1e-4)
+        >>> round(stepper.time, 6)
+        0.01
+        """
+        self._state.advance(steps, dt)
+
+    def freeze(self, member: int) -> None:
+        """Take a member of the batch out of all further steps; it keeps the state it has.
+
+        So a batch can go on without a member that became unstable: `UnstableError.member`.
+
+        Parameters
+        ----------
+        member : int
+            Index into the batch, >= 0.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If there is no such member.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> scenes = [cs.scenes.oscillator(stiffness=k) for k in (1.0, 1e6)]
+        >>> stepper = cs.Stepper(scenes)
+        >>> import warnings; warnings.simplefilter("ignore", cs.StabilityWarning)
+        >>> try:
+        ...     stepper.advance(1000, 0.01)
+        ... except cs.UnstableError as error:
+        ...     stepper.freeze(error.member)
+        ...     stepper.advance(1001 - error.step, 0.01)
+        >>> round(stepper.time, 12), stepper.frozen.tolist()
+        (10.0, [False, True])
+        """
+        members = len(self._state.scenes)
+        self._state.core.set_frozen(check.integer("member", member, minimum=0, maximum=members - 1), True)
+
+    @property
+    def frozen(self) -> npt.NDArray[np.bool_]:
+        """Which members take no part in further steps, shape (B,); see `freeze`."""
+        return np.array(self._state.core.frozen)
+
+    def _arrays(self) -> tuple[FloatArray, FloatArray]:
+        x, v = (np.empty(self._state.shape, self._state.dtype) for _ in "xv")
+        self._state.store(x, v)
+        return x, v
+
+    @property
+    def positions(self) -> FloatArray:
+        """Positions [m], a read-only copy, of the shape and dtype that the state was given in.
+
+        `set_state` changes the state.
+        """
+        x = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(x, None)
+        return frozen(x)
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities [m/s], a read-only copy, of the shape and dtype of the state."""
+        v = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(None, v)
+        return frozen(v)
+
+    @property
+    def scene(self) -> Scene | Sequence[Scene]:
+        """The scene, or the scenes of a batch; `set_scene` changes it."""
+        return self._scene
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+        return float(self._state.core.time)
+
+    @property
+    def threads(self) -> int:
+        """Threads used; 1 with the backend "gpu"."""
+        return self._state.threads
+
+    @property
+    def kernel(self) -> Kernel:
+        """Kernel used, "gather" or "edge"."""
+        return cast("Kernel", self._state.kernel)
+
+    @property
+    def instruction_set(self) -> str:
+        """Instruction set of the kernels used, or the graphics adapter."""
+        return str(self._state.instruction_set)
+
+    @property
+    def backend(self) -> str:
+        """Backend used, "cpu" or "gpu"."""
+        return self._state.backend
+
+    @property
+    def contact_energy(self) -> float | npt.NDArray[np.float64]:
+        """Energy that the collision passes have added so far [J]; per member for a batch.
+
+        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point
+        that a response moved or turned; 0 for an elastic, frictionless contact in exact arithmetic
+        at the exact moment of impact, so what it shows is made or lost by the method.
+
+        Raises
+        ------
+        RuntimeError
+            If the stepper was made without ``track_contact_energy=True``.
+        """
+        if not self._track:
+            raise RuntimeError("contact_energy is counted by Stepper(..., track_contact_energy=True)")
+        energy = self._state.core.contact_energy
+        return np.array(energy) if self._state.batched else float(energy[0])
+
+    @suggests
+    def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
+        """Put other positions, velocities or another time in place of the present ones.
+
+        Pinned points can be moved in this way: a point that is dragged is a pinned one, whose
+        position is set between calls of `advance`. It moves at once, and is at rest then.
+
+        Parameters
+        ----------
+        x, v : array_like, optional
+            Positions [m] and velocities [m/s], of the shape of `positions`. Velocities of pinned
+            points are taken as 0. Default: those of the present state, with all their digits.
+        t : float, optional
+            Time of the state [s]. Default: the present time.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above; nothing has changed then.
+        RuntimeError
+            If another thread is advancing this stepper.
+
+        Examples
+        --------
+        Drag a corner upwards:
+
+        >>> import clothsim as cs
+        >>> stepper = cs.Stepper(cs.scenes.paper_swing())
+        >>> for _ in range(10):
+        ...     x = stepper.positions.copy()
+        ...     x[0, 0, 1] += 0.001
+        ...     stepper.set_state(x)
+        ...     stepper.advance(10, 1e-4)
+        >>> round(float(stepper.positions[0, 0, 1]), 12), round(stepper.time, 12)
+        (0.01, 0.01)
+        """
+        state = self._state
+        # float64 holds the whole compensated state of "single".
+        here = np.empty(state.shape), np.empty(state.shape)
+        state.store(*here)
+        x, v = (own if new is None else new for own, new in zip(here, (x, v)))
+        x, v = checked_state(x, v, state.scenes, state.batched, self._options["precision"])
+        if x.shape != state.shape:
+            raise ValueError(f"x and v must have shape {state.shape}, got {x.shape}")
+        time = state.core.time if t is None else check.number("t", t)
+        if t is not None:
+            state.core.time = time
+        state.core.load(x, v)
+
+    @suggests
+    def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
+        """Put another scene in place of the present one, and keep the state.
+
+        Positions, velocities (with the compensation of "single"), the clock, the energy of
+        contacts and frozen members stay. Points that become pinned stay where they are and stop;
+        points that are pinned no longer move on from rest. The scene's own initial state is not
+        taken.
+
+        Parameters
+        ----------
+        scene : Scene or sequence of Scene
+            Of the shape of the present one; a batch of as many scenes where it is one.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above; nothing has changed then.
+        RuntimeError
+            If another thread is advancing this stepper.
+
+        Examples
+        --------
+        Make the cloth softer on the way:
+
+        >>> import clothsim as cs
+        >>> scene = cs.scenes.paper_swing()
+        >>> stepper = cs.Stepper(scene)
+        >>> stepper.advance(100, 1e-4)
+        >>> stepper.set_scene(scene.replace(cloth=scene.cloth.replace(stiffness=20_000.0)))
+        >>> stepper.advance(100, 1e-4)
+        >>> round(stepper.time, 12)
+        0.02
+        """
+        old = self._state
+        scenes, shape = scenes_of(scene), old.scenes[0].cloth.shape
+        members = None if isinstance(self._scene, Scene) else len(old.scenes)
+        if members != (None if isinstance(scene, Scene) else len(scenes)):
+            accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
+            raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
+        if scenes[0].cloth.shape != shape:
+            raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
+        x, v = self.positions, self.velocities
+        new = State(scene, x, v, t=self.time, **self._options, inspect=False)
+        new.core.set_track_contact_energy(self._track)
+        origin, steps, dt, states = old.core.snapshot()
+        for one, (values, _) in zip(new.scenes, states):
+            planes = values[:-3].reshape(-1, 6, *shape)  # the last three are an origin
+            planes[:, 3:, one.cloth.pinned] = 0.0
+        new.core.restore(origin, steps, dt, states)
+        for member in self.frozen.nonzero()[0]:
+            new.core.set_frozen(int(member), True)
+        self._scene, self._state = scene, new
+        self._announce()
+
+    def snapshot(self) -> Snapshot:
+        """The whole state, to be continued bit for bit by `restore`.
+
+        Returns
+        -------
+        Snapshot
+            ``snapshot.save(path)`` writes it to a file, ``Snapshot.load(path)`` reads it.
+
+        Raises
+        ------
+        RuntimeError
+            If another thread is advancing this stepper.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> stepper = cs.Stepper(cs.scenes.paper_swing())
+        >>> start = stepper.snapshot()
+        >>> stepper.advance(100, 1e-4)
+        >>> cs.Stepper.restore(start).time
+        0.0
+        """
+        return take(self._state, self._scene, self._options, self._track)
+
+    @classmethod
+    def restore(cls, snapshot: Snapshot) -> Stepper:
+        """A new stepper that stands where `snapshot` was taken and continues with the same bits.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            From `snapshot`, in this process or unpickled in another.
+
+        Returns
+        -------
+        Stepper
+
+        Raises
+        ------
+        TypeError
+            If `snapshot` is no Snapshot.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> one = cs.Stepper(cs.scenes.paper_swing(), precision="single")
+        >>> one.advance(10, 1e-4)
+        >>> other = cs.Stepper.restore(one.snapshot())
+        >>> one.advance(10, 1e-4); other.advance(10, 1e-4)
+        >>> bool((one.positions == other.positions).all())
+        True
+        """
+        if not isinstance(snapshot, Snapshot):
+            raise TypeError(f"snapshot must be a Snapshot, got {type(snapshot).__name__}")
+        scene = snapshot.scene
+        kept = ("scene", "frozen")
+        options = {name: value for name, value in snapshot.arguments.items() if name not in kept}
+        stepper = cls.__new__(cls)
+        stepper._track = options.pop("track_contact_energy")
+        stepper._scene, stepper._options = scene, options
+        zeros = np.zeros(snapshot.shape, snapshot.dtype)
+        state = State(scene, zeros, zeros, t=snapshot.time, **options, inspect=False)
+        state.core.set_track_contact_energy(stepper._track)
+        state.core.restore(*snapshot.core)
+        stepper._state = state
+        stepper._announce()
+        for member in snapshot.arguments["frozen"]:
+            stepper.freeze(member)
+        return stepper
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: lines, and a picture of the state, of a batch of its first member."""
+        from ..viewing.notebook import state_bundle
+
+        scene = self.scene if isinstance(self.scene, Scene) else self.scene[0]
+        x = np.asarray(self.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
+        return state_bundle(stepper_state_lines(self), scene, x, self.time)
+
+    def __repr__(self) -> str:
+        return f"<{'; '.join(stepper_lines(self))}>"
+
+
+class SilentStepper(Stepper):
+    """A stepper of the package's own, whose caller announces long runs and lower orders itself."""
+
+    _announces = False

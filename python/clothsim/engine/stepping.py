@@ -1,0 +1,252 @@
+"""Stepping a scene, arrays in and arrays out: `step`, `acceleration`, `reference_step`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggests
+from ..model.scene import Scene
+from ..typing import Backend, Integrator, Kernel, Precision
+from .calls import borrow, give_back
+from .state import FloatArray, out_array, out_arrays, start_time, state_arrays
+
+
+@suggests
+def step(
+    scene: Scene | Sequence[Scene],
+    x: npt.ArrayLike,
+    v: npt.ArrayLike,
+    dt: float,
+    steps: int = 1,
+    t: float | None = None,
+    integrator: Integrator = "rk4",
+    precision: Precision = "double",
+    threads: int | None = None,
+    out: tuple[FloatArray, FloatArray] | None = None,
+    *,
+    kernel: Kernel = "auto",
+    strict: bool = False,
+    backend: Backend = "cpu",
+) -> tuple[FloatArray, FloatArray]:
+    """Advance positions and velocities by `steps` time steps of `dt`.
+
+    Each step is one of the integrator's (default: classic Runge-Kutta of order 4 on (x, v)
+    together), followed by one collision pass per sphere. Pinned points do not move; velocities given
+    for them are taken as 0.
+
+    Parameters
+    ----------
+    scene : Scene or sequence of Scene
+        A sequence of B scenes of one shape goes with a batch of B states.
+    x, v : array_like
+        Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
+        float32 and float64 are taken as they are, C-contiguous ones without a copy; other real
+        dtypes as float64. Never modified.
+    dt : float
+        Time step [s], > 0.
+    steps : int, default 1
+        Number of steps, >= 0.
+    t : float, optional
+        Time of the state given [s]. Required where a sphere moves, which is at its place at that
+        time; else 0.
+    integrator : str, default "rk4"
+        Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
+    precision : {"double", "single"}, default "double"
+        Arithmetic. "single" computes in float32 and keeps what rounding takes from x and v in a
+        second float32 each (compensated summation), without which small steps stall.
+    threads : int, optional
+        Threads used, 1 to 256. Default: by size, and by what steps are seen to cost: one thread
+        wherever that is faster. The result has the same bits for any number.
+    out : (numpy.ndarray, numpy.ndarray), optional
+        Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
+    kernel : {"auto", "gather", "edge"}, default "auto"
+        "gather" is the compute shader's: one lane a mass point that gathers its neighbours.
+        "edge" takes each spring once and is faster. "auto" is "edge", or "gather" if `strict`.
+    strict : bool, default False
+        True: exact roots and divisions and nothing fused, so that every instruction set gives the
+        same bits, at 2.7 times the time of the kernel "edge", which has no such class.
+    backend : {"cpu", "gpu"}, default "cpu"
+        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather"; `strict` then
+        keeps products apart from sums, so that an adapter that rounds correctly gives the bits of
+        the core's strict class. Takes no `threads`.
+
+    Returns
+    -------
+    x, v : numpy.ndarray
+        The new state, of the shape and dtype of the input (float64 if either is). float64 holds
+        the whole compensated state of "single"; float32 drops the compensation at each call (a
+        `Stepper` keeps it).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; nothing has changed then.
+    UnstableError
+        If the state stops being finite or runs away; nothing is written to `out` then.
+
+    Warns
+    -----
+    StabilityWarning
+        If `dt` is above `max_stable_dt`, the step that is guaranteed to be stable.
+    KeyboardInterrupt
+        On Ctrl-C, between two steps.
+    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+        With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
+        stops answering; if there is none.
+
+    Examples
+    --------
+    One oscillation of a spring (`clothsim.model.ready.oscillator`) ends where it began:
+
+    >>> import math
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
+    >>> period = 2 * math.pi / 10
+    >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, period / 1000, 1000)
+    >>> float(abs(x - scene.initial_position).max()) < 1e-10
+    True
+    """
+    state = borrow(
+        scene,
+        x,
+        v,
+        t=t,
+        integrator=integrator,
+        precision=precision,
+        threads=threads,
+        kernel=kernel,
+        strict=strict,
+        backend=backend,
+    )
+    results = out_arrays(out, np.empty(state.shape, state.dtype))
+    state.warn_of_order()
+    state.advance(steps, dt)
+    state.store(*results)
+    give_back(state)
+    return results
+
+
+@suggests
+def acceleration(
+    scene: Scene | Sequence[Scene],
+    x: npt.ArrayLike,
+    v: npt.ArrayLike,
+    t: float = 0.0,
+    precision: Precision = "double",
+    out: npt.NDArray[np.float64] | None = None,
+    *,
+    threads: int | None = None,
+    kernel: Kernel = "auto",
+    strict: bool = False,
+) -> npt.NDArray[np.float64]:
+    """Acceleration of every mass point: springs, damping and gravity. Spheres exert no force.
+
+    Parameters
+    ----------
+    scene, x, v, precision, threads, kernel, strict
+        As for `step`.
+    t : float, default 0.0
+        Time of the state [s]. No result depends on it, as spheres exert no force.
+    out : numpy.ndarray, optional
+        float64 array of the shape of `x` to write to.
+
+    Returns
+    -------
+    numpy.ndarray
+        Accelerations [m/s^2], float64, of the shape of `x`; 0 for pinned points.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=2.0, amplitude=0.1)
+    >>> a = cs.acceleration(scene, scene.initial_position, scene.initial_velocity)
+    >>> round(float(a[0, 1, 0]), 12)
+    -5.0
+    """
+    state = borrow(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
+    like = np.empty(state.shape)
+    if out is None:
+        out = like
+    else:
+        out_array("out", out, like)
+    state.core.accelerations(out, state.threads)
+    give_back(state)
+    return out
+
+
+@suggests
+def reference_step(
+    scene: Scene,
+    x: npt.ArrayLike,
+    v: npt.ArrayLike,
+    dt: float,
+    steps: int = 1,
+    t: float | None = None,
+    *,
+    as_printed: bool = False,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """What `step` does, by the scalar oracle: spring by spring, in double, not optimised.
+
+    The code (cpp/reference) is written to be read beside the paper; the kernels are tested
+    against it.
+
+    Parameters
+    ----------
+    scene : Scene
+        One scene.
+    x, v : array_like
+        Positions [m] and velocities [m/s], shape (rows, columns, 3).
+    dt, steps, t
+        As for `step`.
+    as_printed : bool, default False
+        True: eq 2-6 of Kim et al. as printed, with the time step in the slopes and in the sum.
+        That form is not consistent: its error does not go to 0 with the time step.
+
+    Returns
+    -------
+    x, v : numpy.ndarray
+        The new state, float64. May be non-finite: nothing is checked here.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_static()
+    >>> state = scene.initial_position, scene.initial_velocity
+    >>> x, v = cs.step(scene, *state, 1e-4, steps=10)
+    >>> reference = cs.reference_step(scene, *state, 1e-4, steps=10)
+    >>> float(abs(x - reference[0]).max()) < 1e-14
+    True
+    """
+    from .. import _core
+    from .plan import core_plan
+
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+    t = start_time(t, [scene])
+    x, v = state_arrays(x, v, [scene], False)
+    if x.ndim != 3:
+        raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
+    as_printed = check.boolean("as_printed", as_printed)
+    advance = _core.reference_step_as_printed if as_printed else _core.reference_step
+    return advance(
+        core_plan(scene),
+        x.astype(np.float64),
+        v.astype(np.float64),
+        check.number("dt", dt, minimum=0, exclusive=True),
+        check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX),
+        t,
+    )

@@ -1,0 +1,1 @@
+"""Evidence: the paper's experiments, the bench, peers, contact figures, hard cases."""

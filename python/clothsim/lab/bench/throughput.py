@@ -1,0 +1,209 @@
+"""How fast a sweep is beside the bare batch: ``python -m clothsim.lab.bench.throughput``.
+
+The batch is that of ``clothsim bench --section batch``: 64 cloths of 32 x 32 mass points that
+differ in stiffness, in one call. The sweep runs the same cloths for the same steps from the same
+state, with the default metrics and a store, and counts everything from its call to its Dataset.
+Both take turns in windows of about a second and the fastest window of each counts, so that what
+else the machine does meets both. ``--plan`` adds what a plan for large sweeps needs: see
+docs/sweeps.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clothsim.engine.stepper import SilentStepper
+from clothsim.engine.stepping import step
+from clothsim.model.scene import Scene
+from clothsim.sweeps.api import sweep
+from clothsim.typing import Precision
+
+from . import works
+from .bench_settings import PAPER_DT
+
+
+class Pair:
+    """The batch and the sweep of the same cloths."""
+
+    def __init__(self, precision: Precision, threads: int | None, steps: int) -> None:
+        self.start = works.batch()
+        assert not isinstance(self.start.scene, Scene)
+        self.scenes = self.start.scene
+        self.precision, self.threads, self.steps = precision, threads, steps
+        first = self.start.one
+        self.scene = first.replace(position=self.start.x[0], velocity=_free(first, self.start.v[0]))
+        self.stiffness = [scene.cloth.stiffness for scene in self.scenes]
+
+    @property
+    def member_steps(self) -> int:
+        return self.steps * len(self.stiffness)
+
+    def batch(self) -> np.ndarray:
+        """Only the steps are timed by the caller; the state is made by `prepare`."""
+        self.stepper.advance(self.steps, PAPER_DT)
+        return self.stepper.positions
+
+    def prepare(self) -> None:
+        scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
+        options: dict[str, Any] = {"precision": self.precision, "threads": self.threads}
+        self.stepper = SilentStepper(scenes, **options)
+        self.stepper.advance(20, PAPER_DT)  # wakes threads and fills caches
+        self.stepper = SilentStepper(scenes, **options)
+
+    def sweep(self, **options: Any) -> Any:
+        return sweep(
+            self.scene,
+            {"stiffness": self.stiffness},
+            dt=PAPER_DT,
+            duration=self.steps * PAPER_DT,
+            precision=self.precision,
+            threads=self.threads,
+            progress=False,
+            **options,
+        )
+
+    def errors(self) -> dict[str, float]:
+        """Largest distance [m] of the ends from those of RK4 in double with half the step."""
+        self.prepare()
+        ends = {"batch": self.batch(), "sweep": self.sweep(frames=True).position.values[:, -1]}
+        scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
+        x = np.stack([self.scene.initial_position] * len(scenes))
+        v = np.stack([self.scene.initial_velocity] * len(scenes))
+        exact, _ = step(scenes, x, v, PAPER_DT / 2, 2 * self.steps)
+        return {n: float(np.linalg.norm(e - exact, axis=-1).max()) for n, e in ends.items()}
+
+
+def measure(precision: Precision, threads: int | None, steps: int, windows: int) -> dict[str, Any]:
+    """Member-steps per second of both, their ratio, and their errors.
+
+    Parameters
+    ----------
+    precision : {"double", "single"}
+    threads : int or None
+    steps : int
+        Steps of every member in a window.
+    windows : int
+        Windows of each.
+
+    Returns
+    -------
+    dict
+        "batch" and "sweep" [1/s], their "ratio", "processor_ratio" (the same of processor time,
+        which others on the machine do not change), "batch_error" and "sweep_error" [m].
+    """
+    pair = Pair(precision, threads, steps)
+    errors = pair.errors()  # also the imports and first calls, untimed
+    seconds: dict[str, list[tuple[float, float]]] = {"batch": [], "sweep": []}
+    with tempfile.TemporaryDirectory() as folder:
+        for window in range(windows):
+            pair.prepare()
+            seconds["batch"].append(_seconds(lambda: pair.stepper.advance(steps, PAPER_DT)))
+            store = Path(folder) / f"{window}.zarr"
+            seconds["sweep"].append(_seconds(partial(pair.sweep, store=store)))
+    rates = {n: pair.member_steps / min(wall for wall, _ in t) for n, t in seconds.items()}
+    work = {n: min(processor for _, processor in t) for n, t in seconds.items()}
+    return {
+        "precision": precision,
+        **rates,
+        "ratio": rates["sweep"] / rates["batch"],
+        "processor_ratio": work["batch"] / work["sweep"],
+        "batch_error": errors["batch"],
+        "sweep_error": errors["sweep"],
+    }
+
+
+def plan(members: int = 5_000) -> dict[str, float]:
+    """What a plan for large sweeps needs, measured with members that are nearly no work.
+
+    Returns
+    -------
+    dict
+        Processor seconds per member, of all threads (a member's own overhead among it) and of the
+        calling one (checking, planning, recording, writing: what stays with it where an executor
+        does the rest), bytes per member in the store, and seconds per task of a Dask scheduler (NaN
+        without Dask).
+    """
+    from clothsim.model.ready import oscillator
+
+    scene, over = oscillator(), {"stiffness": np.linspace(1.0, 2.0, members)}
+    with tempfile.TemporaryDirectory() as folder:
+        store = Path(folder) / "s.zarr"
+
+        def run(over: Any, store: Path) -> None:
+            sweep(scene, over, duration=1e-3, dt=1e-3, store=store, progress=False)
+
+        run({"stiffness": [1.0]}, store.with_name("imports.zarr"))
+        calling = time.thread_time()
+        _, seconds = _seconds(lambda: run(over, store))
+        calling = time.thread_time() - calling
+        size = sum(path.stat().st_size for path in store.rglob("*") if path.is_file())
+    return {
+        "seconds_per_member": seconds / members,
+        "seconds_per_member_of_the_calling_thread": calling / members,
+        "bytes_per_member": size / members,
+        "seconds_per_dask_task": _dask_task(),
+    }
+
+
+def _dask_task(tasks: int = 2000) -> float:
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        return float("nan")
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        executor = client.get_executor(pure=False)
+        executor.submit(int).result()
+
+        def submit_all() -> None:
+            for future in [executor.submit(int) for _ in range(tasks)]:
+                future.result()
+
+        return _seconds(submit_all)[0] / tasks
+
+
+def _seconds(function: Callable[[], Any]) -> tuple[float, float]:
+    """Seconds on the clock, and of processors."""
+    wall, processor = time.perf_counter(), time.process_time()
+    function()
+    return time.perf_counter() - wall, time.process_time() - processor
+
+
+def _free(scene: Any, v: np.ndarray) -> np.ndarray:
+    return np.where(scene.cloth.pinned[..., None], 0.0, v)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m clothsim.lab.bench.throughput", description="A sweep's speed beside the batch's."
+    )
+    parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
+    parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
+    parser.add_argument("--threads", type=int, help="default: all")
+    parser.add_argument("--plan", action="store_true", help="overheads, for planning large sweeps")
+    args = parser.parse_args()
+    print("64 cloths of 32 x 32 mass points, all springs; member-steps per second, fastest window")
+    print("                                    sweep/batch  of processor")
+    print("precision       batch       sweep      by clock          time  batch error [m]  sweep error [m]")
+    for precision in ("double", "single"):
+        row = measure(precision, args.threads, args.steps, args.windows)
+        print(
+            f"{precision:9} {row['batch']:11,.0f} {row['sweep']:11,.0f} {row['ratio']:13.3f} "
+            f"{row['processor_ratio']:13.3f} {row['batch_error']:16.2e} {row['sweep_error']:16.2e}"
+        )
+        sys.stdout.flush()
+    if args.plan:
+        for name, value in plan().items():
+            print(f"{name.replace('_', ' ')}: {value:.3g}")
+
+
+if __name__ == "__main__":
+    main()

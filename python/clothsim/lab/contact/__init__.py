@@ -1,0 +1,32 @@
+"""Contact in figures: what is claimed of response "continuous" and offset "face", measured.
+
+Each figure is a function that returns a dict of numbers; `clothsim contact` prints them, the tests
+assert them, docs/contact.md explains them. Sizes are arguments: the tests take small ones, the
+command's ``--full`` the ones that are claimed.
+"""
+
+from .cost import cost
+from .fuzz import crossings
+from .law import face_drop, impact, lying, stick
+from .physics import cone, drop, resting, under_whole_cloth
+from .scene_table import comparison, faces
+from .shots import shots, squeezes
+from .triangles import triangle_cases
+
+__all__ = [
+    "comparison",
+    "cone",
+    "cost",
+    "crossings",
+    "drop",
+    "face_drop",
+    "faces",
+    "impact",
+    "lying",
+    "resting",
+    "shots",
+    "squeezes",
+    "stick",
+    "triangle_cases",
+    "under_whole_cloth",
+]

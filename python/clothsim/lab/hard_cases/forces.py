@@ -1,0 +1,164 @@
+"""Hard cases of stiffness, time step, mass and speed.
+
+Bounds are some five to twenty times what is measured: see docs/stability.md for the figures.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothsim.engine.stepping import step
+from clothsim.measure.measures import max_stable_dt
+from clothsim.model.scene import Scene
+from clothsim.stability.spectrum import spectral_limit
+from clothsim.typing import Precision
+
+from .case import NO_GRAVITY, End, Figure, HardCase, Judge, blows_up, gains_energy, moves_like_the_reference, noise, sheet
+
+
+def stiffness() -> dict[str, HardCase]:
+    """Springs of 1e6 to 1e12 N/m, and of 1e7 beside 1 N/m."""
+    cases = {}
+    for k, double, single in ((1e6, 3e-13, 1e-4), (1e9, 3e-11, 1e-2), (1e12, 1e-11, 1e-2)):
+        cloth = sheet(stiffness=k, damping=1e-3 * k**0.5)
+        scene = Scene(cloth, position=cloth.rest_positions + noise(cloth, 1e-3))
+        cases[f"stiffness {k:.0e} N/m".replace("e+", "e")] = HardCase(
+            scene,
+            0.9 * max_stable_dt(scene),
+            1000,
+            "waves of a thousand to a million Hz beside gravity",
+            "the reference's motion; damping takes energy out",
+            (moves_like_the_reference(double, single), gains_energy(0.0, 0.0)),
+        )
+    for strong in ("structural", "shear"):
+        families = {f: 1e7 if f == strong else 1.0 for f in ("structural", "shear", "bend")}
+        scene = Scene(sheet(stiffness=families))
+        cases[f"{strong} springs of 1e7 beside 1 N/m"] = HardCase(
+            scene,
+            0.9 * max_stable_dt(scene),
+            2000,
+            "one family is 10 million times stiffer than the others",
+            "the reference's motion; energy is kept",
+            (moves_like_the_reference(1e-13, 1e-5), gains_energy(1e-7, 1e-5, 1e-5)),
+        )
+    return cases
+
+
+def time_steps() -> dict[str, HardCase]:
+    """Right below and right above the limit, very small steps, very many steps."""
+    cloth = sheet(stiffness=900.0)
+    scene = Scene(cloth, gravity=NO_GRAVITY, velocity=noise(cloth, 1e-5))
+    rest = cloth.rest_positions
+    limit = spectral_limit("rk4", scene, rest, np.zeros_like(rest))
+    return {
+        "dt at 0.95 of the limit": HardCase(
+            scene,
+            0.95 * limit,
+            4000,
+            "every wave turns by almost half a turn a step",
+            "no energy gained",
+            (gains_energy(1e-12, 1e-5),),
+        ),
+        "dt at 1.05 of the limit": HardCase(
+            scene,
+            1.05 * limit,
+            4000,
+            "the fastest wave grows by two fifths a step",
+            "UnstableError while the cloth still has its size",
+            (blows_up(within=300),),
+            unstable=True,
+        ),
+        "dt 5e-6 s in single": HardCase(
+            Scene(sheet((12, 12), damping=100.0)),
+            5e-6,
+            50_000,
+            "a step moves a point by less than float32 can tell",
+            "the motion in double, to 1e-7 m after 0.25 s",
+            (_ends_like_double(1e-7),),
+            precisions=("single",),
+        ),
+        "a million steps": HardCase(
+            drum((4, 4), damping=0.0),
+            5e-6,
+            1_000_000,
+            "rounding adds up",
+            "energy is kept",
+            (gains_energy(1e-11, 2e-5, 2e-5),),
+        ),
+        "a million steps in single": HardCase(
+            drum((4, 4)),
+            5e-6,
+            1_000_000,
+            "rounding adds up, in float32 at steps that float32 alone could not take",
+            "the motion in double, to 2e-7 m after 5 s",
+            (_ends_like_double(2e-7),),
+            precisions=("single",),
+        ),
+    }
+
+
+def drum(shape: tuple[int, int], damping: float = 100.0) -> Scene:
+    """The paper's springs and masses, stretched by a tenth, clamped all round and let go.
+
+    It swings in gravity without folding, so that rounding is not amplified: two computations of it
+    can be compared after any time.
+    """
+    clamped = np.ones(shape, bool)
+    clamped[1:-1, 1:-1] = False
+    cloth = sheet(shape, pins=clamped, damping=damping)
+    return Scene(cloth, position=1.1 * cloth.rest_positions)
+
+
+def _ends_like_double(bound: float) -> Judge:
+    def judge(case: HardCase, end: End) -> list[Figure]:
+        start = case.scene.initial_position, case.scene.initial_velocity
+        other: Precision = "double" if end.precision == "single" else "single"
+        expected, _ = step(
+            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1, kernel=end.stepper.kernel
+        )
+        error = float(np.linalg.norm(end.x - expected, axis=-1).max())
+        return [Figure("m between single and double", error, 0, bound)]
+
+    return judge
+
+
+def masses_and_speeds() -> dict[str, HardCase]:
+    """One light or heavy point, and speeds that are denormal numbers."""
+    cases = {}
+    for name, ratio in (("lighter", 1e-6), ("heavier", 1e6)):
+        mass = np.ones((8, 8))
+        mass[3, 4] = ratio
+        scene = Scene(sheet(mass=mass, stiffness=1000.0))
+        cases[f"a point 1e6 times {name}"] = HardCase(
+            scene,
+            0.9 * max_stable_dt(scene),
+            2000,
+            "one point is a thousand times faster or slower than the others",
+            "the reference's motion; energy is kept",
+            (moves_like_the_reference(2e-13, 1e-4), gains_energy(1e-12, 1e-6, 1e-7)),
+        )
+    slow: dict[Precision, float] = {"double": 1e-310, "single": 1e-40}
+    for precision, speed in slow.items():
+        cloth = sheet((4, 4), stiffness=0.0, pins=())
+        scene = Scene(cloth, gravity=NO_GRAVITY, position=np.zeros((4, 4, 3)), velocity=np.full((4, 4, 3), speed))
+        cases[f"denormal speeds in {precision}"] = HardCase(
+            scene,
+            1e-3,
+            1000,
+            "numbers below the smallest with full precision, which some settings round to zero",
+            "speed times time, to 1 %",
+            (_drifts(speed),),
+            precisions=(precision,),
+        )
+    return cases
+
+
+def _drifts(speed: float) -> Judge:
+    def judge(case: HardCase, end: End) -> list[Figure]:
+        way = speed * case.steps * case.dt
+        return [
+            Figure("speed / given", float(end.v.min() / speed), 0.999, 1.001),
+            Figure("way / (speed x time)", float(end.x.min() / way), 0.99, 1.01),
+        ]
+
+    return judge

@@ -1,0 +1,71 @@
+"""The report as text and JSON."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from . import published as paper
+from .paper_tables import Table, tables
+
+WIDTH = 100
+
+
+def headline(report: dict[str, Any]) -> list[str]:
+    """Version, machine and date, a line each."""
+    origin = report["provenance"]
+    build, machine = origin["build"], origin["machine"]
+    return [
+        f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}",
+        f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
+        origin["created"],
+    ]
+
+
+def text(report: dict[str, Any]) -> str:
+    """The whole report as plain text."""
+    lines = ["The experiments of Kim et al., run by clothsim", "=" * 46, *headline(report), ""]
+    if report["reductions"]:
+        lines += ["Shorter than the full reproduction:", *_items(report["reductions"]), ""]
+    lines += ["Variants of the collision response:"]
+    lines += _items(f"{name}: {meaning}" for name, meaning in paper.VARIANTS.items())
+    for number, experiment in report["experiments"].items():
+        title = f"Experiment {number}: {experiment['title']}"
+        lines += ["", title, "-" * len(title), *_wrapped(experiment["setting"])]
+        for table in tables(number, experiment):
+            lines += ["", *([table.caption] if table.caption else []), *_aligned(table)]
+        lines.append("")
+        lines += [*_wrapped(f"The paper: {experiment['paper']}"), "Measured:"]
+        lines += _items(experiment["findings"])
+    return "\n".join(lines) + "\n"
+
+
+def _wrapped(paragraph: str) -> list[str]:
+    return textwrap.wrap(paragraph, WIDTH)
+
+
+def _items(entries: Iterable[str]) -> list[str]:
+    lines = []
+    for entry in entries:
+        lines += textwrap.wrap(entry, WIDTH, initial_indent="- ", subsequent_indent="  ")
+    return lines
+
+
+def _aligned(table: Table) -> list[str]:
+    """Right-aligned columns; a heading's words stand one a line above them."""
+    words = [heading.split(" ") for heading in table.headings]
+    height = max(map(len, words))
+    head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))
+    widths = [max(map(len, column)) for column in zip(*head, *table.rows, strict=True)]
+    body = (*head, *table.rows)
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in body]
+    return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
+
+
+def write(report: dict[str, Any], folder: Path) -> None:
+    """Write report.txt and report.json into `folder`."""
+    (folder / "report.txt").write_text(text(report), encoding="utf-8")
+    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

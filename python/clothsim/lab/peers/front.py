@@ -1,0 +1,282 @@
+"""At each error, which method is fastest: every method at its cheapest setting that reaches it.
+
+A setting is searched for by its error alone, which does not depend on how busy the machine is; only
+the settings found are timed, all in turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clothsim.accuracy.labelled import label
+from clothsim.accuracy.measured import Bench, Measured
+from clothsim.accuracy.methods import OWN, Method, own_methods
+from clothsim.accuracy.order import solution_for
+from clothsim.accuracy.solution import Reference
+from clothsim.base import check
+from clothsim.base.progress import ProgressBar
+from clothsim.model.scene import Scene
+from clothsim.typing import Precision
+
+ERRORS = tuple(10.0**-k for k in range(4, 13))
+"""Errors [m] that are asked for by default."""
+
+# A search ends when the setting is known to this factor.
+_CLOSE = 1.03
+
+# The guaranteed stable step holds in any state; a run may stand more than twice it. So every fixed-step
+# method, also a peer's, is tried from this many times its default coarsest step on.
+_BEYOND_GUARANTEE = 2.5
+
+# Settings that no search goes beyond, and how many times the fewest force evaluations.
+_FINEST_RTOL = 1e-14
+_SKIP = 8.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """A wall time per simulated second to reach at an error."""
+
+    error: float
+    wall_time: float
+
+
+TARGETS = (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06))
+"""The front to reach on ``paper_swing(bend=True)`` over 0.5 s with two threads."""
+
+PEER_FACTOR = 5.0
+"""How many times faster than the best peer at each of `TARGETS`."""
+
+
+def cheapest(
+    error_of: Callable[[float], float], coarsest: float, finest: float, wanted: float, factor: float = 2.0
+) -> float | None:
+    """The largest setting found whose error is at most `wanted`.
+
+    Parameters
+    ----------
+    error_of : callable
+        Error [m] of a setting; infinite if unstable. It is asked from the coarsest on, each
+        smaller by `factor`, until it gives at most `wanted`, and then by bisection between the
+        last two.
+    coarsest, finest : float
+        Settings between which to look.
+    wanted : float
+        Error [m].
+    factor : float, default 2.0
+
+    Returns
+    -------
+    float or None
+        None if no setting down to `finest` reaches it.
+
+    Examples
+    --------
+    >>> from clothsim.lab.peers.front import cheapest
+    >>> 0.0097 < cheapest(lambda dt: dt**4, 1.0, 1e-6, 1e-8) <= 0.01
+    True
+    """
+    good = coarsest
+    bad = None
+    while error_of(good) > wanted:
+        bad = good
+        good /= factor
+        if good < finest:
+            return None
+    while bad is not None and bad / good > _CLOSE:
+        middle = math.sqrt(bad * good)
+        if error_of(middle) > wanted:
+            bad = middle
+        else:
+            good = middle
+    return good
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method at its cheapest setting for an error."""
+
+    error: float
+    result: Measured
+
+    @property
+    def own(self) -> bool:
+        return self.result.method.library == OWN
+
+
+@dataclass(frozen=True)
+class Front:
+    """What `front` returns.
+
+    Attributes
+    ----------
+    scene : Scene
+    duration : float
+    errors : tuple of float
+        Errors asked for [m], rms, the largest first.
+    rows : tuple of Row
+        For each error the methods that reach it, the fastest first.
+    missing : tuple of str
+        Peers that are not installed, or why there are none.
+    """
+
+    scene: Scene
+    duration: float
+    errors: tuple[float, ...]
+    rows: tuple[Row, ...]
+    missing: tuple[str, ...]
+
+    def at(self, error: float, own: bool | None = None) -> list[Row]:
+        """The methods that reach `error`, fastest first; only this package's, or only peers."""
+        return [r for r in self.rows if r.error == error and (own is None or r.own == own)]
+
+    def wall_time(self, row: Row) -> float:
+        """Wall time per simulated second [s/s]."""
+        return row.result.fastest / self.duration
+
+
+def front(
+    scene: Scene,
+    duration: float,
+    errors: Sequence[float] = ERRORS,
+    *,
+    methods: Sequence[str] | None = None,
+    precisions: Sequence[Precision] = ("double", "single"),
+    peers: bool = False,
+    threads: int | None = None,
+    windows: int = 7,
+    longest: float = 5.0,
+    reference: Reference | None = None,
+    progress: bool = False,
+) -> Front:
+    """At each error, every method at its cheapest setting that reaches it, timed in turns.
+
+    Parameters
+    ----------
+    scene, duration, methods, precisions, peers, threads, windows, reference, progress
+        As for `work_precision`.
+    errors : sequence of float
+        Rms errors [m].
+    longest : float, default 5.0
+        A method is not followed to settings at which a run takes longer [s], nor to ones with eight
+        times the force evaluations of a run already seen that reaches the error.
+
+    Returns
+    -------
+    Front
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> from clothsim.lab.peers.front import front
+    >>> found = front(cs.scenes.oscillator(), 1.0, [1e-4, 1e-8], methods=["rk4", "dop853"],
+    ...               precisions=["double"], windows=1)
+    >>> [row.result.rms <= row.error for row in found.rows]
+    [True, True, True, True]
+    """
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    count = check.size("errors", errors)
+    wanted = [check.number(f"errors[{k}]", errors[k], minimum=0, exclusive=True) for k in range(count)]
+    wanted = sorted(set(wanted), reverse=True)
+    missing: list[str] = []
+    chosen: list[Method] = list(own_methods(methods, precisions, threads))
+    if peers:
+        from .solvers import installed_peers, refused
+
+        if reason := refused(scene):
+            missing = [reason]
+        else:
+            more, missing = installed_peers(scene, threads)
+            chosen += more
+    # Methods with error control need few evaluations at every error, so they bound the search of the others.
+    chosen.sort(key=lambda method: method.control != "rtol")
+    rows: list[Row] = []
+    best: dict[float, float] = {}
+    with ProgressBar(progress, total=len(chosen), unit="method") as bar:
+        bar.say("reference")
+        bench = Bench(scene, solution_for(scene, duration, reference))
+        bar.say("search")
+        for method in chosen:
+            rows += _search(bench, method, wanted, longest, best)
+            bar.advance(1)
+    with ProgressBar(progress, total=len(rows) * windows, unit="run", desc="timing") as bar:
+        for _ in bench.time([row.result for row in rows], windows):
+            bar.advance(1)
+    rows.sort(key=lambda row: (-row.error, row.result.fastest))
+    return Front(scene, duration, tuple(wanted), tuple(rows), tuple(missing))
+
+
+def _search(bench: Bench, method: Method, errors: list[float], longest: float, best: dict[float, float]) -> list[Row]:
+    """The method at its cheapest setting for each error; `best` keeps the fewest evaluations."""
+    seen: dict[float, Measured] = {}
+    most = math.inf
+
+    def error_of(setting: float) -> float:
+        if setting not in seen:
+            coarser = [one for one in seen.values() if one.setting > setting and one.stable]
+            last = min(coarser, key=lambda one: one.setting, default=None)
+            if last is not None:
+                # What a smaller step will take is known before it is made.
+                more = last.setting / setting if method.control == "dt" else 1.0
+                if more * last.once > longest or more * last.force_evaluations > most:
+                    return math.inf
+            seen[setting] = bench.first(method, setting)
+        return seen[setting].rms
+
+    rows = []
+    coarsest = method.settings(bench.scene, bench.duration)[0]
+    finest = _FINEST_RTOL if method.control == "rtol" else coarsest / 2**20
+    if method.control == "dt":
+        coarsest *= _BEYOND_GUARANTEE
+    for error in errors:
+        most = _SKIP * best.get(error, math.inf)
+        # A tolerance may span ten decades; a step no more than one or two.
+        factor = 10.0 if method.control == "rtol" else 2.0
+        setting = cheapest(error_of, coarsest, finest, error, factor)
+        if setting is None:
+            continue
+        coarsest = setting  # a smaller error needs no larger one
+        found = seen[setting]
+        best[error] = min(best.get(error, math.inf), found.force_evaluations)
+        copy = Measured(method, setting, found.rms, found.max, found.force_evaluations)
+        rows.append(Row(error, copy))
+    return rows
+
+
+def statement(found: Front) -> list[dict[str, Any]]:
+    """At each error the fastest choice, how much slower the next method is, and the best peer.
+
+    Returns
+    -------
+    list of dict
+        One per error: "error", "fastest" and "next" (labels), "setting", "wall_time",
+        "force_evaluations", "next_ratio" (times slower), "peer", "peer_wall_time", "peer_ratio";
+        None where nothing reaches the error.
+    """
+    result = []
+    for error in found.errors:
+        own, peer = found.at(error, own=True), found.at(error, own=False)
+        other = [row for row in own[1:] if row.result.method.name != own[0].result.method.name]
+        first = found.wall_time(own[0]) if own else None
+
+        def ratio(rows: list[Row], first: float | None = first) -> float | None:
+            return found.wall_time(rows[0]) / first if rows and first else None
+
+        result.append(
+            {
+                "error": error,
+                "fastest": label(own[0].result.method) if own else None,
+                "setting": own[0].result.setting if own else None,
+                "wall_time": first,
+                "force_evaluations": own[0].result.force_evaluations if own else None,
+                "next": label(other[0].result.method) if other else None,
+                "next_ratio": ratio(other),
+                "peer": label(peer[0].result.method) if peer else None,
+                "peer_wall_time": found.wall_time(peer[0]) if peer else None,
+                "peer_ratio": ratio(peer),
+            }
+        )
+    return result

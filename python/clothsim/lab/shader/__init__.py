@@ -1,0 +1,1 @@
+"""The compute shader's speed beside the core's."""

@@ -1,0 +1,233 @@
+"""Experiment 4 of Kim et al. over sizes: the core against the compute shader.
+
+A run makes a stepper, times its first frames one by one (buffers and pipelines are made there: the
+paper's first measurement is slower for it), then takes the mean over a window of frames. A window
+that outlasts its limit ends early, and says after how many steps; a large cloth on a slow target
+does a step or two. `report.py` makes tables and plots of them; benchmarks/gpu.py is the command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import clothsim as cs
+from clothsim.gpu.device import Adapter, adapters, using
+from clothsim.typing import Precision, Response
+
+from ..bench.step_timer import StepTimer
+from .measurement import GPU, SCALAR, SIMD, Measurement, Target
+
+METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
+PAPER_DT = 5e-6  # s
+PAPER_SIZE = 32  # points along a side
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Sizes of the experiment.
+
+    Parameters
+    ----------
+    sizes : tuple of int
+        Points along a side of a square cloth.
+    batches : tuple of int
+        Numbers of cloths of `batch_size` points along a side.
+    frame_steps : int
+        Steps a frame.
+    window_frames : int
+        Frames that one measurement averages over.
+    runs : int
+        Measurements, each with a stepper of its own.
+    seconds : float
+        Wall time after which a window ends early [s].
+    paper_seconds : float
+        The same for the paper's own cloth of 32 x 32, whose frames are to be whole [s].
+    first_frames : int
+        Frames of a run that are timed one by one.
+    first_seconds : float
+        Wall time after which such a frame ends early [s]; no further one begins when those after
+        the first have taken four times as long.
+    """
+
+    sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
+    batches: tuple[int, ...] = (4, 16, 64, 256, 1024)
+    batch_size: int = 32
+    methods: tuple[int, ...] = (1, 2)
+    precisions: tuple[Precision, ...] = ("single", "double")
+    frame_steps: int = 320
+    window_frames: int = 200
+    runs: int = 10
+    seconds: float = 1.0
+    paper_seconds: float = 10.0
+    first_frames: int = 8
+    first_seconds: float = 0.1
+
+    @property
+    def window_steps(self) -> int:
+        """Steps of a window that is not ended early."""
+        return self.window_frames * self.frame_steps
+
+    def limit(self, size: int, members: int) -> float:
+        """Wall time after which a window of such a scene ends early [s]."""
+        return self.paper_seconds if (size, members) == (PAPER_SIZE, 1) else self.seconds
+
+
+QUICK = Settings(
+    sizes=(32, 128),
+    batches=(16,),
+    precisions=("single",),
+    runs=2,
+    seconds=0.2,
+    paper_seconds=0.2,
+    first_frames=4,
+    first_seconds=0.05,
+)
+
+
+def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
+    """The paper's cloth, with more points, lying on its sphere; and a stable step [s].
+
+    The sheet is draped over the sphere's cap by lifting points straight up, so that about 7 % of
+    them are in contact from the first step on, at any size.
+    """
+    radius, below = 0.25, 0.2
+    sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method])
+    cloth = cs.Cloth((size, size), springs=("structural", "shear"))
+    x = np.array(cloth.rest_positions)
+    horizontal = np.hypot(x[..., 0] - 0.5, x[..., 2] - 0.5)
+    reach = sphere.contact_radius(cloth)
+    top = np.sqrt(np.maximum(reach**2 - horizontal**2, 0.0)) - below
+    x[..., 1] = np.maximum(x[..., 1], top)
+    scene = cs.Scene(cloth, sphere, position=x)
+    return scene, min(PAPER_DT, 0.5 * cs.max_stable_dt(scene))
+
+
+def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Target]:
+    """Everything on this machine that can step in `precision`, and the scalar reference in double.
+
+    Parameters
+    ----------
+    precision : {"single", "double"}
+    found : sequence of Adapter, optional
+        Graphics adapters. Default: those of this machine.
+    """
+    found = adapters() if found is None else found
+    threads = int(cs.build_config()["openmp_threads"])
+    result = [Target(SCALAR, "scalar, 1 thread" + " (double)" * (precision == "single"))]
+    result += [Target(SIMD, f"SIMD, {n} thread{'s' * (n > 1)}", n) for n in sorted({1, threads})]
+    result += [Target(GPU, a.name + " [a CPU]" * a.software, 1, a) for a in found if a.float64 or precision == "single"]
+    return result
+
+
+def _stepping(target: Target, scene: cs.Scene, members: int, precision: Precision, dt: float) -> Callable[..., Any]:
+    """A function that does a number of steps."""
+    x, v = scene.initial_position, scene.initial_velocity
+    if target.kind == SCALAR:
+        states = [(x, v)] * members
+
+        def advance(steps: int) -> None:
+            for k, state in enumerate(states):
+                states[k] = cs.reference_step(scene, *state, dt, steps)
+
+        return advance
+    if members > 1:
+        x, v = np.stack([x] * members), np.stack([v] * members)
+    where: dict[str, Any] = {"backend": "gpu"} if target.kind == GPU else {"threads": target.threads}
+    stepper = cs.Stepper(scene, x, v, precision=precision, **where)
+    return lambda steps: stepper.advance(steps, dt)
+
+
+def measure(measurement: Measurement, scene: cs.Scene, dt: float, settings: Settings) -> Measurement:
+    """One more run of `measurement`."""
+    m = measurement
+    with using(m.target.adapter) if m.target.adapter else nullcontext():
+        start = perf_counter()
+        advance = _stepping(m.target, scene, m.members, m.precision, dt)
+        m.setup.append(perf_counter() - start)
+        timer, spent = StepTimer(advance), 0.0
+        first: list[float] = []
+        while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:
+            done, elapsed = timer.timed(settings.frame_steps, settings.first_seconds)
+            spent += elapsed if first else 0.0  # the first one may be compiling for seconds
+            first.append(elapsed / done)
+        m.first_frames.append(first)
+        m.frame_steps, m.asked = settings.frame_steps, settings.window_steps
+        m.limit = settings.limit(m.size, m.members)
+        done, elapsed = timer.timed(m.asked, m.limit)
+    m.rates.append(done / elapsed)
+    m.steps.append(done)
+    return m
+
+
+def cases(settings: Settings) -> list[tuple[int, int]]:
+    """(size, members) of every scene."""
+    return [(n, 1) for n in settings.sizes] + [(settings.batch_size, b) for b in settings.batches]
+
+
+def run(
+    settings: Settings | None = None,
+    found: Sequence[Adapter] | None = None,
+    *,
+    advance: Callable[[int], Any] = lambda runs: None,
+    finished: Callable[[list[Measurement]], Any] = lambda measurements: None,
+    left_out: Callable[[Measurement, Exception], Any] = lambda measurement, why: None,
+) -> list[Measurement]:
+    """Measure every target with every scene.
+
+    The targets of a scene take turns, run by run, so that a slow spell of the machine meets all.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+    found : sequence of Adapter, optional
+        Graphics adapters. Default: those of this machine.
+    advance : callable
+        Told 1 after each run.
+    finished : callable
+        Given all measurements so far after each scene, so that an interrupted experiment has them.
+    left_out : callable
+        Told of what a target could not do, and why: a limit exceeded, no memory, an adapter lost.
+
+    Returns
+    -------
+    list of Measurement
+        Without what was left out.
+    """
+    settings = settings or Settings()
+    measurements: list[Measurement] = []
+    for precision in settings.precisions:
+        everyone = targets(precision, found)
+        for size, members in cases(settings):
+            for method in settings.methods:
+                scene, dt = touching_scene(size, method)
+                group = [Measurement(t, method, precision, size, members) for t in everyone]
+                for done in range(settings.runs):
+                    for one in list(group):
+                        try:
+                            measure(one, scene, dt, settings)
+                            advance(1)
+                        except (MemoryError, ValueError, RuntimeError) as error:
+                            group.remove(one)
+                            left_out(one, error)
+                            advance(settings.runs - done)
+                measurements += group
+                finished(measurements)
+    return measurements
+
+
+def count(settings: Settings, found: Sequence[Adapter] | None = None) -> int:
+    """Runs that `run` makes at most."""
+    everyone = sum(len(targets(p, found)) for p in settings.precisions)
+    return everyone * len(cases(settings)) * len(settings.methods) * settings.runs
+
+
+def quick(settings: Settings) -> Settings:
+    """`settings` without what takes long."""
+    names = ("sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames", "first_seconds")
+    return replace(settings, **{name: getattr(QUICK, name) for name in names})

@@ -1,0 +1,1 @@
+"""A state in, a number out: energy, penetration, stretch."""

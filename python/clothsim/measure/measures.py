@@ -1,0 +1,289 @@
+"""Measures of a state: energy, penetration depth, and the stable time step of a scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import check
+from ..base.keywords import suggests
+from ..engine.bound import guaranteed_dt
+from ..engine.integration import integrator_name
+from ..engine.plan import core_cloth
+from ..engine.state import state_array, state_arrays
+from ..model.scene import Scene
+from ..model.sphere import Sphere
+from ..typing import Integrator
+
+Value = float | npt.NDArray[np.float64]
+
+
+def _one_scene(scene: Scene) -> Scene:
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    return scene
+
+
+def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
+    """Raise a ValueError that names the point whose size makes a measure overflow.
+
+    `values`: the measure, the first axis the members'. `states`: positions or velocities by name,
+    of shape (B, rows, columns, 3).
+    """
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    if not len(bad):
+        return
+    member = int(bad[0])
+    name = max(states, key=lambda one: np.abs(states[one][member]).max())
+    one = np.abs(states[name][member])
+    row, column, k = (int(n) for n in np.unravel_index(one.argmax(), one.shape))
+    which = "" if len(values) == 1 else f" of batch member {member}"
+    raise ValueError(
+        f"{name} must be small enough for {what} to be a finite number, got "
+        f"{float(states[name][member, row, column, k])!r} at mass point {(row, column)}{which}"
+    )
+
+
+@suggests
+def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
+    """Kinetic, elastic and gravity energy, and their total.
+
+    ::
+
+        kinetic = sum m v^2 / 2,   elastic = sum K (l - L)^2 / 2,   gravity = - sum m g . x
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives masses, springs and gravity.
+    x, v : array_like
+        Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
+
+    Returns
+    -------
+    dict
+        "kinetic", "elastic", "gravity" and "total" [J], floats, or arrays of shape (B,) for a
+        batch. Gravity energy is 0 at the origin.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or so large that the energy is no finite number; the
+        message names the mass point.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, amplitude=0.1)
+    >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
+    0.5
+    """
+    x, v = state_arrays(x, v, [_one_scene(scene)], False)
+    x, v = x.astype(np.float64), v.astype(np.float64)
+    cloth = core_cloth(scene)
+    batch = (x, v) if x.ndim == 4 else (x[None], v[None])
+    parts = np.array([_core.energy(cloth, scene.gravity, *one) for one in zip(*batch)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = parts.sum(axis=1)
+    _told("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
+    values = dict(zip(("kinetic", "elastic", "gravity"), parts.T))
+    values["total"] = total
+    return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+
+
+@suggests
+def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None) -> dict[str, Value]:
+    """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
+
+    The depth is that below the sphere's true radius, without the offset. A triangle's depth is
+    exact: that of its point closest to the centre. The triangles are those of `triangles`.
+
+    Parameters
+    ----------
+    x : array_like
+        Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
+    sphere : Sphere
+        The sphere, at its place at time `t`.
+    t : float or array_like, optional
+        Time of `x` [s], or of each member of a batch, shape (B,): ``penetration(run.x, sphere,
+        run.t)``. Required where the sphere moves; else it has no effect.
+
+    Returns
+    -------
+    dict
+        "points" and "triangles": depths [m], >= 0, floats, or arrays of shape (B,) for a batch.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    The corners of a level square just touch a sphere; its middle dips in:
+
+    >>> import clothsim as cs
+    >>> sphere = cs.Sphere(center=(0.5, -1.0, 0.5), radius=1.5 ** 0.5)
+    >>> depth = cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)
+    >>> depth["points"], round(depth["triangles"], 6)
+    (0.0, 0.224745)
+    """
+    if not isinstance(sphere, Sphere):
+        raise TypeError(f"sphere must be a Sphere, got {check.shown(sphere)}")
+    accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
+    x = check.as_array("x", x, accepted)
+    if x.dtype.kind not in "iuf":
+        raise TypeError(f"x must be {accepted}, got dtype {x.dtype}")
+    if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
+        raise ValueError(f"x must be {accepted}, got shape {x.shape}")
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    check.check_all("x", x, np.isfinite(x), accepted, points=True)
+    rows, columns = x.shape[-3:-1]
+    batch = x.reshape(-1, rows, columns, 3)
+    centers = sphere.center_at(_times(t, sphere, x.shape[:-3]))
+    depths = np.array(
+        [
+            _core.penetration(rows, columns, one, center, sphere.radius)
+            for one, center in zip(batch, np.broadcast_to(centers, (len(batch), 3)))
+        ]
+    )
+    _told("the depth", depths, x=x.reshape(-1, rows, columns, 3))
+    values = dict(zip(("points", "triangles"), depths.T))
+    return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+
+
+def _times(t: npt.ArrayLike | None, sphere: Sphere, batch: tuple[int, ...]) -> npt.ArrayLike:
+    """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
+    if t is None:
+        if sphere.motion is not None:
+            raise ValueError(
+                "t must be given, as the sphere moves: give the time of x in seconds, or one time "
+                "per member of a batch, such as penetration(run.x, sphere, run.t)"
+            )
+        return 0.0
+    if check.is_number(t):
+        return check.number("t", t)
+    accepted = "finite times, one per member of x, or one for all"
+    given = check.as_array("t", t, f"a finite number or an array of {accepted}")
+    if given.ndim == 0:
+        return check.number("t", t)
+    if not batch:
+        raise ValueError(f"t must be one time for one state x, got shape {given.shape}")
+    return check.array("t", given, batch, accepted)
+
+
+@suggests
+def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
+    """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives the springs and their rest lengths.
+    x : array_like
+        Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
+
+    Returns
+    -------
+    float or numpy.ndarray
+        Dimensionless, >= -1; negative where every spring is compressed, 0 for a scene without
+        springs. An array of shape (B,) for a batch.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    A sheet pulled to 1.1 times its size:
+
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_swing()
+    >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
+    0.1
+    """
+    cloth = core_cloth(_one_scene(scene))
+    x, _ = state_arrays(x, x, [scene], False)
+    if not scene.cloth.spring_count():
+        return np.zeros(len(x)) if x.ndim == 4 else 0.0
+    batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
+    values = np.array([_core.largest_stretch(cloth, one) for one in batch])
+    _told("the largest stretch", values, x=batch)
+    return values if x.ndim == 4 else float(values[0])
+
+
+@suggests
+def max_stable_dt(
+    scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
+) -> float:
+    """The largest time step that is stable: guaranteed for all states but extreme ones, or at one.
+
+    A mode of the cloth with frequency omega and damping rate delta, x'' = -omega^2 x - delta x',
+    does not grow where the integrator's amplification matrix of (omega dt, delta dt) has no
+    eigenvalue above 1 in size; for RK4 that is omega dt <= 2.8284 undamped, 2.6155 for any amount
+    of damping, and delta dt <= 2.7853 without a spring.
+
+    Without a state, omega^2 <= lambda and delta bound all modes (docs/stability.md): on a uniform
+    grid lambda = kappa K / m with kappa = 8 for structural springs, 12 with shear, 16.33 with
+    bend, different stiffnesses bounded in the same way (the maximum of the grid's Fourier symbol),
+    and delta likewise from the damping. With mass per point, and in narrow cloths, also
+    lambda <= max over the points i of sum_j K_ij (1/m_i + 1/m_j), where a pinned point has 1/m = 0.
+    The step is stable for every pair up to these.
+
+    That is a guarantee for each state in which no spring is shorter than half its rest length and,
+    with spring damping, no spring turns or shortens so fast that damping pulls across it harder
+    than its stiffness does. Beyond that a mode may be faster than lambda allows, and a run at this
+    step may be unstable. Nor does it keep compressed springs from buckling, whose growth is that
+    of the equation, not of the method.
+
+    With a state, the step is that of the forces linearised there. For Runge-Kutta methods the
+    modes decide. Of "semi_implicit_euler", "velocity_verlet" and "pefrl" the eigenvalues of the
+    step matrix decide, for the step mixes modes where stiffness and damping do not commute. Both
+    are found by projection on a space that grows until the limit stays (numpy only). The value is
+    3 % below that limit. A cloth that moves on has other modes, in the paper's swing limits 11 %
+    lower than at rest.
+
+    Parameters
+    ----------
+    scene : Scene
+    integrator : str, default "rk4"
+        A name of `integrators`.
+    x : array_like, optional
+        Positions [m], shape (rows, columns, 3).
+    v : array_like, optional
+        With `x`: velocities [m/s], same shape. Default: at rest.
+
+    Returns
+    -------
+    float
+        Time step [s]; infinite where nothing limits it.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or a spring of the state is shorter than 1e-12 of its rest
+        length without being of length 0; the message names its ends.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_swing(bend=True)
+    >>> f"{cs.max_stable_dt(scene):.3e}"
+    '8.526e-04'
+    >>> f"{cs.max_stable_dt(scene, x=scene.initial_position):.2e}"
+    '1.73e-03'
+    """
+    integrator = integrator_name(integrator)
+    if x is None:
+        if v is not None:
+            raise ValueError("v must be None without x, got velocities alone")
+        return guaranteed_dt(core_cloth(_one_scene(scene)), integrator)
+    x = state_array("x", x, [_one_scene(scene)], False)
+    x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
+    if x.ndim != 3:
+        raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
+    from ..stability.spectrum import stable_dt_at
+
+    return stable_dt_at(integrator, scene, x.astype(np.float64), v.astype(np.float64))

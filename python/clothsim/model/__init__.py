@@ -1,0 +1,1 @@
+"""The simulated objects as plain data: cloth, spheres, motions, scenes, mesh."""

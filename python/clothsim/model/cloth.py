@@ -1,0 +1,371 @@
+"""The cloth: mass points on a regular grid, the springs between them, and which points are pinned.
+
+A mass point is named by (row, column); its index in arrays and in the spring table is
+``row * columns + column``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggesting
+from ..base.record import Record, frozen
+from ..typing import DampingModel, Family, Numbers, Pins, Shape
+
+FAMILIES: tuple[Family, ...] = get_args(Family)
+"""The spring families, in the order in which they are computed and listed."""
+
+DAMPING_MODELS: tuple[DampingModel, ...] = get_args(DampingModel)
+
+SPRING_DTYPE = np.dtype(
+    [
+        ("i", np.int64),
+        ("j", np.int64),
+        ("family", "U10"),
+        ("rest_length", np.float64),
+        ("stiffness", np.float64),
+        ("damping", np.float64),
+    ]
+)
+
+# Per family and direction, the (row, column) offsets of the spring's two ends from a cell's
+# corner: the order of the spring table.
+_ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
+    ("structural", (0, 0), (0, 1)),
+    ("structural", (0, 0), (1, 0)),
+    ("shear", (0, 0), (1, 1)),
+    ("shear", (0, 1), (1, 0)),
+    ("bend", (0, 0), (0, 2)),
+    ("bend", (0, 0), (2, 0)),
+)
+
+
+@suggesting
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloth(Record):
+    """A rectangular sheet of mass points and springs (Kim et al., section 2; defaults Table 2).
+
+    The spring between the points i and j pulls i with the force (eq 1 of Kim et al., with the
+    printed plus sign put right, and damping along the spring)::
+
+        F = (stiffness (|d| - rest_length) - damping (v_i - v_j) . n) n,  d = x_j - x_i, n = d/|d|
+
+    Cloths are immutable, equal by value, and plain data (``to_dict``).
+
+    Parameters
+    ----------
+    shape : (int, int), default (32, 32)
+        Rows and columns, each >= 1 and at least two points in all. One row or column is a chain.
+    size : (float, float), default (1.0, 1.0)
+        Extent along the rows and along the columns [m], > 0, in the order of `shape`. Along an
+        axis with a single point it has no effect.
+    mass : float or array_like, default 512.0
+        Total mass [kg], spread evenly, or the mass of each point, shape (rows, columns) [kg]; > 0.
+    stiffness : float or mapping, default 35000.0
+        Of each spring [N/m], >= 0: one number, or one for every family in `springs`.
+    damping : float or mapping, default 100.0
+        With the damping model "spring" that of each spring [N s/m], >= 0: one number, or one for
+        every family in `springs`. With "point" one number [N s/m]. Zero is no damping at all.
+    damping_model : {"spring", "point"}, default "spring"
+        "spring" damps the change of a spring's length, "point" each point's velocity v with the
+        force -damping v.
+    springs : sequence of str, default ("structural", "shear", "bend")
+        Families present. Structural springs join neighbours, shear springs the diagonals of a
+        cell, bend springs points two apart along a row or column. Kept in this order.
+    pins : sequence of (int, int) or boolean array, default ((0, 0), (-1, 0))
+        Points that never move: (row, column) pairs, negative ones counted from the end, or a mask
+        of shape (rows, columns). May be empty.
+
+    Attributes
+    ----------
+    rows, columns : int
+        The two entries of `shape`.
+    families : tuple of str
+        Families present, in the order of ``clothsim.model.cloth.FAMILIES``; the same as `springs`.
+    spacing : (float, float)
+        Distance between neighbouring rows and between neighbouring columns at rest [m]; 0 along
+        an axis with a single point.
+    point_damping : float
+        Damping of each point's velocity [N s/m]; 0 with the damping model "spring".
+    damped : bool
+        Whether any force depends on velocities.
+    uniform_mass : bool
+        Whether all points have the same mass.
+    family_stiffness, family_damping : dict
+        Stiffness [N/m] and spring damping [N s/m] of every family present. With the damping model
+        "point" the springs' damping is 0.
+    mass_per_point : numpy.ndarray
+        Masses [kg], shape (rows, columns), read-only.
+    pinned : numpy.ndarray
+        True where a point is pinned, shape (rows, columns), read-only.
+    rest_positions : numpy.ndarray
+        The flat sheet [m], shape (rows, columns, 3), read-only: point (row, column) is at
+        (column size[1]/(columns - 1), 0, row size[0]/(rows - 1)).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it, what came and what is accepted.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cloth = cs.Cloth(springs=("structural", "shear"))
+    >>> cloth.spring_count()
+    3906
+    >>> cloth.spring_count("structural"), cloth.spring_count("shear")
+    (1984, 1922)
+    >>> float(cloth.mass_per_point[0, 0])
+    0.5
+    >>> soft = cloth.replace(stiffness={"structural": 35_000.0, "shear": 1_000.0})
+    >>> soft.family_stiffness
+    {'structural': 35000.0, 'shear': 1000.0}
+    """
+
+    shape: tuple[int, int] = (32, 32)
+    size: tuple[float, float] = (1.0, 1.0)
+    mass: float | npt.NDArray[np.float64] = 512.0
+    stiffness: float | Mapping[str, float] = 35_000.0
+    damping: float | Mapping[str, float] = 100.0
+    damping_model: DampingModel = "spring"
+    springs: tuple[Family, ...] = FAMILIES
+    pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            shape: Shape = (32, 32),
+            size: Numbers = (1.0, 1.0),
+            mass: npt.ArrayLike = 512.0,
+            stiffness: float | Mapping[str, float] = 35_000.0,
+            damping: float | Mapping[str, float] = 100.0,
+            damping_model: DampingModel = "spring",
+            springs: Iterable[Family] = FAMILIES,
+            pins: Pins = ((0, 0), (-1, 0)),
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        shape = check.shape(self.shape, least=2)
+        springs = _springs(self.springs)
+        damping_model = check.choice("damping_model", self.damping_model, DAMPING_MODELS)
+        if damping_model == "point" and isinstance(self.damping, Mapping):
+            raise ValueError(
+                "damping must be one number >= 0 with damping_model 'point', "
+                f"got a mapping with the keys {list(self.damping)}"
+            )
+        size = check.vector("size", self.size, 2)
+        for k in range(2):
+            check.number(f"size[{k}]", size[k], minimum=0, exclusive=True)
+        self._set(
+            shape=shape,
+            size=size,
+            mass=_mass(self.mass, shape),
+            stiffness=_per_family("stiffness", self.stiffness, springs),
+            damping=_per_family("damping", self.damping, springs),
+            damping_model=damping_model,
+            springs=springs,
+            pins=_pins(self.pins, shape),
+        )
+
+    @property
+    def rows(self) -> int:
+        return self.shape[0]
+
+    @property
+    def columns(self) -> int:
+        return self.shape[1]
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        return self.springs
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        row, column = (s / (n - 1) if n > 1 else 0.0 for s, n in zip(self.size, self.shape, strict=True))
+        return row, column
+
+    @property
+    def family_stiffness(self) -> dict[str, float]:
+        return self._families_of(self.stiffness)
+
+    @property
+    def family_damping(self) -> dict[str, float]:
+        return self._families_of(self.damping if self.damping_model == "spring" else 0.0)
+
+    def _families_of(self, value: float | Mapping[str, float]) -> dict[str, float]:
+        return {f: value[f] if isinstance(value, Mapping) else value for f in self.springs}
+
+    @property
+    def point_damping(self) -> float:
+        return self.damping if self.damping_model == "point" else 0.0  # type: ignore[return-value]
+
+    @property
+    def damped(self) -> bool:
+        return self.point_damping > 0 or any(c > 0 for c in self.family_damping.values())
+
+    @property
+    def uniform_mass(self) -> bool:
+        return not isinstance(self.mass, np.ndarray) or bool((self.mass == self.mass[0, 0]).all())
+
+    @cached_property
+    def mass_per_point(self) -> npt.NDArray[np.float64]:
+        if isinstance(self.mass, np.ndarray):
+            return self.mass
+        return frozen(np.full(self.shape, self.mass / (self.rows * self.columns)))
+
+    @cached_property
+    def pinned(self) -> npt.NDArray[np.bool_]:
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        for pin in self.pins:
+            mask[pin] = True
+        return frozen(mask)
+
+    @cached_property
+    def rest_positions(self) -> npt.NDArray[np.float64]:
+        positions = np.zeros((*self.shape, 3))
+        positions[..., 0] = np.arange(self.columns) * self.size[1] / max(self.columns - 1, 1)
+        positions[..., 2] = (np.arange(self.rows) * self.size[0] / max(self.rows - 1, 1))[:, None]
+        return frozen(positions)
+
+    def spring_count(self, family: Family | None = None) -> int:
+        """Number of springs, of one family or in all.
+
+        Parameters
+        ----------
+        family : {"structural", "shear", "bend"}, optional
+            Default: all families present.
+
+        Returns
+        -------
+        int
+            0 for a family that this cloth leaves out.
+
+        Raises
+        ------
+        ValueError
+            For any other name.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Cloth().spring_count("bend"), cs.Cloth().spring_count()
+        (1920, 5826)
+        """
+        if family is not None:
+            check.choice("family", family, FAMILIES)
+        wanted = self.springs if family is None else (family,)
+        return sum(
+            math.prod(self._cells(first, second)) for name, first, second in _ENDS if name in wanted and name in self.springs
+        )
+
+    def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
+        """How many springs with these ends fit along the rows and along the columns."""
+        rows, columns = (max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True))
+        return rows, columns
+
+    def spring_table(self) -> npt.NDArray[np.void]:
+        """Every spring, one row each.
+
+        The order is: structural (r, c)-(r, c+1), structural (r, c)-(r+1, c),
+        shear (r, c)-(r+1, c+1), shear (r, c+1)-(r+1, c), bend (r, c)-(r, c+2),
+        bend (r, c)-(r+2, c); within each of these by r, then by c.
+
+        Returns
+        -------
+        numpy.ndarray
+            Structured, with the fields ``i`` and ``j`` (indices of the two points, i < j),
+            ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m]; the
+            damping is 0 with the damping model "point".
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> table = cs.Cloth(shape=(2, 2), springs=("structural",)).spring_table()
+        >>> table[["i", "j", "rest_length"]].tolist()
+        [(0, 1, 1.0), (2, 3, 1.0), (0, 2, 1.0), (1, 3, 1.0)]
+        """
+        index = np.arange(self.rows * self.columns).reshape(self.shape)
+        stiffness, damping = self.family_stiffness, self.family_damping
+        blocks = [np.empty(0, SPRING_DTYPE)]
+        for family, first, second in _ENDS:
+            if family not in self.springs:
+                continue
+            rows, columns = self._cells(first, second)
+            block = np.empty(rows * columns, SPRING_DTYPE)
+            for field, (r, c) in (("i", first), ("j", second)):
+                block[field] = index[r : r + rows, c : c + columns].ravel()
+            block["family"] = family
+            block["rest_length"] = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
+            block["stiffness"] = stiffness[family]
+            block["damping"] = damping[family]
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+
+def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
+    if check.is_number(value):
+        return check.number("mass", value, minimum=0, exclusive=True)
+    accepted = "finite numbers > 0 (or one number, the total mass)"
+    masses = check.array("mass", value, shape, accepted)
+    check.check_all("mass", masses, masses > 0, f"an array of shape {shape} of {accepted}")
+    return frozen(masses)
+
+
+def _springs(value: Any) -> tuple[Family, ...]:
+    if isinstance(value, (str, bytes)) or not check.is_iterable(value):
+        raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
+    names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"springs must name each family once, got {names}")
+    return tuple(family for family in FAMILIES if family in names)
+
+
+def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
+    if not isinstance(value, Mapping):
+        return check.number(name, value, minimum=0)
+    given = check.keys(name, value, springs, required=springs)
+    numbers = {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}
+    return MappingProxyType(numbers)
+
+
+def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
+    accepted = f"pins must be (row, column) pairs or a boolean array of shape {shape}"
+    if not isinstance(value, np.ndarray):
+        if isinstance(value, (str, bytes)) or not check.is_iterable(value):
+            raise TypeError(f"{accepted}, got {check.shown(value)}")
+        value = list(value)
+    elif value.ndim == 0:
+        raise TypeError(f"{accepted}, got {check.shown(value)}")
+    mask = _mask(value)
+    if mask is not None:
+        if mask.shape != shape:
+            raise ValueError(f"{accepted}, got a boolean array of shape {mask.shape}")
+        return tuple((int(r), int(c)) for r, c in np.argwhere(mask))
+    pins = []
+    for k, pair in enumerate(value):
+        r, c = check.items(f"pins[{k}]", pair, 2, "integers (row, column)")
+        r, c = (
+            check.integer(f"pins[{k}][{axis}]", p, minimum=-n, maximum=n - 1)
+            for axis, (p, n) in enumerate(zip((r, c), shape, strict=True))
+        )
+        pins.append((r, c))
+    return tuple(pins)
+
+
+def _mask(value: Any) -> npt.NDArray[np.bool_] | None:
+    """`value` as a boolean array, None if it is something else."""
+    try:
+        array = check.as_array("pins", value, "(row, column) pairs or a boolean array")
+    except (ValueError, OverflowError):
+        return None
+    return array if array.dtype == np.bool_ else None

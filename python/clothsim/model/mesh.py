@@ -1,0 +1,91 @@
+"""The compute shader's thread grid, and the triangles of the sheet."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import check
+from ..base.keywords import suggests
+
+GROUP = (_core.group_size, _core.group_size, 1)
+
+
+@suggests
+def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
+    """Which thread of the compute shader has which mass point (Kim et al., section 3.1).
+
+    One thread per mass point, groups of 16 x 16 x 1 threads::
+
+        dispatch (x, y) = group (x, y) * 16 + thread (x, y)
+        index           = dispatch y * width + dispatch x,    width = columns
+
+    It is the mapping that the core's kernels walk: SIMD lanes are neighbouring threads of a row,
+    an OpenMP thread takes whole groups. A shape that is no multiple of 16 is covered by whole
+    groups whose surplus threads do nothing.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the cloth, each >= 1.
+    group : (int, int, int), default (16, 16, 1)
+        Threads per group. The kernels are built for (16, 16, 1); others are refused.
+
+    Returns
+    -------
+    numpy.ndarray
+        Structured, shape (rows, columns), the point (row, column) in its place, with the integer
+        fields ``group_x``, ``group_y``, ``thread_x``, ``thread_y``, ``dispatch_x``,
+        ``dispatch_y`` and ``index``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a shape that is not two integers >= 1, or another group.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> grid = cs.thread_grid((32, 32))
+    >>> grid[17, 3]["index"], grid[17, 3]["group_y"], grid[17, 3]["thread_y"]
+    (np.int64(547), np.int32(1), np.int32(1))
+    """
+    rows, columns = check.shape(shape)
+    wanted = tuple(
+        check.integer(f"group[{k}]", n, minimum=1) for k, n in enumerate(check.items("group", group, 3, "integers"))
+    )
+    if wanted != GROUP:
+        raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {wanted}")
+    return _core.thread_ids(rows, columns)
+
+
+@suggests
+def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
+    """The triangles of the sheet, two a cell, split from (row, column + 1) to (row + 1, column).
+
+    It is the surface that `penetration` measures, that pictures show and that `Run.export` writes.
+    Corners run counterclockwise seen from above, so that normals of the flat sheet point up (+y).
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the cloth, each >= 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Indices of the corners, shape (2 (rows - 1) (columns - 1), 3).
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a shape that is not two integers >= 1.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cs.triangles((2, 2)).tolist()
+    [[0, 2, 1], [1, 2, 3]]
+    """
+    return _core.triangles(*check.shape(shape))

@@ -1,0 +1,346 @@
+"""Ready scenes: those of Kim et al. and two whose solution is known in closed form.
+
+The paper's scenes take its Table 2 as it stands: 1 m x 1 m, 512 kg, stiffness 35,000 N/m, damping
+100, 32 x 32 mass points, 3,906 springs (structural and shear; bend springs, described in its
+section 2, are not in that count) and gravity 9.80665 m/s^2. The cloth starts flat and level,
+pinned at the two ends of the side x = 0, and swings down about z (section 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..base import check
+from ..base.keywords import suggests
+from ..typing import Family, Numbers, Offset, Response, Shape
+from .cloth import FAMILIES, Cloth
+from .motion import Reciprocate
+from .scene import Scene
+from .sphere import Sphere
+
+
+def _paper_cloth(bend: bool) -> Cloth:
+    return Cloth(springs=FAMILIES if check.boolean("bend", bend) else ("structural", "shear"))
+
+
+@suggests
+def paper_static(
+    response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", literal: bool = False
+) -> Scene:
+    """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
+
+    The sphere has radius 0.25 m and its centre at (0.5, -0.5, 0.5).
+
+    Parameters
+    ----------
+    response : {"ray", "reflect"}, default "ray"
+        Answer to a contact: the paper's method 2 or method 1.
+    bend : bool, default False
+        True adds the 1,920 bend springs.
+    offset : {"edge", "none"} or float, default "edge"
+        See `Sphere`.
+    literal : bool, default False
+        True takes the paper's collision response word for word; see `Sphere`.
+
+    Returns
+    -------
+    Scene
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_static("reflect", offset="none")
+    >>> scene.cloth.spring_count(), scene.spheres[0].response
+    (3906, 'reflect')
+    >>> cs.scenes.paper_static(bend=True).cloth.spring_count()
+    5826
+    """
+    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, literal=literal)
+    return Scene(_paper_cloth(bend), (sphere,))
+
+
+@suggests
+def paper_moving(
+    response: Response = "ray",
+    bend: bool = False,
+    offset: Offset | float = "edge",
+    literal: bool = False,
+    *,
+    period: float = 4.2,
+    phase: float = 0.05,
+    deceleration: float = 7.0,
+) -> Scene:
+    """The cloth swings down while a sphere goes back and forth (Kim et al., section 6, Table 4).
+
+    The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
+    cloth once it hangs, and slows down towards the turning points (see `Reciprocate`). The paper
+    prints neither its period nor where it starts; here it comes from x = -0.5, on the far side of
+    the pinned edge from the cloth, and meets it three times within five seconds, as its frames 200,
+    1300 and 3100 show (docs/reproduction.md).
+
+    Parameters
+    ----------
+    response : {"ray", "reflect"}, default "ray"
+        Answer to a contact: the paper's method 2 or method 1.
+    bend : bool, default False
+        True adds the 1,920 bend springs.
+    offset : {"edge", "none"} or float, default "edge"
+        See `Sphere`.
+    literal : bool, default False
+        True takes the paper's collision response word for word; see `Sphere`.
+    period : float, default 4.2
+        Time there and back [s].
+    phase : float, default 0.05
+        Part of the period that is over at t = 0; 0.5 starts at x = 0.5, below the cloth.
+    deceleration : float, default 7.0
+        How much slower the sphere arrives than it leaves; see `Reciprocate`.
+
+    Returns
+    -------
+    Scene
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> sphere = cs.scenes.paper_moving(period=2.0, phase=0.0).spheres[0]
+    >>> sphere.center_at([0.0, 1.0]).tolist()
+    [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
+    """
+    motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
+    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, literal=literal)
+    return Scene(_paper_cloth(bend), (sphere,))
+
+
+@suggests
+def paper_swing(bend: bool = False) -> Scene:
+    """The paper's cloth swings down and meets nothing (Kim et al., Table 2, without a sphere).
+
+    Parameters
+    ----------
+    bend : bool, default False
+        True adds the 1,920 bend springs.
+
+    Returns
+    -------
+    Scene
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cs.scenes.paper_swing().spheres
+    ()
+    """
+    return Scene(_paper_cloth(bend))
+
+
+@suggests
+def hanging(
+    shape: Shape = (16, 16),
+    size: Numbers = (1.0, 1.0),
+    mass: float = 2.56,
+    stiffness: float = 1_000.0,
+    damping: float = 0.6,
+    springs: Iterable[Family] = ("structural",),
+) -> Scene:
+    """A cloth that hangs from its top row and settles under its own weight.
+
+    Row 0 is pinned along y = 0 and the other rows hang straight below it, unstretched, in the
+    plane z = 0: point (row, column) starts at
+    (column size[1]/(columns - 1), -row size[0]/(rows - 1), 0). Point damping brings it to rest.
+
+    With structural springs only every column is a chain and the solution is exact: a spring
+    carries the weight of the points below it, so that with m the mass of a point, g gravity and
+    D the rest length::
+
+        y(row) = -row D - (m g / stiffness) sum_{k=1..row} (rows - k)
+               = -row D - (m g / stiffness) row (2 rows - row - 1) / 2
+
+    With the defaults m g / stiffness is 98 um, the lowest row comes to rest 11.8 mm below its
+    start, and the slowest oscillation is nearly critically damped: it is gone after about 0.5 s.
+
+    Parameters
+    ----------
+    shape : (int, int), default (16, 16)
+        Rows and columns; (16, 1) is a single chain.
+    size : (float, float), default (1.0, 1.0)
+        Height and width [m].
+    mass : float, default 2.56
+        Total mass [kg], 0.01 a point with the default shape.
+    stiffness : float, default 1000.0
+        Of each spring [N/m].
+    damping : float, default 0.6
+        Damping of each point's velocity [N s/m].
+    springs : sequence of str, default ("structural",)
+        Families present. With others than structural the formula above no longer holds.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError, TypeError
+        For what `Cloth` refuses.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.hanging(shape=(5, 1))
+    >>> scene.initial_position[:, 0, 1].tolist()
+    [0.0, -0.25, -0.5, -0.75, -1.0]
+    >>> scene.cloth.pinned[:, 0].tolist()
+    [True, False, False, False, False]
+    """
+    cloth = Cloth(shape, size, mass, stiffness, damping, "point", springs, pins=())
+    cloth = cloth.replace(pins=[(0, column) for column in range(cloth.columns)])
+    flat = cloth.rest_positions
+    position = np.zeros_like(flat)
+    position[..., 0] = flat[..., 0]
+    position[..., 1] -= flat[..., 2]
+    return Scene(cloth, position=position)
+
+
+@suggests
+def oscillator(
+    stiffness: float = 100.0, mass: float = 1.0, amplitude: float = 0.1, length: float = 1.0, damping: float = 0.0
+) -> Scene:
+    """Two mass points and one spring along x: the harmonic oscillator. No gravity.
+
+    Point (0, 0) is pinned at the origin; point (0, 1) is let go at x = length + amplitude and
+    moves on the x axis. Undamped::
+
+        x(t) = length + amplitude cos(w t),  w = sqrt(stiffness / mass)
+
+    and with g = damping / (2 mass) < w::
+
+        x(t) = length + amplitude exp(-g t) (cos(u t) + (g/u) sin(u t)),  u = sqrt(w^2 - g^2)
+
+    Parameters
+    ----------
+    stiffness : float, default 100.0
+        Of the spring [N/m].
+    mass : float, default 1.0
+        Of the moving point [kg]. The pinned one has the same, which has no effect.
+    amplitude : float, default 0.1
+        Stretch at t = 0 [m], |amplitude| < length.
+    length : float, default 1.0
+        Rest length of the spring [m].
+    damping : float, default 0.0
+        Of the spring [N s/m].
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(amplitude=0.25)
+    >>> scene.initial_position[0, 1].tolist()
+    [1.25, 0.0, 0.0]
+    >>> scene.cloth.spring_count()
+    1
+    """
+    mass = check.number("mass", mass, minimum=0, exclusive=True)
+    length = check.number("length", length, minimum=0, exclusive=True)
+    amplitude = check.number("amplitude", amplitude)
+    if not abs(amplitude) < length:
+        raise ValueError(f"amplitude must be smaller than length = {length:g}, got {amplitude!r}")
+    cloth = Cloth(
+        shape=(1, 2),
+        size=(length, length),
+        mass=2.0 * mass,
+        stiffness=stiffness,
+        damping=damping,
+        springs=("structural",),
+        pins=((0, 0),),
+    )
+    position = cloth.rest_positions.copy()
+    position[0, 1, 0] += amplitude
+    return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)
+
+
+@suggests
+def cotton(
+    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
+) -> Scene:
+    """A sheet of measured cotton: a rib knit of 95 % cotton and 5 % spandex, 0.276 kg/m^2.
+
+    The figures are those of Wang, O'Brien and Ramamoorthi, ACM Trans. Graph. 30(4) 71 (2011);
+    ``clothsim.model.fabrics.FABRICS["cotton"].source`` names each. `clothsim.model.fabrics` has the formulas
+    that make them springs. The sheet starts flat and level, pinned at the two ends of the side
+    x = 0.
+
+    Parameters
+    ----------
+    shape : (int, int), default (32, 32)
+        Rows and columns, each >= 3.
+    size : (float, float), default (1.0, 1.0)
+        Extent along the rows and along the columns [m].
+    damping_ratio : float, default 0.1
+        Of the grid's fastest waves, >= 0; slower waves are damped less, in proportion to their
+        frequency. A numerical choice: the source measures no damping.
+    fold : float, default 1.0
+        Angle between neighbouring springs [rad] at which the bend springs store the fabric's
+        bending energy; they store less below, and nothing to second order near the flat sheet.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cloth = cs.scenes.cotton(size=(0.5, 0.5)).cloth
+    >>> round(cloth.mass, 3), {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
+    (0.069, {'structural': 56.4, 'shear': 41.6, 'bend': 2.5})
+    """
+    from .fabrics import FABRICS, fabric_scene
+
+    return fabric_scene(FABRICS["cotton"], shape, size, damping_ratio, fold)
+
+
+@suggests
+def denim(
+    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
+) -> Scene:
+    """A sheet of measured denim: 11 oz, 99 % cotton and 1 % spandex, 0.324 kg/m^2.
+
+    `cotton` names the source and the formulas.
+
+    Parameters
+    ----------
+    shape, size, damping_ratio, fold
+        As for `cotton`.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as for `cotton`.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cloth = cs.scenes.denim(damping_ratio=0.0).cloth
+    >>> {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
+    {'structural': 1187.4, 'shear': 26.7, 'bend': 1.3}
+    """
+    from .fabrics import FABRICS, fabric_scene
+
+    return fabric_scene(FABRICS["denim"], shape, size, damping_ratio, fold)

@@ -1,0 +1,242 @@
+"""The scene: one cloth, the spheres it meets, gravity and the initial state, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggesting
+from ..base.record import Record, frozen
+from ..typing import Integrator, Kernel, Numbers, Precision
+from .cloth import Cloth
+from .sphere import Sphere
+
+SCHEMA = 1
+"""Version of the layout of ``Scene.to_dict``."""
+
+
+@suggesting
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Record):
+    """A cloth, the spheres it meets, gravity and the initial state.
+
+    Scenes are immutable, equal by value, and plain data (``to_dict``).
+
+    Parameters
+    ----------
+    cloth : Cloth
+        The cloth.
+    spheres : Sphere or sequence of Sphere, default ()
+        The spheres, met in this order.
+    gravity : sequence of 3 floats, default (0, -9.80665, 0)
+        Acceleration of every point that is not pinned [m/s^2].
+    position : array_like, optional
+        Initial positions [m], shape (rows, columns, 3). Default: the flat sheet in the plane
+        y = 0, ``cloth.rest_positions``.
+    velocity : array_like, optional
+        Initial velocities [m/s], shape (rows, columns, 3). Default: at rest. Zero at the pinned
+        points.
+
+    Attributes
+    ----------
+    initial_position, initial_velocity : numpy.ndarray
+        Initial state [m], [m/s], shape (rows, columns, 3), read-only.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it, what came and what is accepted.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.Scene(cs.Cloth(shape=(8, 12)), spheres=cs.Sphere(center=(0.5, -0.5, 0.5)))
+    >>> scene.initial_position.shape
+    (8, 12, 3)
+    >>> cs.Scene.from_dict(scene.to_dict()) == scene
+    True
+    >>> scene.replace(spheres=()).spheres
+    ()
+    """
+
+    cloth: Cloth
+    spheres: tuple[Sphere, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
+    position: npt.NDArray[np.float64] | None = None
+    velocity: npt.NDArray[np.float64] | None = None
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            cloth: Cloth,
+            spheres: Sphere | Iterable[Sphere] = (),
+            gravity: Numbers = (0.0, -9.80665, 0.0),
+            position: npt.ArrayLike | None = None,
+            velocity: npt.ArrayLike | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        cloth = self.cloth
+        if not isinstance(cloth, Cloth):
+            raise TypeError(f"cloth must be a Cloth, got {check.shown(cloth)}")
+        position, velocity = self.position, self.velocity
+        if position is not None:
+            position = frozen(check.points("position", position, cloth.shape))
+        if velocity is not None:
+            velocity = frozen(check.points("velocity", velocity, cloth.shape))
+            moving = np.argwhere(cloth.pinned & velocity.any(axis=-1))
+            if moving.size:
+                r, c = (int(k) for k in moving[0])
+                raise ValueError(f"velocity must be 0 at pinned points, got {velocity[r, c].tolist()} at point {(r, c)}")
+        self._set(
+            spheres=_spheres(self.spheres),
+            gravity=check.vector("gravity", self.gravity),
+            position=position,
+            velocity=velocity,
+        )
+
+    @property
+    def initial_position(self) -> npt.NDArray[np.float64]:
+        return self.cloth.rest_positions if self.position is None else self.position
+
+    @cached_property
+    def engines(self) -> dict[Any, Any]:
+        """Engines of the core that wait for a call with this scene; see `clothsim.engine.calls`."""
+        return {}
+
+    @cached_property
+    def initial_velocity(self) -> npt.NDArray[np.float64]:
+        return frozen(np.zeros((*self.cloth.shape, 3))) if self.velocity is None else self.velocity
+
+    def explain(
+        self,
+        precision: Precision = "double",
+        kernel: Kernel = "auto",
+        threads: int | None = None,
+        strict: bool = False,
+        integrator: Integrator = "rk4",
+    ) -> Any:
+        """What this scene computes per step, what it leaves out, and what limits the step.
+
+        Parameters
+        ----------
+        precision : {"double", "single"}, default "double"
+            Arithmetic of the steps.
+        kernel : str, default "auto"
+            Kernel that computes the forces.
+        threads : int, optional
+            Number of threads. Default: chosen from the size of the cloth.
+        strict : bool, default False
+            Same bits on every instruction set.
+        integrator : str, default "rk4"
+            A name of `integrators`.
+
+        Returns
+        -------
+        mapping
+            Families, damping, collision passes, kernel, instruction set and precision; of the
+            integrator "order" (for this scene), "force_evaluations_per_step" and
+            "flops_per_step" (NaN for an implicit method); "max_stable_dt", the step that is
+            guaranteed to be stable [s], and "limited_by", the term that limits it: stiffness or
+            damping, of which springs, and the value below which the other would limit more.
+            Printed, it is a readable table.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> plan = cs.scenes.paper_swing().explain()
+        >>> plan["precision"]
+        'double'
+        >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
+        'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m it would not'
+        """
+        from ..engine.plan import explain
+
+        return explain(self, precision, kernel, threads, strict, integrator)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: lines, and a picture of the initial state."""
+        from ..viewing.notebook import state_bundle
+        from .summary import scene_lines
+
+        return state_bundle(scene_lines(self), self, self.initial_position, 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
+
+        Returns
+        -------
+        dict
+            "schema", the version of the layout (1), and the arguments of the constructor; those
+            that are None are left out. ``from_dict`` makes an equal scene of it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> data = cs.scenes.paper_static().to_dict()
+        >>> data["schema"], data["spheres"][0]["center"]
+        (1, [0.5, -0.5, 0.5])
+        """
+        return {"schema": SCHEMA, **super().to_dict()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Scene:
+        """The scene that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            "schema" and "cloth", and any other argument of the constructor.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        ValueError
+            For another schema version, an unknown or missing key, or a refused value.
+        TypeError
+            If a part is not of the type it should have.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Scene.from_dict({"schema": 1, "cloth": {"shape": [4, 4]}}).cloth.shape
+        (4, 4)
+        """
+        arguments = cls._arguments(data, "schema")
+        schema = check.integer("schema", arguments.pop("schema"))
+        if schema != SCHEMA:
+            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
+        arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
+        spheres = arguments.get("spheres", ())
+        if not isinstance(spheres, (list, tuple)):
+            raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
+        arguments["spheres"] = tuple(Sphere.from_dict(sphere) for sphere in spheres)
+        return cls(**arguments)
+
+
+def _spheres(value: Any) -> tuple[Sphere, ...]:
+    accepted = "a Sphere or a sequence of Sphere"
+    if isinstance(value, Sphere):
+        return (value,)
+    if not check.is_iterable(value):
+        raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
+    spheres = tuple(value)
+    for k, sphere in enumerate(spheres):
+        if not isinstance(sphere, Sphere):
+            raise TypeError(f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}")
+    return spheres

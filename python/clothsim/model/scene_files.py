@@ -1,0 +1,172 @@
+"""Scenes as TOML files that people read and write; `Scene.to_dict` gives their layout."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..base import check
+from ..base.extras import how_to_install
+from ..base.keywords import suggests
+from .scene import Scene
+
+_COMMENTS = {
+    "schema": "version of this layout",
+    "gravity": "m/s^2",
+    "position": "m, one [x, y, z] per mass point of every row; without it: the flat sheet",
+    "velocity": "m/s",
+    "cloth.shape": "rows, columns",
+    "cloth.size": "m, along the rows and along the columns",
+    "cloth.mass": "kg in all, or per mass point",
+    "cloth.stiffness": "N/m, one number or one per family",
+    "cloth.damping": "N s/m",
+    "cloth.damping_model": "spring or point",
+    "cloth.pins": "row, column; negative ones count from the end",
+    "spheres.center": "m",
+    "spheres.radius": "m",
+    "spheres.response": "what a contact does",
+    "spheres.offset": "a rule, or m",
+    "spheres.motion.velocity": "m/s",
+    "spheres.motion.distance": "m",
+    "spheres.motion.period": "s",
+    "spheres.motion.times": "s",
+    "spheres.motion.centers": "m",
+}
+
+
+@suggests
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene from a TOML file.
+
+    The file has "schema" (1), a table "cloth", tables "spheres" and the other arguments of
+    `Scene`, each with the arguments of its class; what is missing takes its default.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError
+        If the file is no TOML, has another schema version, an unknown key (the nearest known one is
+        named), lacks one, or has a value that is refused. The message begins with the path.
+    TypeError
+        If a value is of a wrong type.
+    OSError
+        If the file cannot be read.
+    ImportError
+        On Python 3.10 without tomli (the extra "sweep").
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> scene = cs.scenes.paper_moving()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     cs.load_scene(cs.save_scene(scene, folder + "/moving.toml")) == scene
+    True
+    """
+    path = check.path("path", path)
+    toml = _toml_reader()
+    try:
+        data = toml.loads(path.read_text(encoding="utf-8"))
+    except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is no TOML file: {error}") from None
+    try:
+        return Scene.from_dict(data)
+    except (ValueError, TypeError) as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+@suggests
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
+    """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
+
+    Every argument is written, with its unit as a comment, so that the file can be edited without
+    looking anything up.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : path-like
+        Replaced if it exists.
+
+    Returns
+    -------
+    pathlib.Path
+        The file written.
+
+    Raises
+    ------
+    TypeError
+        If `scene` is no Scene.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
+    >>> print(text.splitlines()[6])
+    mass = 512.0  # kg in all, or per mass point
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    path = check.path("path", path)
+    path.write_text("\n".join(_table(scene.to_dict(), "")) + "\n", encoding="utf-8")
+    return path
+
+
+def _toml_reader() -> Any:
+    try:
+        import tomllib
+    except ImportError:  # Python 3.10
+        try:
+            import tomli as tomllib  # type: ignore[no-redef]
+        except ImportError as error:
+            hint = how_to_install("sweep")
+            raise ImportError(f"scene files need tomli: {hint}") from error
+    return tomllib
+
+
+def _table(data: Mapping[str, Any], path: str) -> list[str]:
+    """The lines of a table: its values, then the tables in it.
+
+    TOML reads a value after a table's heading as that table's, hence the order.
+    """
+    lines, below = [], []
+    for key, value in data.items():
+        there = f"{path}.{key}" if path else key
+        if isinstance(value, Mapping) and not _inline(there):
+            below += ["", f"[{there}]", *_table(value, there)]
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            for entry in value:
+                below += ["", f"[[{there}]]", *_table(entry, there)]
+        else:
+            comment = _COMMENTS.get(there)
+            lines.append(f"{key} = {_value(value)}" + (f"  # {comment}" if comment else ""))
+    return lines + below
+
+
+def _inline(path: str) -> bool:
+    """Whether a mapping is written on its key's line: those of the families are short."""
+    return path in ("cloth.stiffness", "cloth.damping")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # a JSON string is a TOML basic string
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + " }"
+    return "[" + ", ".join(map(_value, value)) + "]"

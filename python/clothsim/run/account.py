@@ -1,0 +1,128 @@
+"""What the report of a run says about its error and its cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, cast
+
+import numpy as np
+
+from ..engine.build import build_config
+from ..measure.measures import energy
+from ..model.scene import Scene
+from ..typing import Report
+from .adaptive import NOT_ASKED, Controlled, Estimate
+from .fixed_steps import Solution
+from .frames import Floats
+
+Account = dict[str, Any]
+
+
+def of_nothing(reason: str = NOT_ASKED) -> Account:
+    """No error was estimated."""
+    return _account(Estimate.unknown(reason), {}, math.nan, 0, 0.0)
+
+
+def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
+    """A run whose error was estimated, to a tolerance or not."""
+    outcomes = {}
+    if found.companion or found.solution.contacts:
+        outcomes = compared(scene, found.solution, found.companion)
+    return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
+
+
+def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluations: int, wall_time: float) -> Account:
+    return {
+        "error_estimate": asdict(error),
+        "estimate_evaluations": evaluations,
+        "estimate_wall_time": wall_time,
+        "tolerance": {"asked": asked, "reached": bool(error.rms <= asked)},
+        "chaotic": bool(outcomes),
+        "outcomes": outcomes,
+    }
+
+
+def compared(scene: Scene, solution: Solution, companion: Solution | None) -> dict[str, Any]:
+    """What can be told after a contact; the difference from the companion's is NaN without one."""
+    ours = _outcomes(scene, solution)
+    theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
+    return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
+
+
+def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
+    x, v = one.x[-1], one.v[-1]
+    mass = scene.cloth.mass_per_point[..., None]
+    energies = energy(scene, x, v)
+    return {
+        "first_contact": one.watched["first_contact"],
+        "centre_of_mass": ((mass * x).sum(axis=(0, 1)) / mass.sum()).tolist(),
+        "kinetic_energy": energies["kinetic"],
+        "total_energy": energies["total"],
+        "penetration": one.watched["triangle_depth"],
+    }
+
+
+def _difference(a: Any, b: Any) -> float:
+    return float(np.linalg.norm(np.subtract(a, b)))
+
+
+def report(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Report:
+    """`Run.report`; `stopped`: why the run ended early."""
+    x, v = solution.x, solution.v
+    wall_time, options, state = solution.wall_time, solution.options, solution.state
+    found = {
+        "steps": solution.steps,
+        "rejected_steps": solution.rejected,
+        "force_evaluations": solution.evaluations + account["estimate_evaluations"],
+        "solution_evaluations": solution.evaluations,
+        "wall_time": wall_time,
+        "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
+        "dt": solution.step,
+        "stopped": stopped,
+        **account,
+        "energy": {
+            **_gained(solution.watched),
+            **_energy("start", scene, x[0], v[0]),
+            **_energy("end", scene, x[-1], v[-1]),
+        },
+        **_extremes(solution.watched),
+        "kernel": state.kernel,
+        "integrator": options.integrator,
+        "precision": options.precision,
+        "strict": options.strict,
+        "threads": state.threads,
+        "instruction_set": state.instruction_set,
+        "backend": options.backend,
+        "version": build_config()["version"],
+    }
+    return cast(Report, found)
+
+
+def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
+    """What the core has watched, in the form of the report."""
+    untold = watched.get("reason", "")
+    none = "" if watched["in_contact"] else "no sphere responded"
+    time = watched["first_contact"]
+    return {
+        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": untold},
+        "stretch": {"largest": watched["stretch"], "reason": untold},
+        "first_contact": {"time": time, "reason": (none or untold) if math.isnan(time) else ""},
+    }
+
+
+def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
+    """The energy at a moment, NaN with the reason where it is no finite number."""
+    try:
+        return {moment: energy(scene, x, v)}
+    except ValueError as error:
+        names = ("kinetic", "elastic", "gravity", "total")
+        return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
+
+
+def _gained(watched: Mapping[str, Any]) -> dict[str, Any]:
+    gained, reason = watched["energy_gained"], ""
+    if math.isnan(gained):
+        reason = watched.get("reason", "") or "a sphere responded, and responses change the energy"
+    return {"gained": gained, "reason": reason}

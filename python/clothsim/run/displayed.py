@@ -1,0 +1,214 @@
+"""What a run can show of itself; the room `view` draws it, and is imported when it is used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from .result import Run
+
+
+class DisplayedRun:
+    """Methods of `Run` that draw it."""
+
+    def picture(
+        self,
+        frame: int | None = None,
+        t: float | None = None,
+        path: str | Path | None = None,
+        *,
+        camera: Any = None,
+        width: int = 640,
+    ) -> Any:
+        """Draw a stored frame; see `clothsim.picture`.
+
+        All frames of a run are drawn from one view, so that two pictures can be compared.
+
+        Parameters
+        ----------
+        frame : int, optional
+            Index of the stored frame, negative from the end. Default: the last.
+        t : float, optional
+            Instead of `frame`: time [s]. The stored frame that is nearest is drawn.
+        path : path-like, optional
+            File to write as well; see `Picture.save`.
+        camera, width
+            As for `clothsim.picture`.
+
+        Returns
+        -------
+        Picture
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.02, dt=1e-3, every=10)
+        >>> run.picture(t=0.01, width=200)
+        <Picture of 200 x 141 pixels>
+        """
+        from ..viewing.picture import picture_of_run
+
+        return picture_of_run(self, frame, t, path, camera, width)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw energy, largest stretch, penetration and contacts over the stored frames.
+
+        Penetration and contacts are drawn where the scene has a sphere. A contact is a mass point
+        closer to a sphere than the contact radius and 1/32 of the spacing.
+
+        Parameters
+        ----------
+        path : path-like, optional
+            File to write as well, of a format that matplotlib knows.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it.
+
+        Raises
+        ------
+        ImportError
+            Without matplotlib (extra "plot").
+        ValueError
+            If the folder of `path` is missing.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, fps=50)
+        >>> [axes.get_ylabel() for axes in run.plot().axes]
+        ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
+        """
+        from ..viewing.chart import plot
+
+        return plot(self, path)
+
+    def animate(
+        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, camera: Any = None, width: int = 640
+    ) -> Path:
+        """Write a film of the run.
+
+        Each picture shows the stored frame that is nearest in time, so the film is as smooth as
+        the frames are close: `simulate` with ``every=speed / fps`` stores what it needs.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program
+            ffmpeg).
+        fps : float, default 30
+            Pictures a second, > 0, at most 240, of a GIF at most 50: browsers slow down more.
+        speed : float, default 1.0
+            Simulated seconds in a second of the film, > 0.
+        camera, width
+            As for `clothsim.picture`. The view is fixed and holds every frame.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above, or the run has fewer than 3 frames.
+        ImportError
+            Without Pillow.
+        RuntimeError
+            Without ffmpeg, or if ffmpeg fails.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
+        'swing.gif'
+        """
+        from ..viewing.animation import animate
+
+        return animate(self, path, fps, speed, camera, width)
+
+    def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
+        """Write one self-contained page that plays the run in a browser.
+
+        The page makes no request: turn the cloth by mouse, play, seek, colour by stretch, speed or
+        depth below a sphere, with curves of energy, stretch, penetration and contacts. Positions
+        are rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32 take 1.1 MB.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write.
+        title : str, optional
+            Heading of the page. Default: the shape of the cloth and the responses of its spheres.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the folder is missing, or `path` is no path.
+
+        See Also
+        --------
+        clothsim.compare : plays several runs side by side.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, every=5)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = run.to_html(folder + "/run.html")
+        ...     path.name, path.stat().st_size < 500_000
+        ('run.html', True)
+        """
+        from ..viewing.page import run_to_html
+
+        return run_to_html(cast("Run", self), path, title)
+
+    def show(self, *, height: int = 760) -> Any:
+        """Play the run in a notebook: the page of `to_html` in a frame of the cell.
+
+        The notebook keeps the frames when it is saved, and plays them where it is trusted.
+
+        Parameters
+        ----------
+        height : int, default 760
+            Height of the frame [pixels], 300 to 4000.
+
+        Returns
+        -------
+        object
+            A notebook displays it.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If `height` is not as above.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+        >>> frame = run.show(height=500)  # the last line of a notebook's cell
+        """
+        from ..viewing.page import run_to_frame
+
+        return run_to_frame(cast("Run", self), height)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What a notebook shows: the lines of `print`, and a picture of the last frame."""
+        from ..viewing.notebook import WIDTH, bundle
+
+        return bundle(str(self), self.picture(width=WIDTH))

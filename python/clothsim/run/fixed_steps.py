@@ -1,0 +1,283 @@
+"""One run of a scene, at a fixed time step or with error control, and what it cost."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..engine.bound import guaranteed_dt
+from ..engine.plan import core_cloth
+from ..engine.snapshot import Snapshot
+from ..engine.state import State
+from ..model.scene import Scene
+from .frames import NEGLIGIBLE, Floats, Schedule
+from .recording import Continuation, Control, Recording, Watch
+
+# Velocities are weighed against positions by a frequency above all of the cloth: this many times
+# the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
+_VELOCITY_WEIGHT = 3.0
+
+_ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
+
+
+def size_of(scene: Scene) -> float:
+    """The longer side of the cloth [m]: what a relative tolerance is relative to."""
+    return max(scene.cloth.size)
+
+
+def rms(difference: Floats) -> float:
+    """Root of the mean over mass points of the squared distance."""
+    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
+
+
+# Rounding of a run over the size and the rounding of double, where a coordinate is 0. Found on the
+# swing without bend springs, a flat sheet that folds from rounding alone: half of this is lost in the
+# first step, and the estimate comes out fifty times too small; twice makes it three times larger.
+_ROUNDING_OF_FORCES = 5e-2
+
+
+def rounding(scene: Scene) -> Floats:
+    """Random roundings [m] of the free points' initial positions; the same ones every time."""
+    x, free = scene.initial_position, ~scene.cloth.pinned[..., None]
+    size = np.abs(x) + _ROUNDING_OF_FORCES * size_of(scene)
+    return np.random.default_rng(1).uniform(-1, 1, x.shape) * free * np.finfo(np.float64).eps * size
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the steps are computed, as `step` takes it."""
+
+    integrator: str
+    precision: str
+    threads: int | None
+    kernel: str
+    strict: bool
+    backend: str = "cpu"
+    sampling: int = 32  # states at which triangles and stretches are sampled, at least
+    start: float = 0.0  # time of the initial state [s]
+
+    def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
+        return State(
+            scene,
+            x,
+            v,
+            t=self.start,
+            inspect=inspect,
+            integrator=self.integrator,
+            precision=self.precision,
+            threads=self.threads,
+            kernel=self.kernel,
+            strict=self.strict,
+            backend=self.backend,
+        )
+
+    def replace(self, **changes: Any) -> Options:
+        return Options(**{**self.__dict__, **changes})
+
+
+# Between two states at which triangles and stretches are sampled. An adaptive method's steps are
+# several times as long.
+_MOST_STEPS_BETWEEN_SAMPLES = 128
+_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
+
+
+def sample_every(steps: float, sampling: int) -> int:
+    """Steps between two sampled states of a run of so many steps, for `sampling` states at least."""
+    return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // sampling)))
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """A run that goes on: its final state, and how it was computed."""
+
+    snapshot: Snapshot
+    continuation: Continuation
+
+    def state(self, scene: Scene, options: Options) -> State:
+        state = options.state(scene, inspect=False)
+        state.core.restore(*self.snapshot.core)
+        return state
+
+
+@dataclass
+class Steps:
+    """The steps of a run with error control: its grid in time, and its local errors."""
+
+    ends: list[float] = field(default_factory=list)  # times of the scene [s]
+    local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
+
+    def refined(self, start: float, ratio: float) -> list[float]:
+        """Ends of `ratio` times as many steps: time as a function of the step number, sampled."""
+        count = len(self.ends)
+        finer = max(count + 1, math.ceil(ratio * count - NEGLIGIBLE))
+        numbers = np.linspace(0, count, finer + 1)[1:]
+        ends = np.interp(numbers, np.arange(count + 1), [start, *self.ends])
+        return [float(end) for end in ends]
+
+
+@dataclass
+class Solution:
+    """Frames of one run and what it cost."""
+
+    options: Options
+    t: list[float]
+    x: Floats
+    v: Floats
+    steps: int
+    rejected: int
+    evaluations: int
+    wall_time: float  # of stepping [s]
+    watched: Mapping[str, Any]  # by the core, see watched.hpp
+    step: float  # fixed: the time step, adaptive: the mean one [s]
+    state: State
+    continuation: Continuation | None = None
+    grid: Steps = field(default_factory=Steps)  # with error control
+
+    @property
+    def contacts(self) -> bool:
+        """Whether a sphere has responded."""
+        return bool(self.watched["in_contact"])
+
+    @classmethod
+    def of(cls, run: Recording, grid: Steps | None = None) -> Solution:
+        """The run as far as it has been recorded."""
+        state, t, options = run.state, run.t, run.options
+        fixed = options.integrator == "rk4"
+        evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
+        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else run.dt
+        return cls(
+            options,
+            t,
+            *run.arrays(),
+            run.steps,
+            run.rejected,
+            evaluations,
+            run.wall_time,
+            run.watched,
+            step,
+            state,
+            run.continuation,
+            grid or Steps(),
+        )
+
+
+def integrate(
+    scene: Scene,
+    duration: float,
+    tolerance: float,
+    options: Options,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
+    resumed: Resumed | None = None,
+    given: list[float] | None = None,
+    most: float = math.inf,
+    rounded: bool = False,
+) -> Solution:
+    """One run with error control, at a tolerance per step [m].
+
+    `frames`: those counted in steps are of accepted steps, the others come from dense output.
+    `resumed`: the run to go on from, which has set the tolerance and the longest step. `given`: the
+    ends of the steps, which are taken as they are. `most`: force evaluations; the run ends before
+    its duration where they do not suffice. `rounded`: the run starts from positions that differ by a
+    rounding error.
+    """
+    controller = _core.StepController()
+    first = scene.initial_position
+    if resumed is None:
+        start_at = first + rounding(scene) if rounded else first
+        state = options.state(scene, start_at, scene.initial_velocity)
+        earlier, longest = Continuation(options.start), duration
+        stiffness, _ = core_cloth(scene).mode_bounds
+        rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
+        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+    else:
+        state, earlier = resumed.state(scene, options), resumed.continuation
+        assert earlier.control is not None
+        tolerance, rate, longest, controller.state = earlier.control
+    state.warned_of_growth = True  # the steps are the method's own
+    state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
+    frames = frames or Schedule()
+    start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
+    control = Control(tolerance, rate, longest, controller)
+    run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
+    if rounded:
+        run.first[0][:] = first
+    end = start + (begin + duration)
+    grid, steps = deque(given or ()), Steps()
+    # Steps that are given are accepted at any finite error.
+    unit = tolerance if given is None else _ANY_ERROR * tolerance
+    for seconds, until in frames.moments(start, begin + duration, begin)[1:]:
+        while state.core.time < until and state.core.evaluations[0] < most:
+            while grid and grid[0] <= state.core.time:
+                grid.popleft()
+            target = grid[0] if len(grid) > 1 else end
+            controller.h = target - state.core.time if given else controller.h
+            outcome = run.advance_adaptive(
+                until, target, 1, unit, unit * rate, longest, controller, state.threads, state.threads_optional
+            )
+            state.judge(outcome, controller.h)
+            if not outcome["steps"]:
+                break  # what is left is rounding of the clock
+            steps.ends.append(state.core.time)
+            steps.local_error += unit * outcome["error"]
+            if count and state.core.time < until and (before + run.steps) % count == 0:
+                run.store(state.core.time - start, state.core.time)
+        if state.core.time < until and state.core.evaluations[0] >= most:
+            run.end_here()
+            break
+        if state.core.time > until:
+            run.store_dense(seconds, until)
+        else:
+            run.store(seconds, until)
+    return Solution.of(run, steps)
+
+
+def run_fixed(
+    scene: Scene,
+    duration: float,
+    dt: float,
+    options: Options,
+    frames: Schedule | None = None,
+    watch: Watch | None = None,
+    own_step: bool = False,
+    resumed: Resumed | None = None,
+) -> Solution:
+    """One run at a fixed time step, a shorter one before a frame that it does not divide.
+
+    `own_step`: the step is not the caller's, so nobody is warned of it. `resumed`: the run to go on
+    from.
+    """
+    if resumed is None:
+        state, earlier = options.state(scene), Continuation(options.start)
+    else:
+        state, earlier = resumed.state(scene, options), resumed.continuation
+    state.warned = state.warned_of_growth = own_step
+    state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
+    frames = (frames or Schedule()).in_seconds(dt)
+    moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
+    run = Recording(state, options, watch or Watch(), dt, frames, earlier)
+    if not own_step:
+        state.announce(duration / dt, dt)
+    state.announced = True
+    for (begin, _), (end, t) in pairwise(moments):
+        advance_to(run, begin, end, dt)
+        run.store(end, t)
+    return Solution.of(run)
+
+
+def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
+    """Steps of `dt` from `begin` to `end`, the last one shorter if need be; how many there were."""
+    whole = math.floor((end - begin) / dt + NEGLIGIBLE)
+    state.advance(whole, dt)
+    rest = (end - begin) - whole * dt
+    if rest <= NEGLIGIBLE * dt:
+        return whole
+    state.advance(1, rest)
+    return whole + 1

@@ -1,0 +1,146 @@
+"""Frames of a run: the moments at which states are stored, and the stored states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..typing import Every
+
+Floats = npt.NDArray[np.float64]
+Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
+
+EVERY_STEP = "step"
+
+# A remainder below this part of a step is rounding of the caller's numbers, not a step.
+NEGLIGIBLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """States stored between the first and the last state; by default there are none.
+
+    At most one attribute is set.
+
+    Attributes
+    ----------
+    steps : int, optional
+        Steps between frames.
+    seconds : float, optional
+        Seconds between frames.
+    per_second : float, optional
+        Frames a second.
+    times : tuple of float
+        Times of the scene [s], increasing.
+    """
+
+    steps: int | None = None
+    seconds: float | None = None
+    per_second: float | None = None
+    times: tuple[float, ...] = ()
+
+    def in_seconds(self, dt: float) -> Schedule:
+        """The same frames for steps of `dt`, with none counted in steps."""
+        if self.steps is None:
+            return self
+        return replace(self, steps=None, seconds=self.steps * dt)
+
+    def moments(self, start: float, end: float, begin: float = 0.0) -> list[Moment]:
+        """Moments from `begin` to `end`, both included.
+
+        `begin` and `end` are seconds since the run started, at the time `start`. Frames that are
+        counted in steps have no moments here.
+        """
+        ends = [(begin, start + begin), (end, start + end)]
+        if self.times:
+            near = NEGLIGIBLE * (end - begin)
+            given = [(t - start, t) for t in self.times]
+            return [ends[0], *(m for m in given if begin + near < m[0] < end - near), ends[1]]
+        if self.seconds is None and self.per_second is None:
+            return ends
+        first = math.floor(self._count(begin) + NEGLIGIBLE) + 1
+        inner = [self._offset(k) for k in range(first, math.ceil(self._count(end) - NEGLIGIBLE))]
+        return [ends[0], *((offset, start + offset) for offset in inner), ends[1]]
+
+    def _count(self, offset: float) -> float:
+        if self.seconds is not None:
+            return offset / self.seconds
+        return offset * (self.per_second or 0.0)
+
+    def _offset(self, k: int) -> float:
+        return k * self.seconds if self.seconds is not None else k / (self.per_second or 1.0)
+
+
+def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) -> Schedule:
+    """The frames that `simulate` was asked for, from its arguments."""
+    given = {name: value for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None}
+    if len(given) > 1:
+        listed = " and ".join(given)
+        raise ValueError(f"at most one of every, times and fps can be given, got {listed}")
+    if fps is not None:
+        fps = check.number("fps", fps, minimum=0, exclusive=True)
+        if duration * fps > check.MOST_FRAMES:
+            raise ValueError(
+                f"fps must be at most {check.MOST_FRAMES / duration:.3g}, so that a run of duration "
+                f"= {duration:g} s has at most {check.MOST_FRAMES:,} frames, got {fps:g}"
+            )
+        return Schedule(per_second=fps)
+    if times is not None:
+        return Schedule(times=_checked_times(times, start, duration))
+    every = checked_every(every)
+    if isinstance(every, float):
+        check.frame_count(duration, every)
+    return Schedule(steps=every) if isinstance(every, int) else Schedule(seconds=every)
+
+
+def checked_every(every: Any) -> int | float | None:
+    """`every` as steps (int; 1 for "step"), as seconds (float), or None."""
+    if every is None:
+        return None
+    if isinstance(every, str):
+        if every == EVERY_STEP:
+            return 1
+        raise TypeError(
+            "every must be steps between frames (an int >= 2), seconds between frames (a float) "
+            f"or 'step' (each step), got {check.shown(every)}"
+        )
+    if isinstance(every, (float, np.floating)):
+        return check.number("every", every, minimum=0, exclusive=True)
+    steps = check.integer("every", every, maximum=check.INT64_MAX)
+    if steps == 1:
+        raise ValueError(
+            "every=1 is ambiguous: give every='step' for a frame at each step, or every=1.0 for "
+            "a frame each second; an int >= 2 counts steps"
+        )
+    if steps < 1:
+        raise ValueError(
+            "every must be steps between frames (an int >= 2), seconds between frames (a float "
+            f"> 0) or 'step' (each step), got {check.shown(every)}"
+        )
+    return steps
+
+
+def as_every(every: int | float | None) -> Every | None:
+    """The argument that `checked_every` turns into `every`."""
+    return "step" if isinstance(every, int) and every == 1 else every
+
+
+def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ...]:
+    end = start + duration
+    accepted = f"increasing times [s] from {start:g} to {end:g}"
+    given = check.as_array("times", times, accepted)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"times must be {accepted}, got {check.shown(times)}")
+    if given.ndim != 1 or not given.size:
+        raise ValueError(f"times must be {accepted}, in one dimension, got shape {given.shape}")
+    found = given.astype(np.float64)
+    check.check_all("times", found, np.isfinite(found), accepted)
+    slack = NEGLIGIBLE * duration
+    check.check_all("times", found, (found >= start - slack) & (found <= end + slack), accepted)
+    check.check_all("times", found, np.diff(found, prepend=-math.inf) > 0, accepted)
+    return tuple(found.tolist())

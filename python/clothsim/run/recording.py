@@ -1,0 +1,306 @@
+"""Recording of a run: its frames and counts so far, its callback and its progress bar."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base.progress import ProgressBar
+from ..engine.state import State
+from .frames import Floats, Schedule
+
+Callback = Callable[[float, Floats, Floats], Any]
+Frame = tuple[Floats, Floats]  # positions and velocities
+ControlValues = tuple[float, float, float, tuple[float, float, bool]]
+
+_SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar
+_MOST_STEPS = 2**62
+
+
+def progress_bar(shown: bool, duration: float) -> ProgressBar:
+    """A bar of so many simulated seconds."""
+    form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
+    return ProgressBar(shown, total=duration, bar_format=form)
+
+
+class StopRun(Exception):
+    """The callback has stopped the run."""
+
+
+class Watch:
+    """Follows the runs of one call of `simulate`.
+
+    Attributes
+    ----------
+    recording : Recording or None
+        The run that goes on, or the last one that ended.
+
+    Parameters
+    ----------
+    callback : callable, optional
+        Called with (t, x, v) at each frame; it stops the run by returning True.
+    bar : tqdm, optional
+        Progress bar that counts simulated seconds.
+    """
+
+    def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
+        self._callback, self._bar = callback, bar
+        self._here = 0.0
+        self.recording: Recording | None = None
+
+    def begin(self, recording: Recording, seconds: float) -> None:
+        """Follow a run that begins so many seconds after its start."""
+        self.recording = recording
+        self._here = seconds
+        if self._bar is not None:
+            self._bar.reset()
+
+    @property
+    def shows(self) -> bool:
+        """Whether a progress bar has to be kept up to date."""
+        return self._bar is not None
+
+    def passed(self, seconds: float) -> None:
+        """Show that so many seconds of the run are done."""
+        if self._bar is not None:
+            self._bar.update(seconds - self._here)
+            self._here = seconds
+
+    def frame(self, t: float, x: Floats, v: Floats) -> None:
+        """Call the callback; StopRun if it returns True."""
+        if self._callback is None:
+            return
+        views = x.view(), v.view()
+        for view in views:
+            view.flags.writeable = False
+        stop = self._callback(t, *views)
+        if stop is not None and not isinstance(stop, (bool, np.bool_)):
+            raise TypeError(
+                f"callback must return True to stop the run, or False or None to go on, got a {type(stop).__name__}"
+            )
+        if stop:
+            raise StopRun
+
+
+class Control:
+    """What steps with error control depend on beside the state.
+
+    Parameters
+    ----------
+    tolerance : float
+        Tolerance of a step [m].
+    rate : float
+        Its weight of velocities [1/s].
+    longest : float
+        The longest step [s].
+    controller : _core.StepController
+    """
+
+    def __init__(self, tolerance: float, rate: float, longest: float, controller: Any) -> None:
+        self._fixed, self._controller = (tolerance, rate, longest), controller
+
+    @property
+    def values(self) -> ControlValues:
+        return (*self._fixed, self._controller.state)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """How a run was computed, for the run that goes on from its end.
+
+    Attributes
+    ----------
+    start : float
+        Time of the start [s].
+    seconds : float
+        How long the run has lasted since.
+    steps : int
+        Steps since then.
+    dt : float or None
+        Time step [s]; None with error control.
+    frames : Schedule
+    control : tuple or None
+        Of `Control`, with error control.
+    sampling : int
+        States at which triangles and stretches are sampled, at least.
+    """
+
+    start: float
+    seconds: float = 0.0
+    steps: int = 0
+    dt: float | None = None
+    frames: Schedule = Schedule()
+    control: ControlValues | None = None
+    sampling: int = 32
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Continuation:
+        frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
+        control = data["control"]
+        if control is not None:
+            control = (*map(float, control[:3]), tuple(control[3]))
+        return cls(**{**data, "frames": Schedule(**frames), "control": control})
+
+
+class Recording:
+    """One run as it goes on.
+
+    Attributes
+    ----------
+    t : list of float
+        Times of the frames [s].
+    steps, rejected : int
+        Steps done, and steps that were tried in vain.
+    wall_time : float
+        Seconds of stepping and dense output.
+    watched : mapping
+        Extremes of all states, by the core.
+
+    Parameters
+    ----------
+    state : State
+        The run steps this state.
+    options : runs.Options
+    watch : Watch
+    dt : float or None
+        Time step [s]; None with error control.
+    frames : Schedule
+    earlier : Continuation
+        The part of the run before this one, of no length if there is none.
+    control : Control, optional
+        With error control.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        options: Any,
+        watch: Watch,
+        dt: float | None,
+        frames: Schedule = Schedule(),  # noqa: B008  # frozen
+        earlier: Continuation = Continuation(0.0),
+        control: Control | None = None,
+    ) -> None:
+        self.state, self.options, self.dt = state, options, dt
+        self._frames, self._earlier, self._control = frames, earlier, control
+        self.t: list[float] = []
+        self.steps = self.rejected = 0
+        self.wall_time = 0.0
+        self._watch, self._start = watch, earlier.start
+        self._x: list[Floats] = []
+        self._v: list[Floats] = []
+        self._steps_at_frame = 0
+        self._ahead = False  # of the last frame, which is from dense output
+        self._watched: Mapping[str, Any] = {}
+        self._chunk = 1
+        watch.begin(self, earlier.seconds)
+        self.store(earlier.seconds, self._start + earlier.seconds)
+
+    def advance(self, steps: int, dt: float) -> None:
+        """Do so many steps of `dt`."""
+        while steps > 0:
+            chunk = min(steps, self._chunk) if self._watch.shows else steps
+            self._advance(chunk, dt)
+            self._watch.passed(self.state.core.time - self._start)
+            steps -= chunk
+
+    def _advance(self, steps: int, dt: float) -> None:
+        core = self.state.core
+        before, begin = core.time, time.perf_counter()
+        self.state.steps_before = self.steps
+        done = steps
+        try:
+            self.state.advance(steps, dt)
+        except BaseException:
+            done = round((core.time - before) / dt)
+            raise
+        finally:
+            self.steps += done
+            self._count(done, begin)
+
+    def advance_adaptive(self, until: float, end: float, most: int | None, *arguments: Any) -> dict[str, Any]:
+        """Steps with error control until a time [s] is reached, at most so many; the outcome."""
+        most = _MOST_STEPS if most is None else most
+        if self._watch.shows:
+            most = min(most, self._chunk)
+        begin = time.perf_counter()
+        self.state.steps_before = self.steps
+        outcome = self.state.core.advance_adaptive(until, end, most, *arguments)
+        self.steps += outcome["steps"]
+        self.rejected += outcome["rejected"]
+        self._count(outcome["steps"], begin)
+        self._watch.passed(min(self.state.core.time, until) - self._start)
+        if "interrupted" in outcome:
+            raise outcome["interrupted"]
+        return outcome
+
+    def _count(self, steps: int, begin: float) -> None:
+        seconds = time.perf_counter() - begin
+        self.wall_time += seconds
+        wanted = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
+        self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
+
+    def store(self, seconds: float, t: float) -> None:
+        """Store the state, so many seconds after the start, at the time `t`."""
+        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
+        self.state.store(x, v)
+        self.state.core.sample()
+        self._keep(seconds, t, x, v, ahead=False)
+
+    def store_dense(self, seconds: float, t: float) -> None:
+        """Store the state at a time `t` within the last step."""
+        begin = time.perf_counter()
+        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
+        self.state.core.dense(t, x, v, self.state.threads)
+        self.wall_time += time.perf_counter() - begin
+        self._keep(seconds, t, x, v, ahead=True)
+
+    def _keep(self, seconds: float, t: float, x: Floats, v: Floats, ahead: bool) -> None:
+        self._x.append(x)
+        self._v.append(v)
+        self.t.append(t)  # last: a frame counts from here on
+        self._steps_at_frame, self._ahead, self._seconds = self.steps, ahead, seconds
+        self._watch.frame(t, x, v)
+
+    @property
+    def watched(self) -> Mapping[str, Any]:
+        return self._watched or self.state.core.watched[0]
+
+    @property
+    def first(self) -> Frame:
+        return self._x[0], self._v[0]
+
+    def end_here(self) -> None:
+        """End the run with the state that it has come to, as the last frame."""
+        x, v = self._x[: len(self.t)], self._v[: len(self.t)]
+        if self.steps > self._steps_at_frame or self._ahead:
+            x.append(np.empty(self.state.shape))
+            v.append(np.empty(self.state.shape))
+            self.state.store(x[-1], v[-1])
+            self.t.append(self.state.core.time)
+            self._seconds = self.state.core.time - self._start
+        self._x, self._v = x, v
+
+    def end_at_frame(self) -> None:
+        """End the run with the last frame; dense output gives frames that the state is ahead of."""
+        if self._ahead:
+            self._watched = self.watched  # a state that is loaded is watched anew
+            self.state.core.load(self._x[-1], self._v[-1])
+            self.state.core.time = self.t[-1]
+
+    @property
+    def continuation(self) -> Continuation:
+        """How to go on from the last frame."""
+        control = self._control.values if self._control else None
+        steps = self._earlier.steps + self.steps
+        return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)
+
+    def arrays(self) -> Frame:
+        return np.array(self._x), np.array(self._v)

@@ -1,0 +1,319 @@
+"""A finished run: its frames, its report, its measures over frames, and files of it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base import files as _files
+from ..base.extras import needed
+from ..base.keywords import suggests
+from ..engine import snapshot
+from ..engine.snapshot import Snapshot
+from ..measure.measures import energy, largest_stretch, penetration
+from ..model.scene import Scene
+from ..model.summary import run_lines
+from ..typing import Every, Report
+from .displayed import DisplayedRun
+from .exported import ExportedRun
+from .recording import Continuation
+
+if TYPE_CHECKING:
+    import xarray
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(DisplayedRun, ExportedRun):
+    """What `simulate` returns.
+
+    ``print(run)`` gives six lines. Two runs are equal if their scenes, times and frames are equal
+    bit for bit; the report, which has measured times, does not count. The hash agrees with that as
+    long as nobody writes to the arrays.
+
+    Attributes
+    ----------
+    scene : Scene
+    t : numpy.ndarray
+        Times of the stored frames [s], shape (frames,).
+    x, v : numpy.ndarray
+        Positions [m] and velocities [m/s], float64, shape (frames, rows, columns, 3).
+    report : dict
+        See `simulate`; its type is `clothsim.typing.Report`.
+    snapshot : Snapshot or None
+        The final state with all its digits, from which `resume` and ``Stepper.restore`` go on.
+    continuation : object or None
+        How the steps were computed, for `resume`.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+    >>> run.x.shape, run.report["steps"]
+    ((6, 32, 32, 3), 100)
+    """
+
+    scene: Scene
+    t: Floats
+    x: Floats
+    v: Floats
+    report: Report
+    snapshot: Snapshot | None = None
+    continuation: Continuation | None = None
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Run):
+            return NotImplemented
+        if self is other:
+            return True
+        pairs = ((self.t, other.t), (self.x, other.x), (self.v, other.v))
+        return self.scene == other.scene and all(np.array_equal(*pair) for pair in pairs)
+
+    def __hash__(self) -> int:
+        return hash((self.x.shape, self.t.tobytes()))
+
+    def __repr__(self) -> str:
+        return "\n".join(run_lines(self))
+
+    @suggests
+    def resume(
+        self,
+        duration: float,
+        *,
+        every: Every | None = None,
+        times: npt.ArrayLike | None = None,
+        fps: float | None = None,
+        callback: Callable[[float, Any, Any], Any] | None = None,
+        progress: bool = False,
+    ) -> Run:
+        """The run that goes on from the end of this one, in the same steps.
+
+        With a time step given, it is bit for bit the rest of one run of both durations that stores
+        a frame at the end of this one (a step is shortened before a frame that it does not
+        divide). The compensation of "single" goes on too, and so does `sampling`. `save` and
+        `load_run` keep all that is needed.
+
+        With error control, method, tolerance of a step and step size go on. A run that a callback
+        or Ctrl-C has ended, at a state that was no dense output, is bit for bit the uninterrupted
+        one when it is resumed to the same end. A whole run has shortened its last steps to end at
+        its duration, so the one run of both durations has other steps. How large the error at the
+        new end is, is not estimated.
+
+        Parameters
+        ----------
+        duration : float
+            Simulated time to add [s], > 0.
+        every, times, fps
+            Frames, as for `simulate`. Default: those of this run go on, counted from its start.
+        callback, progress
+            As for `simulate`.
+
+        Returns
+        -------
+        Run
+            Its first frame is the last one of this run.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above, or this run has no `snapshot`.
+        UnstableError, ContactError, RunInterrupted
+            As for `simulate`.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> scene = cs.scenes.paper_moving()
+        >>> run = cs.simulate(scene, 0.02, dt=1e-4)
+        >>> more = run.resume(0.03)
+        >>> float(more.t[0]), float(more.t[-1])
+        (0.02, 0.05)
+        >>> whole = cs.simulate(scene, 0.05, dt=1e-4)
+        >>> bool((more.x[-1] == whole.x[-1]).all())
+        True
+        """
+        from .simulate import resume
+
+        return resume(self, duration, every, times, fps, callback, progress)
+
+    def energy(self) -> dict[str, Floats]:
+        """Energies of the frames.
+
+        Returns
+        -------
+        dict
+            "kinetic", "elastic", "gravity" and "total" [J], arrays of shape (frames,); see
+            `clothsim.energy`.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.oscillator(), 1.0, dt=1e-3, fps=10)
+        >>> total = run.energy()["total"]
+        >>> total.shape, bool(abs(total - total[0]).max() < 1e-9)
+        ((11,), True)
+        """
+        return energy(self.scene, self.x, self.v)  # type: ignore[return-value]
+
+    def penetration(self, sphere: int | None = None) -> dict[str, Floats]:
+        """How deep the cloth is inside the spheres, each at its place at the time of the frame.
+
+        Parameters
+        ----------
+        sphere : int, optional
+            Index into ``scene.spheres``. Default: the deepest over all spheres.
+
+        Returns
+        -------
+        dict
+            "points" and "triangles": depths [m] below the true radius, >= 0, arrays of shape
+            (frames,); 0 without spheres. See `clothsim.penetration`. ``report["penetration"]`` is
+            that of the whole run, not only of the frames.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If there is no such sphere.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_moving(), 0.1, dt=1e-3, fps=50)
+        >>> run.penetration()["points"]
+        array([0., 0., 0., 0., 0., 0.])
+        """
+        spheres = self.scene.spheres
+        if sphere is not None:
+            last = len(spheres) - 1
+            if last < 0:
+                raise ValueError(f"sphere must be None for a scene without spheres, got {check.shown(sphere)}")
+            spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
+        deepest = {name: np.zeros(len(self.t)) for name in ("points", "triangles")}
+        for one in spheres:
+            for name, depth in penetration(self.x, one, self.t).items():
+                np.maximum(deepest[name], depth, out=deepest[name])
+        return deepest
+
+    def stretch(self) -> dict[str, Floats]:
+        """Stretch of the most stretched spring of each frame.
+
+        Returns
+        -------
+        dict
+            "largest": l / L - 1, an array of shape (frames,); see `clothsim.largest_stretch`.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+        >>> bool(run.stretch()["largest"][-1] > 0)
+        True
+        """
+        return {"largest": np.asarray(largest_stretch(self.scene, self.x))}
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the run, with its scene, report and final state, to a file for `load_run`.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in ".npz", which is added where there is no ending. An existing file is replaced.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError
+            For any other ending.
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     run.save(folder + "/run").name
+        'run.npz'
+        """
+        path = _files.npz_path(path)
+        texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
+        if self.snapshot is not None and self.continuation is not None:
+            texts |= snapshot.to_arrays(self.snapshot)
+            texts["continuation"] = json.dumps(self.continuation.to_dict())
+        return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The run as an `xarray.Dataset` with the dimensions time, row, column and component.
+
+        Raises
+        ------
+        ImportError
+            Without xarray, naming the extra that brings it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, fps=50)
+        >>> dict(run.to_xarray().sizes)
+        {'time': 6, 'row': 1, 'column': 2, 'component': 3}
+        """
+        xr = needed("xarray", "to_xarray")
+        dimensions = ("time", "row", "column", "component")
+        dataset: xarray.Dataset = xr.Dataset(
+            {"position": (dimensions, self.x, {"units": "m"}), "velocity": (dimensions, self.v, {"units": "m/s"})},
+            {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
+            {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
+        )
+        return dataset
+
+
+@suggests
+def load_run(path: str | os.PathLike[str]) -> Run:
+    """Read a run that `Run.save` wrote. Nothing in the file is executed.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    ValueError
+        If the file is no run.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = cs.load_run(run.save(folder + "/run"))
+    >>> again == run
+    True
+    """
+    data = _files.read_npz(path, "run", ("t", "x", "v", "scene", "report"))
+    try:
+        scene = Scene.from_dict(json.loads(str(data["scene"])))
+        report = json.loads(str(data["report"]))
+        final = continuation = None
+        if "continuation" in data:
+            continuation = Continuation.from_dict(json.loads(str(data["continuation"])))
+            final = snapshot.from_arrays(data)
+        return Run(scene, data["t"], data["x"], data["v"], report, final, continuation)
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{os.fspath(path)} is no run of clothsim: {error}") from None

@@ -1,0 +1,366 @@
+"""A whole run: `simulate`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggests
+from ..engine.integration import integrator_name, warn_of_order
+from ..engine.plan import BACKENDS, check_backend, check_options
+from ..engine.snapshot import take
+from ..errors import ContactError, RunInterrupted, UnstableError
+from ..model.scene import Scene
+from ..typing import Backend, Every, Integrator, Kernel, Precision
+from .account import Account, of_controlled, of_nothing, report
+from .adaptive import estimate_of, solve
+from .fixed_steps import Options, Resumed, Solution, integrate, run_fixed, size_of
+from .frames import NEGLIGIBLE, schedule
+from .recording import StopRun, Watch, progress_bar
+from .result import Run
+
+
+@suggests
+def simulate(
+    scene: Scene,
+    duration: float,
+    dt: float | None = None,
+    integrator: Integrator | None = None,
+    precision: Precision = "double",
+    rtol: float | None = None,
+    atol: float | None = None,
+    every: Every | None = None,
+    threads: int | None = None,
+    progress: bool = False,
+    *,
+    t: float = 0.0,
+    times: npt.ArrayLike | None = None,
+    fps: float | None = None,
+    callback: Callable[[float, Any, Any], Any] | None = None,
+    kernel: Kernel = "auto",
+    strict: bool = False,
+    backend: Backend = "cpu",
+    estimate_error: bool | None = None,
+    sampling: int = 32,
+    max_evaluations: int | None = None,
+) -> Run:
+    """Run a scene from its initial state for `duration` and store frames.
+
+    Parameters
+    ----------
+    scene : Scene
+    duration : float
+        Simulated time [s], > 0.
+    dt : float, optional
+        Time step [s]. Not together with `rtol` or `atol`.
+    integrator : str, optional
+        A name of `integrators`, or "auto": method, precision and step by the tolerance. Default:
+        "auto" with `rtol` or `atol`, else "rk4".
+    precision : {"double", "single"}, default "double"
+        As for `step`; "auto" chooses for itself.
+    rtol, atol : float, optional
+        Error control: the error of the last positions, the root of its mean square over the mass
+        points, is to be at most ``atol + rtol * max(scene.cloth.size)`` [m]; what is not given is
+        0. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
+    every : int, float or "step", optional
+        An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
+        at each step. At most one of `every`, `times` and `fps` is given; by default only the
+        first and the last state are stored, which every run stores.
+    threads, kernel, strict, backend
+        As for `step`. The backend "gpu" takes fixed steps of "rk4" only: no `rtol` and `atol`.
+    progress : bool, default False
+        True shows a progress bar of simulated seconds (tqdm, in the extra "demo") on a terminal
+        and in a notebook; nothing in a pipe.
+    t : float, default 0.0
+        Time of the initial state [s]; moving spheres start from their places at that time.
+    times : array_like, optional
+        Times of the scene at which frames are stored [s], increasing, from `t` to
+        ``t + duration``.
+    fps : float, optional
+        Frames a second, > 0.
+    callback : callable, optional
+        Called as ``callback(t, x, v)`` at each stored frame, with read-only arrays of shape
+        (rows, columns, 3). It returns True to stop the run there, else False or None. Where error
+        control repeats a run, the calls begin again at the start.
+    estimate_error : bool, optional
+        Whether a run with a given `dt` is compared with a better run. Default: no. Without `dt`
+        the error is always estimated.
+    max_evaluations : int, optional
+        Force evaluations that error control may spend, >= 1, exceeded by one step at most. Where
+        they do not suffice, the best run so far is returned, with the reason in its report.
+        Default: no limit. Not together with `dt`.
+    sampling : int, default 32
+        Depths of triangles and stretches are sampled at so many states of the run at least, evenly
+        in time, if it has as many steps: after every n-th step, n = min(128, steps // sampling). A
+        method with error control samples after every 16th step, and where duration / sampling has
+        passed since the last sample. Stored frames are sampled too.
+
+    Returns
+    -------
+    Run
+        ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
+        shorter. A method with error control keeps its own steps and computes frames in seconds by
+        its dense output; a fixed step is shortened before a frame that it does not divide.
+        ``run.report`` has "steps", "rejected_steps", "force_evaluations" (of the run and of its
+        error estimate together), "solution_evaluations" (of the run alone), "wall_time" [s] (of it),
+        "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
+        "end", see `energy`), "kernel", "integrator", "precision", "strict", "threads",
+        "instruction_set" (the adapter with the backend "gpu"), "backend", "version" and "stopped"
+        ("" for a whole run, else "callback", "interrupted", "unstable", "contact"
+        or "max_evaluations"). It also has
+        extremes over the states of the run: the initial one and that at the end of each step, after
+        the responses. Each is a mapping with a "reason": "" or why a number is NaN, as all are with
+        the backend "gpu".
+
+        "penetration"
+            "points" and "triangles" [m], the deepest over all spheres; see `penetration`. Mass
+            points are watched at every state. Triangles are sampled (`sampling`), and are as deep
+            as mass points at least.
+        "stretch"
+            "largest", see `largest_stretch`; sampled.
+        "first_contact"
+            "time" [s]: end of the first step in which a response changed the cloth.
+        "energy"
+            Beside "start" and "end", "gained" [J]: the most by which the total energy was above
+            that of the start, 0 where it never was, over one state in 128 and the stored frames
+            (one in 16 with error control, or above `max_stable_dt`). Nothing but the method's error
+            can add energy until a sphere responds. After a response it is NaN.
+
+        About the error:
+
+        "error_estimate"
+            "max" and "rms" [m] of the last positions, over the mass points, and "reason". The
+            estimate is the distance from a better run (docs/integrators.md). If it cannot be told,
+            both are NaN, and the reason is not empty. If it is larger than what was asked for,
+            the reason says why error control came no further.
+        "estimate_evaluations", "estimate_wall_time"
+            Force evaluations and seconds of everything but the run returned: better runs, and
+            runs that turned out too coarse.
+        "tolerance"
+            "asked" [m, rms], NaN without error control, and "reached", whether the estimate is
+            at most that.
+        "chaotic"
+            True if error control has met a contact: after that, trajectories of nearby states
+            part, until nothing but outcomes can be compared. "outcomes" then gives outcomes with
+            their difference from those of the better run; else it is empty.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+    UnstableError, ContactError
+        If the state stops being finite or runs away (see `Stepper.advance`), or spheres trap a
+        mass point. ``error.run`` is the run up to the state before that step.
+    RunInterrupted
+        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step.
+    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+        With the backend "gpu" only; see `step`.
+
+    Warns
+    -----
+    StabilityWarning
+        If `dt` is above `max_stable_dt`, or if the run makes energy: until a sphere responds, more
+        than half of the kinetic and elastic energy came out of nothing (docs/stability.md).
+
+    Notes
+    -----
+    A method with error control meets spheres as those with a fixed step do: one collision pass
+    after each step, which for "continuous" spheres tests the whole way of the step. Near a sphere,
+    a step in which a mass point would move by more than a tenth of the contact radius relative to
+    it, and by more than the gap, is cut or redone.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> run = cs.simulate(cs.scenes.paper_swing(), 0.01, dt=1e-4, every=25, estimate_error=True)
+    >>> run.x.shape, float(run.t[-1]), run.report["steps"]
+    ((5, 32, 32, 3), 0.01, 100)
+    >>> run.report["error_estimate"]["max"] < 1e-9
+    True
+
+    Ask for an error of a millionth of the size:
+
+    >>> run = cs.simulate(cs.scenes.oscillator(), 1.0, rtol=1e-6)
+    >>> run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
+    ('dop853', True)
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    t = check.number("t", t)
+    _check_end(t, duration)
+    asked = _asked_error(scene, dt, rtol, atol)
+    frames = schedule(every, times, fps, t, duration)
+    if integrator is None:
+        integrator = "auto" if asked is not None else "rk4"
+    integrator = integrator_name(integrator, "auto")
+    named = "rk4" if integrator == "auto" else integrator
+    check_options(precision, kernel, strict, named)
+    check.choice("backend", backend, BACKENDS)
+    if backend == "gpu" and asked is not None:
+        raise ValueError(
+            "rtol and atol must be None with backend 'gpu', which takes fixed steps: give dt, or "
+            "leave it out for a step of half the guaranteed stable one"
+        )
+    check_backend(backend, kernel, threads, integrator)
+    sampling = check.integer("sampling", sampling, minimum=1)
+    options = Options(named, precision, threads, kernel, strict, backend, sampling, t)
+    warn_of_order(named, scene)
+    if dt is not None:
+        if integrator == "auto":
+            raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
+        dt = check.number("dt", dt, minimum=0, exclusive=True)
+        check.step_count(duration, dt)
+    if estimate_error is not None:
+        check.boolean("estimate_error", estimate_error)
+    _check_callback(callback)
+    most = _checked_most(max_evaluations, dt)
+
+    def compute(watch: Watch) -> tuple[Solution, Account, str]:
+        if dt is not None:
+            solution = run_fixed(scene, duration, dt, options, frames, watch)
+            if not estimate_error:
+                return solution, of_nothing(), ""
+            found = estimate_of(scene, duration, solution)
+            return solution, of_controlled(scene, found), ""
+        error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
+        method = options
+        if integrator == "auto":
+            method = options.replace(integrator="dop853", precision="double")
+        found = solve(scene, duration, error, method, frames, watch, most)
+        whole = found.solution.t[-1] >= t + duration * (1 - NEGLIGIBLE)
+        stopped = "" if whole else "max_evaluations"
+        return found.solution, of_controlled(scene, found, error), stopped
+
+    with progress_bar(progress, duration) as bar:
+        return _followed(scene, compute, Watch(callback, bar.bar))
+
+
+def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch) -> Run:
+    """The run that `compute` finds, or as much of it as there is when it ends early."""
+
+    def so_far(reason: str) -> Run | None:
+        recording = watch.recording
+        if recording is None or not recording.t:
+            return None
+        if reason == "callback":
+            recording.end_at_frame()
+        else:
+            recording.end_here()
+        account = of_nothing(f"the run ended early: {reason}")
+        return _run(scene, Solution.of(recording), account, reason)
+
+    try:
+        return _run(scene, *compute(watch))
+    except StopRun:
+        run = so_far("callback")
+        assert run is not None  # the callback was called for a frame of it
+        return run
+    except UnstableError as error:
+        error.run = so_far("unstable")
+        raise
+    except ContactError as error:
+        error.run = so_far("contact")
+        raise
+    except KeyboardInterrupt:
+        raise RunInterrupted(so_far("interrupted")) from None
+
+
+def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
+    snapshot = take(solution.state, scene, vars(solution.options))
+    return Run(
+        scene,
+        np.array(solution.t),
+        solution.x,
+        solution.v,
+        report(scene, solution, account, stopped),
+        snapshot,
+        solution.continuation,
+    )
+
+
+def resume(
+    run: Run,
+    duration: float,
+    every: Every | None,
+    times: npt.ArrayLike | None,
+    fps: float | None,
+    callback: Callable[[float, Any, Any], Any] | None,
+    progress: bool,
+) -> Run:
+    """`Run.resume`."""
+    snapshot, before = run.snapshot, run.continuation
+    if snapshot is None or before is None:
+        raise ValueError("this run cannot be resumed, as its final state was not kept: runs of simulate and of load_run can")
+    duration = check.number("duration", duration, minimum=0, exclusive=True)
+    _check_end(before.start, before.seconds + duration)
+    if before.dt is not None:
+        check.step_count(duration, before.dt)
+    frames = before.frames
+    if not (every is None and times is None and fps is None):
+        frames = schedule(every, times, fps, before.start + before.seconds, duration)
+    _check_callback(callback)
+    names = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+    options = Options(**{name: snapshot.arguments[name] for name in names}, sampling=before.sampling, start=before.start)
+    resumed, scene = Resumed(snapshot, before), run.scene
+
+    def compute(watch: Watch) -> tuple[Solution, Account]:
+        if before.control is None:
+            assert before.dt is not None
+            solution = run_fixed(scene, duration, before.dt, options, frames, watch, resumed=resumed)
+        else:
+            solution = integrate(scene, duration, before.control[0], options, frames, watch, resumed=resumed)
+        return solution, of_nothing("the error of a resumed run is not estimated")
+
+    with progress_bar(progress, duration) as bar:
+        return _followed(run.scene, compute, Watch(callback, bar.bar))
+
+
+# A duration over the time of its end that is above the rounding of the clock by a thousand times.
+_SHORTEST = 1e-12
+
+
+def _check_end(t: float, duration: float) -> None:
+    end = t + duration
+    if not (end < math.inf and duration > _SHORTEST * max(abs(t), abs(end))):
+        raise ValueError(
+            f"duration must be more than {_SHORTEST:g} of the time t = {t:g} s, whose rounding is "
+            f"of that size, and t + duration finite, got duration = {duration:g} s"
+        )
+
+
+def _checked_most(max_evaluations: int | None, dt: float | None) -> float:
+    if max_evaluations is None:
+        return math.inf
+    if dt is not None:
+        raise ValueError(
+            f"max_evaluations must be None with dt, which tells the number of evaluations; got {max_evaluations!r}"
+        )
+    return check.integer("max_evaluations", max_evaluations, minimum=1)
+
+
+def _check_callback(callback: Any) -> None:
+    if callback is not None and not callable(callback):
+        raise TypeError(f"callback must be callable, got {check.shown(callback)}")
+
+
+_DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
+
+
+def _asked_error(scene: Scene, dt: float | None, rtol: float | None, atol: float | None) -> float | None:
+    """The error asked for [m], or None."""
+    if rtol is None and atol is None:
+        return None
+    if dt is not None:
+        raise ValueError("dt must be None with rtol or atol: they choose the step")
+    relative = 0.0 if rtol is None else check.number("rtol", rtol, minimum=0)
+    absolute = 0.0 if atol is None else check.number("atol", atol, minimum=0)
+    asked = absolute + relative * size_of(scene)
+    if asked == 0:
+        raise ValueError("rtol or atol must be > 0, got 0 for both")
+    return asked

@@ -1,0 +1,66 @@
+"""A member with error control: run alone by `simulate`, as its steps are the method's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+from ..errors import ContactError, UnstableError
+from ..measure.measures import max_stable_dt
+from ..run.frames import as_every
+from ..run.simulate import simulate
+from .batch import Stopped
+from .member import Member, Outcome
+
+
+def run_controlled(
+    member: Member,
+    needs: frozenset[str],
+    *,
+    every: int | float | None = None,
+    sampling: int = 32,
+    threads: int | None = 1,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """Run a member whose step is chosen by `rtol` and `atol`; arguments are those of `run_batch`.
+
+    Raises
+    ------
+    Stopped
+        If `stopped` says so; it is asked before the run, not during it.
+    """
+    outcome = Outcome(member)
+    if stopped():
+        raise Stopped
+    try:
+        run = simulate(
+            member.scene,
+            member.duration,
+            rtol=member.rtol,
+            atol=member.atol,
+            every=as_every(every),
+            threads=threads,
+            sampling=sampling,
+            **member.numerics,
+        )
+    except (UnstableError, ContactError) as error:
+        outcome.error = error
+        return outcome
+    report = run.report
+    limit = float(max_stable_dt(member.scene, report["integrator"]))
+    outcome.member = dataclasses.replace(member, max_stable_dt=limit)
+    outcome.itself = run
+    outcome.watched = {
+        "first_contact": report["first_contact"]["time"],
+        "point_depth": report["penetration"]["points"],
+        "triangle_depth": report["penetration"]["triangles"],
+        "stretch": report["stretch"]["largest"],
+        "energy_gained": report["energy"]["gained"],
+    }
+    outcome.steps, outcome.seconds = report["steps"], report["wall_time"]
+    kept = range(len(run.t)) if "frames" in needs else (0, -1)
+    for k in kept:
+        outcome.t.append(float(run.t[k]))
+        outcome.x.append(run.x[k])
+        outcome.v.append(run.v[k])
+    return outcome

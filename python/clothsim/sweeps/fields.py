@@ -1,0 +1,218 @@
+"""What can be swept: every argument of Cloth, Sphere, Scene and the run, and parts of them.
+
+A name is an argument's own for Cloth, Scene and the run ("stiffness", "gravity", "dt"), and has
+"sphere_" in front for a sphere's ("sphere_radius": of every sphere; "sphere1_radius": of the one
+with index 1). Parts: a family's ("stiffness_shear", "damping_bend"), a component's ("gravity_y",
+"sphere_center_x"), a motion's argument ("sphere_period"), and "sphere_speed".
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ..base import check
+from ..base.keywords import suggests
+from ..model.cloth import FAMILIES, Cloth
+from ..model.motion import MOTIONS, Linear, Reciprocate
+from ..model.scene import Scene
+from ..model.sphere import Sphere
+
+NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
+"""Names that change how a cloth is computed, not which cloth."""
+
+RUN = (*NUMERICS, "duration")
+
+_UNITS = {
+    "size": "m",
+    "mass": "kg",
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "gravity": "m/s^2",
+    "position": "m",
+    "velocity": "m/s",
+    "center": "m",
+    "radius": "m",
+    "offset": "m",
+    "speed": "m/s",
+    "direction": "1",
+    "distance": "m",
+    "period": "s",
+    "deceleration": "1",
+    "phase": "1",
+    "times": "s",
+    "centers": "m",
+    "restitution": "1",
+    "friction": "1",
+    "dt": "s",
+    "duration": "s",
+    "rtol": "1",
+    "atol": "m",
+}
+
+_COMPONENTS = {"x": 0, "y": 1, "z": 2}
+
+
+def _arguments(cls: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(cls))
+
+
+_CLOTH = _arguments(Cloth)
+_SPHERE = _arguments(Sphere)
+_SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
+_MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
+_FAMILY_PARTS = tuple(f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES)
+_SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION, "speed")
+
+NAMES = (
+    "scene",
+    *_CLOTH,
+    *_FAMILY_PARTS,
+    *_SCENE,
+    *(f"gravity_{c}" for c in _COMPONENTS),
+    *(f"sphere_{name}" for name in _SPHERE_PARTS),
+    *RUN,
+)
+"""Every name that can be swept; those of one sphere of several ("sphere1_radius") come on top."""
+
+_SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
+
+
+def check_name(name: Any) -> str:
+    """`name` if it can be swept, else an error that names the nearest that can."""
+    if isinstance(name, str):
+        match = _SPHERE_NAME.fullmatch(name)
+        if match and match[1]:
+            check.choice("over", f"sphere_{match[2]}", NAMES)
+            return name
+    if not isinstance(name, str) or name not in NAMES:
+        hint = check._nearest(name, NAMES)
+        raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
+    return name
+
+
+@suggests
+def sweepable() -> dict[str, str]:
+    """Every name that `sweep` takes in ``over``, with its unit.
+
+    Returns
+    -------
+    dict of str to str
+        Units are "" where values have none. Names of one sphere of several, as "sphere1_radius",
+        come on top: each "sphere_" name with the sphere's index.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> names = cs.sweepable()
+    >>> names["stiffness_shear"], names["gravity_y"], names["integrator"], "stifness" in names
+    ('N/m', 'm/s^2', '', False)
+    """
+    return {name: units(name) for name in NAMES}
+
+
+def units(name: str) -> str:
+    """The unit of a swept name; "" where its values have none."""
+    match = _SPHERE_NAME.fullmatch(name)
+    name = match[2] if match else name
+    for part in (*FAMILIES, *_COMPONENTS):
+        name = name.removesuffix(f"_{part}")
+    return _UNITS.get(name, "")
+
+
+def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """`values` of a member: those of the scene, and those of the run."""
+    run = {name: value for name, value in values.items() if name in RUN}
+    return {name: value for name, value in values.items() if name not in run}, run
+
+
+def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """`scene` with the named values in place of its own.
+
+    Whole arguments are set before parts of them, whatever the order of `values`.
+    """
+    if not values:
+        return scene
+    values = dict(values)
+    scene = values.pop("scene", scene)
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    cloth = {name: values.pop(name) for name in _CLOTH if name in values}
+    parts = {name: values.pop(name) for name in _FAMILY_PARTS if name in values}
+    changes = {name: values.pop(name) for name in _SCENE if name in values}
+    gravity = {c: values.pop(f"gravity_{c}") for c in _COMPONENTS if f"gravity_{c}" in values}
+    if gravity:
+        changes["gravity"] = _with_components(changes.get("gravity", scene.gravity), gravity)
+    if values:
+        changes["spheres"] = _change_spheres(scene.spheres, values)
+    if parts:
+        cloth |= _with_families(scene.cloth.replace(**cloth), parts)
+    if cloth:
+        changes["cloth"] = scene.cloth.replace(**cloth)
+    return scene.replace(**changes)
+
+
+def _with_components(vector: Any, components: Mapping[str, Any]) -> tuple[float, ...]:
+    result = list(vector)
+    for component, value in components.items():
+        result[_COMPONENTS[component]] = value
+    return tuple(result)
+
+
+def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    changed: dict[str, dict[str, float]] = {}
+    for name, value in parts.items():
+        argument, _, family = name.rpartition("_")
+        if family not in cloth.springs:
+            raise ValueError(f"{name} needs a cloth with {family} springs, got {cloth.springs}")
+        whole = cloth.family_stiffness if argument == "stiffness" else cloth.family_damping
+        changed.setdefault(argument, dict(whole))[family] = value
+    return changed
+
+
+def _change_spheres(spheres: tuple[Sphere, ...], values: Mapping[str, Any]) -> list[Sphere]:
+    result = list(spheres)
+    # Whole arguments first; a part is then a part of the new whole.
+    order = sorted(values, key=lambda name: _sphere_part(name)[1] not in _SPHERE)
+    for name in order:
+        index, part = _sphere_part(name)
+        chosen = range(len(result)) if index is None else [index]
+        if not result or (index is not None and index >= len(result)):
+            raise ValueError(f"{name} needs such a sphere, the scene has {len(result)}")
+        for k in chosen:
+            result[k] = _change_sphere(result[k], name, part, values[name])
+    return result
+
+
+def _sphere_part(name: str) -> tuple[int | None, str]:
+    match = _SPHERE_NAME.fullmatch(name)
+    assert match is not None, name  # every name has passed check_name
+    return int(match[1]) if match[1] else None, match[2]
+
+
+def _change_sphere(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
+    if part in _SPHERE:
+        return sphere.replace(**{part: value})
+    if part == "speed":
+        return sphere.replace(motion=_with_speed(sphere, name, value))
+    if part.startswith("center_"):
+        return sphere.replace(center=_with_components(sphere.center, {part[-1]: value}))
+    if sphere.motion is None or part not in _arguments(type(sphere.motion)):
+        raise ValueError(f"{name} needs a sphere whose motion has it, got {sphere.motion!r}")
+    return sphere.replace(motion=sphere.motion.replace(**{part: value}))
+
+
+def _with_speed(sphere: Sphere, name: str, value: Any) -> Linear | Reciprocate:
+    """Linear: the length of the velocity. Reciprocate: the mean speed, 2 distance / period."""
+    motion = sphere.motion
+    if isinstance(motion, Linear) and any(motion.velocity):
+        speed = check.number(name, value, minimum=0)
+        length = math.hypot(*motion.velocity)
+        return motion.replace(velocity=tuple(speed * v / length for v in motion.velocity))
+    if isinstance(motion, Reciprocate):
+        speed = check.number(name, value, minimum=0, exclusive=True)
+        return motion.replace(period=2 * motion.distance / speed)
+    raise ValueError(f"{name} needs a sphere with a Linear motion of some direction or a Reciprocate one, got {motion!r}")

@@ -1,0 +1,218 @@
+"""The members of a sweep: products of values, zipped lists, or given samples."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..base import check
+from ..base.record import Record
+from ..engine.integration import integrator_name
+from .fields import NUMERICS, check_name, units
+from .plain import digest, label, plain
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One dimension: per place along it, the values of one or more names."""
+
+    dimension: str
+    places: tuple[Mapping[str, Any], ...]
+    labels: tuple[str, ...] | None = None  # given by the user; else made from the values
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.places[0])
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @cached_property
+    def physics(self) -> np.ndarray:
+        """Per place a number that is equal where only numerics differ."""
+        names = [name for name in self.names if name not in NUMERICS]
+        keys = [digest([place[name] for name in names]) for place in self.places]
+        numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+        return np.array([numbers[key] for key in keys])
+
+    def column(self, name: str) -> list[Any]:
+        return [place[name] for place in self.places]
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A labelled, unit-carrying coordinate along one dimension."""
+
+    name: str
+    dimension: str
+    values: np.ndarray
+    attrs: dict[str, Any]
+
+
+class Grid:
+    """All members; a member's number is its flat index, last dimension fastest."""
+
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        self.axes = tuple(axes)
+        self.dimensions = tuple(axis.dimension for axis in self.axes)
+        self.shape = tuple(map(len, self.axes))
+        self.size = math.prod(self.shape)
+        self.names = tuple(name for axis in self.axes for name in axis.names)
+        twice = {name for name in self.names if self.names.count(name) > 1}
+        if twice:
+            raise ValueError(f"over must name each thing once, got {sorted(twice)} more than once")
+
+    def member(self, index: int) -> dict[str, Any]:
+        """The swept values of one member, by name."""
+        values: dict[str, Any] = {}
+        for axis, place in zip(self.axes, np.unravel_index(index, self.shape), strict=True):
+            values |= axis.places[int(place)]
+        return values
+
+    @cached_property
+    def physics(self) -> np.ndarray:
+        """Per member a number that is equal for members that differ in numerics alone."""
+        result = np.zeros((), np.int64)
+        for axis in self.axes:
+            numbers = axis.physics
+            result = result[..., None] * (numbers.max() + 1) + numbers
+        return np.broadcast_to(result, self.shape).ravel()
+
+    def column(self, name: str, default: Any) -> np.ndarray:
+        """The value of `name` of every member, as an array of objects or numbers."""
+        for k, axis in enumerate(self.axes):
+            if name in axis.names:
+                values = np.empty(len(axis), object)
+                values[:] = axis.column(name)
+                shape = [len(axis) if j == k else 1 for j in range(len(self.axes))]
+                return np.broadcast_to(values.reshape(shape), self.shape).ravel()
+        whole = np.empty(1, object)
+        whole[0] = default
+        return np.broadcast_to(whole, (self.size,))
+
+    def coordinates(self) -> list[Coordinate]:
+        """What labels the dimensions, one per swept name and two more for a swept shape."""
+        result = []
+        for axis in self.axes:
+            for name in axis.names:
+                labels = axis.labels if axis.dimension == name else None
+                result += _coordinates(name, axis.dimension, axis.column(name), labels)
+            if axis.dimension not in axis.names:
+                numbers = np.arange(len(axis))
+                result.append(Coordinate(axis.dimension, axis.dimension, numbers, {}))
+        return result
+
+    def describe(self) -> list[dict[str, Any]]:
+        """The grid as plain data, to be compared with another."""
+        return [
+            {
+                "dimension": axis.dimension,
+                **({"labels": list(axis.labels)} if axis.labels else {}),
+                "values": {name: [plain(v) for v in axis.column(name)] for name in axis.names},
+            }
+            for axis in self.axes
+        ]
+
+
+def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[str] | None) -> list[Coordinate]:
+    attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
+    if labels is None and all(isinstance(v, bool) for v in values):
+        return [Coordinate(name, dimension, np.array(values), attrs)]
+    given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
+    numbers = labels is None and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given)
+    if numbers and given:
+        if unit := units(name):
+            attrs["units"] = unit
+        array = np.array([np.nan if v is None else v for v in values])
+        return [Coordinate(name, dimension, array, attrs)]
+    texts = list(labels or map(label, values))
+    if dimension == name and len(set(texts)) < len(texts):
+        texts = [f"{text} #{k}" for k, text in enumerate(texts)]
+    if any(not isinstance(v, str) for v in values) and (unit := units(name)):
+        attrs["units"] = unit
+    result = [Coordinate(name, dimension, np.array(texts), attrs)]
+    if name == "shape" and labels is None:
+        for part, side in enumerate(("rows", "columns")):
+            result.append(Coordinate(side, dimension, np.array([v[part] for v in values]), {}))
+    return result
+
+
+def make_grid(over: Any) -> Grid:
+    """The grid that the argument `over` of `sweep` describes."""
+    if over is None:
+        return Grid(())
+    if isinstance(over, Mapping):
+        return Grid([_axis(key, values) for key, values in over.items()])
+    return Grid([_samples(over)])
+
+
+def _axis(key: Any, values: Any) -> Axis:
+    if isinstance(key, tuple):
+        return _zipped(key, values)
+    name = check_name(key)
+    labels = None
+    if isinstance(values, Mapping):
+        labels, values = tuple(map(str, values)), list(values.values())
+    places = tuple(_place({name: value}) for value in _values(f"over[{name!r}]", values))
+    return Axis(name, places, labels)
+
+
+def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
+    names = tuple(map(check_name, names))
+    places = []
+    for k, row in enumerate(_values(f"over[{names!r}]", rows)):
+        if not isinstance(row, (tuple, list)) or len(row) != len(names):
+            raise ValueError(f"over[{names!r}] must be rows of {len(names)} values, got {check.shown(row)} at index {k}")
+        places.append(_place(dict(zip(names, row, strict=True))))
+    return Axis("_".join(names), tuple(places))
+
+
+def _samples(over: Any) -> Axis:
+    """Rows of names and values: mappings, or what has them as ``to_dict("records")``."""
+    if hasattr(over, "to_dict") and not isinstance(over, Record):
+        over = over.to_dict("records")
+    places: list[dict[str, Any]] = []
+    for k, sample in enumerate(_values("over", over)):
+        if not isinstance(sample, Mapping) or not sample:
+            raise TypeError(
+                "over must be a mapping of names to values or a sequence of mappings, "
+                f"got {check.shown(sample)} at index {k}"
+            )
+        if places and set(sample) != set(places[0]):
+            raise ValueError(
+                f"over must give every sample the same names, got {sorted(sample)} at index {k} "
+                f"and {sorted(places[0])} before"
+            )
+        places.append(_place({check_name(name): _scalar(v) for name, v in sample.items()}))
+    return Axis("sample", tuple(places))
+
+
+def _place(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with the integrator by its own name; `Member.make` refuses what is none."""
+    name = values.get("integrator")
+    if isinstance(name, str):
+        with contextlib.suppress(ValueError):
+            values["integrator"] = integrator_name(name, "auto")
+    return values
+
+
+def _values(name: str, values: Any) -> list[Any]:
+    if check.is_masked(values):
+        check.as_array(name, values, "a sequence of values")
+    if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable):
+        raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
+    result = [_scalar(value) for value in values]
+    if not result:
+        raise ValueError(f"{name} must have at least one value, got none")
+    return result
+
+
+def _scalar(value: Any) -> Any:
+    """A NumPy scalar as the Python number it holds; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value

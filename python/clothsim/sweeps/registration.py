@@ -1,0 +1,43 @@
+"""``Dataset.clothsim``, registered when xarray is there, without importing it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+
+def register() -> None:
+    """Register the accessor: now if xarray is imported, else as soon as it is."""
+    if sys.modules.get("xarray") is not None:
+        _register()
+    else:
+        sys.meta_path.insert(0, _AfterXarray())
+
+
+def _register() -> None:
+    import_module("clothsim.sweeps.accessor")
+
+
+class _AfterXarray(MetaPathFinder):
+    """Finds xarray as the other finders do, and registers the accessor once it is executed."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        if name != "xarray":
+            return None
+        others = (finder for finder in sys.meta_path if not isinstance(finder, _AfterXarray))
+        spec = next(filter(None, (finder.find_spec(name, path, target) for finder in others)), None)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
+                    _register()
+
+            spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec

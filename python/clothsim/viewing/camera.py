@@ -1,0 +1,158 @@
+"""Where a picture is taken from: an orthographic view, which keeps lengths comparable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggesting
+from ..typing import Numbers
+
+DIRECTIONS = {
+    "corner": (1.0, 0.6, 1.3),
+    "front": (0.0, 0.0, 1.0),
+    "back": (0.0, 0.0, -1.0),
+    "left": (-1.0, 0.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "top": (0.0, 1.0, 0.0),
+    "below": (0.0, -1.0, 0.0),
+}
+"""Named views: from the scene towards the eye. A cloth with the default pins swings across "front"."""
+
+
+@suggesting
+@dataclass(frozen=True)
+class Camera:
+    """An orthographic view of a scene.
+
+    Parameters
+    ----------
+    direction : sequence of 3 floats
+        Points from the scene to the eye, any length but zero. y is up in the picture; in a view
+        along y, -z is up.
+    target : sequence of 3 floats
+        The point in the middle of the picture [m].
+    width, height : float
+        Size of the part of the scene that the picture shows [m], > 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> camera = cs.Camera((0, 0, 1), target=(0.5, -0.5, 0.5), width=1.5, height=1.2)
+    >>> scene = cs.scenes.paper_static()
+    >>> cs.picture(scene, camera=camera, width=300).pixels.shape
+    (240, 300, 3)
+    """
+
+    direction: tuple[float, float, float]
+    target: tuple[float, float, float]
+    width: float
+    height: float
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(self, direction: Numbers, target: Numbers, width: float, height: float) -> None: ...
+
+    def __post_init__(self) -> None:
+        direction = check.vector("direction", self.direction)
+        if not any(direction):
+            raise ValueError(f"direction must not be the zero vector, got {self.direction!r}")
+        object.__setattr__(self, "direction", direction)
+        object.__setattr__(self, "target", check.vector("target", self.target))
+        for name in ("width", "height"):
+            size = check.number(name, getattr(self, name), minimum=0, exclusive=True)
+            object.__setattr__(self, name, size)
+
+    def axes(self) -> npt.NDArray[np.float64]:
+        """Right, up and towards-the-eye unit vectors, one a row, shape (3, 3).
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Camera((0, 0, 1), target=(0, 0, 0), width=1, height=1).axes()
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 1.]])
+        """
+        depth = np.array(self.direction, float)
+        depth /= np.linalg.norm(depth)
+        up = (0.0, 1.0, 0.0) if np.hypot(depth[0], depth[2]) > 1e-9 else (0.0, 0.0, -1.0)
+        right = np.cross(up, depth)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(depth, right), depth])
+
+    @classmethod
+    def around(cls, direction: Any, points: npt.ArrayLike, margin: float = 0.03) -> Camera:
+        """The view along `direction` that holds all `points`, no taller than wide.
+
+        Parameters
+        ----------
+        direction : sequence of 3 floats
+            From the scene to the eye.
+        points : array_like
+            Positions [m], shape (n, 3).
+        margin : float, default 0.03
+            Space around the points, as a part of their larger extent.
+
+        Returns
+        -------
+        Camera
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> camera = cs.Camera.around((0, 1, 0), cs.Cloth().rest_positions)
+        >>> round(camera.width, 2), camera.target
+        (1.06, (0.5, 0.0, 0.5))
+        """
+        axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
+        seen = np.asarray(points, float).reshape(-1, 3) @ axes.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        extent = (high - low)[:2].max()
+        width, height = (high - low)[:2] + 2 * margin * (extent if extent > 0 else 1.0)
+        x, y, z = (float(k) for k in 0.5 * (low + high) @ axes)
+        return cls(direction, (x, y, z), float(max(width, height)), float(height))
+
+
+def direction_of(value: Any) -> tuple[float, float, float]:
+    """The direction that a name or a vector means."""
+    if isinstance(value, str):
+        return DIRECTIONS[check.choice("camera", value, DIRECTIONS)]
+    if isinstance(value, (Iterable, np.ndarray)):
+        x, y, z = check.vector("camera", value)
+        if x or y or z:
+            return x, y, z
+    names = ", ".join(map(repr, DIRECTIONS))
+    raise ValueError(
+        f"camera must be a Camera, a direction of 3 numbers that are not all 0, or one of {names}, got {value!r}"
+    )
+
+
+def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike) -> Camera:
+    """The camera that the argument `camera` means for states x, shape (frames, rows, columns, 3).
+
+    A direction is completed to a view that holds the cloth and the spheres at all times `t`.
+    """
+    if isinstance(value, Camera):
+        return value
+    direction = direction_of("corner" if value is None else value)
+    axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
+    flat = x.reshape(-1, 3)
+    # Only extremes count: of the cloth along the picture's axes, and of each sphere's outline.
+    seen = flat @ axes.T
+    points = [flat[np.concatenate([seen.argmin(axis=0), seen.argmax(axis=0)])]]
+    for sphere in scene.spheres:
+        centers = np.atleast_2d(sphere.center_at(np.asarray(t, float)))
+        outline = sphere.radius * np.concatenate([axes, -axes])
+        points.append((centers[:, None] + outline).reshape(-1, 3))
+    return Camera.around(direction, np.concatenate(points))

@@ -1,0 +1,99 @@
+"""`Run.export`: a run as files that other programs read."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ..base import check
+from ..base.extras import needed
+from ..base.progress import ProgressBar
+from .clip import Clip
+
+# Module of `formats`, and the package that it needs beyond NumPy.
+_FORMATS: dict[str, tuple[str, str | None]] = {
+    ".usd": ("usd", "pxr"),
+    ".usda": ("usd", "pxr"),
+    ".usdc": ("usd", "pxr"),
+    ".glb": ("gltf", None),
+    ".pc2": ("caches", None),
+    ".mdd": ("caches", None),
+    ".obj": ("sequences", None),
+    ".ply": ("sequences", None),
+    ".vtkhdf": ("vtk", "h5py"),
+    ".vtp": ("vtk", None),
+    ".pvd": ("vtk", None),
+    ".csv": ("table", None),
+}
+SUFFIXES = tuple(_FORMATS)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file to export to, checked before any work."""
+
+    path: Path
+    module: Any
+    z_up: bool
+    fps: float | None
+
+    @classmethod
+    def of(cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path") -> Target:
+        """Check the arguments of an export of a run of `scene`; `name` is that of `path`."""
+        if not isinstance(path, (str, os.PathLike)):
+            raise TypeError(f"{name} must be a file name, got {path!r} ({type(path).__name__})")
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in _FORMATS:
+            raise ValueError(f"{name} must end in one of {', '.join(SUFFIXES)}, got {str(path)!r}")
+        if not path.parent.is_dir():
+            raise ValueError(f"{name} must be in an existing folder, got {str(path)!r}")
+        if fps is not None:
+            fps = check.number("fps", fps, minimum=0, exclusive=True)
+        z_up = check.boolean("z_up", z_up)
+        if z_up and suffix == ".glb":
+            raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
+        if suffix != ".csv" and min(scene.cloth.shape) < 2:
+            raise ValueError(
+                f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, "
+                f"got shape {scene.cloth.shape}; a .csv takes any"
+            )
+        module, package = _FORMATS[suffix]
+        if package is not None:
+            needed(package, f"export to {suffix}", "export")
+        return cls(path, import_module(f".formats.{module}", __package__), z_up, fps)
+
+
+def export(
+    run: Any, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False, progress: bool = False
+) -> list[Path]:
+    """Write the files of `Run.export`; with `progress`, a bar counts frames."""
+    target = Target.of(run.scene, path, fps, z_up)
+    if target.path.suffix.lower() == ".csv":
+        with _temporary(target.path) as work:
+            return _put(target.module.write(run, work), target.path.parent)
+    clip = Clip(run, target.fps, target.z_up)
+    with ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar:
+        clip.advance = bar.advance
+        with _temporary(target.path) as work:
+            return _put(target.module.write(clip, work), target.path.parent)
+
+
+@contextmanager
+def _temporary(path: Path) -> Iterator[Path]:
+    """A file of the same name in a new folder beside `path`, which is removed at the end."""
+    with tempfile.TemporaryDirectory(prefix=".clothsim-", dir=path.parent) as folder:
+        yield Path(folder, path.name)
+
+
+def _put(files: list[Path], folder: Path) -> list[Path]:
+    """Move complete files to where they belong, the file to open last: the others are there then."""
+    for file in reversed(files):
+        os.replace(file, folder / file.name)
+    return [folder / file.name for file in files]

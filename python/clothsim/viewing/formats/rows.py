@@ -1,0 +1,51 @@
+"""A table of measures, one row a stored frame, as CSV."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...measure.measures import energy, largest_stretch, penetration
+
+COLUMNS = (
+    "time_s",
+    "kinetic_J",
+    "elastic_J",
+    "gravity_J",
+    "total_J",
+    "largest_stretch",
+    "penetration_points_m",
+    "penetration_triangles_m",
+)
+
+
+def measures(run: Any) -> np.ndarray:
+    """The columns of the table, one row a stored frame.
+
+    Depths are the deepest over the spheres at the time of the frame.
+    """
+    energies = energy(run.scene, run.x, run.v)
+    depths = np.zeros((len(run.t), 2))
+    for sphere in run.scene.spheres:
+        for k, t in enumerate(run.t):
+            found = penetration(run.x[k], sphere, float(t))
+            depths[k] = np.maximum(depths[k], [float(found["points"]), float(found["triangles"])])
+    return np.column_stack(
+        [
+            run.t,
+            *(np.asarray(energies[name]) for name in ("kinetic", "elastic", "gravity", "total")),
+            np.asarray(largest_stretch(run.scene, run.x)),
+            depths,
+        ]
+    )
+
+
+def write(run: Any, path: Path) -> list[Path]:
+    with path.open("w", encoding="ascii", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        table.writerows(measures(run).tolist())
+    return [path]

@@ -1,0 +1,52 @@
+"""What a notebook shows of a run, a scene or a stepper: its lines and a picture, or the page itself.
+
+Lines and picture are plain HTML with the picture inside: JupyterLab and nbviewer show both also
+where a notebook is not trusted, and no script has to run.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..model.scene import Scene
+from .picture import Picture, picture
+
+WIDTH = 400  # pixels; beside six lines in a notebook
+
+
+def bundle(text: str, picture: Picture) -> dict[str, Any]:
+    """MIME types -> data: HTML of text and picture, and the picture alone (for nbconvert to PDF)."""
+    png = b64encode(picture._repr_png_()).decode("ascii")
+    html = (
+        f'<div><pre style="display: inline-block; vertical-align: top; margin-right: 2em">{escape(text)}</pre>'
+        f'<img style="vertical-align: top" width="{picture.pixels.shape[1]}" alt="cloth and spheres" '
+        f'src="data:image/png;base64,{png}"></div>'
+    )
+    return {"text/html": html, "image/png": png}
+
+
+def state_bundle(lines: Sequence[str], scene: Scene, x: npt.NDArray[np.float64], t: float) -> dict[str, Any]:
+    """`bundle` of the lines and a picture of the scene with positions x."""
+    return bundle("\n".join(lines), picture(scene, x, t, width=WIDTH))
+
+
+class Frame:
+    """A page inside a notebook: an iframe that holds all of it and may run scripts, nothing else."""
+
+    def __init__(self, page: str, text: str, height: int) -> None:
+        self.page, self.text, self.height = page, text, height
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe sandbox="allow-scripts" srcdoc="{escape(self.page, quote=True)}" title="clothsim" '
+            f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        return self.text

@@ -1,0 +1,300 @@
+"""One self-contained page that plays runs: `Run.to_html`, `compare`.
+
+The page is our own WebGL and no snapshot of k3d: a snapshot shows a single scene, without curves and without
+the red where cloth is inside a sphere. Frames are packed (`packing`).
+
+Everything is inside the file, and its content security policy forbids requests.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base import check
+from ..base.keywords import suggests
+from ..run.result import Run
+from .camera import DIRECTIONS, Camera, camera_for
+from .curves import curves
+from .notebook import Frame
+from .packing import pack, point_stretch, top_of
+from .picture import PIN_SIZE, draw, file_path
+
+MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
+MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
+POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
+SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
+SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
+VIEWS = ("corner", "front", "right", "top")
+
+
+class Comparison:
+    """Runs beside each other, in step; made by `compare`.
+
+    Attributes
+    ----------
+    runs : dict
+        Label -> Run.
+    """
+
+    def __init__(self, runs: Mapping[str, Run]) -> None:
+        self.runs = dict(runs)
+
+    def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
+        """Write one self-contained page that plays the runs side by side, in step.
+
+        One slider moves all runs through time; below, curves of energy, stretch, penetration and
+        contacts have a cursor there. The page can be turned, moved and enlarged by mouse, colours
+        the cloth by stretch, speed or depth below a sphere, and makes no request.
+
+        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m at most),
+        stretch and speed to 1/255 of their largest value. A run that is shorter than another keeps
+        its last frame.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write.
+        title : str, optional
+            Heading of the page. Default: the labels.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above.
+        """
+        path = file_path("path", path)
+        title = " and ".join(self.runs) if title is None else str(title)
+        path.write_text(_page(title, self.runs), encoding="utf-8")
+        return path
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {', '.join(map(repr, self.runs))}>"
+
+
+@suggests
+def compare(runs: Mapping[str, Run]) -> Comparison:
+    """Put runs beside each other, to play them in step.
+
+    Parameters
+    ----------
+    runs : mapping of str to Run
+        Label -> run, 1 to 8 of them. Scenes and stored times may differ.
+
+    Returns
+    -------
+    Comparison
+        Its ``to_html(path)`` writes the page.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `runs` is no such mapping.
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> runs = {
+    ...     f"method {k}": cs.simulate(cs.scenes.paper_static(response), 0.1, dt=1e-3, every=5)
+    ...     for k, response in ((1, "reflect"), (2, "ray"))
+    ... }
+    >>> both = cs.compare(runs)
+    >>> both
+    <Comparison of 'method 1', 'method 2'>
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     both.to_html(folder + "/both.html").stat().st_size < 1_000_000
+    True
+    """
+    accepted = f"a mapping of 1 to {MOST_RUNS} labels to runs"
+    if not isinstance(runs, Mapping):
+        raise TypeError(f"runs must be {accepted}, got {type(runs).__name__}")
+    if not 1 <= len(runs) <= MOST_RUNS:
+        raise ValueError(f"runs must be {accepted}, got {len(runs)}")
+    for label, run in runs.items():
+        if not isinstance(label, str) or not isinstance(run, Run):
+            raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
+    return Comparison(runs)
+
+
+def _title_of(run: Run) -> str:
+    rows, columns = run.scene.cloth.shape
+    responses = ", ".join(dict.fromkeys(sphere.response for sphere in run.scene.spheres))
+    meets = f", response {responses}" if responses else ""
+    return f"Cloth of {rows} x {columns} points{meets}"
+
+
+def run_to_html(run: Run, path: str | Path, title: str | None) -> Path:
+    """`Run.to_html`."""
+    title = _title_of(run) if title is None else str(title)
+    return Comparison({title: run}).to_html(path)
+
+
+def run_to_frame(run: Run, height: int) -> Frame:
+    """`Run.show`."""
+    height = check.integer("height", height, minimum=300, maximum=4000)
+    title = _title_of(run)
+    return Frame(_page(title, {title: run}), f"<{title}, to be played in a notebook>", height)
+
+
+def _page(title: str, runs: Mapping[str, Run]) -> str:
+    cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
+    meta, data = _contents(runs, cameras)
+    panels = "".join(
+        f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
+        f'<span id="says-{k}"></span>'
+        f'</figcaption><div class="stage">{_poster(run, cameras[k])}<canvas id="canvas-{k}" '
+        f'aria-label="Cloth and spheres of {escape(label or title)}"></canvas></div></figure>'
+        for k, (label, run) in enumerate(runs.items())
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
+        "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:\">\n"
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
+        f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n"
+        f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
+        f'<p id="problem" hidden></p>\n<div id="runs" class="of-{min(len(runs), 4)}">{panels}</div>\n'
+        f"{_controls(meta, runs)}\n"
+        f'<div id="curves"></div>\n<p class="small">{escape(_small_print(meta))}</p>\n'
+        f"{data}"
+        f'<script type="application/json" id="meta">{_json(meta)}</script>\n'
+        f"<script>\n{_file('draw.js')}\n{_file('page.js')}</script>\n</body>\n</html>\n"
+    )
+
+
+def _contents(runs: Mapping[str, Run], cameras: list[Camera]) -> tuple[dict[str, Any], str]:
+    """What the page is told, and its script elements with the frames."""
+    stretch = [point_stretch(run.scene, run.x) for run in runs.values()]
+    speed = [np.linalg.norm(run.v, axis=-1).reshape(len(run.t), -1) for run in runs.values()]
+    tops = {"stretch": top_of(stretch), "speed": top_of(speed)}
+    lines = [curves(run) for run in runs.values()]
+    if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
+        deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
+        tops["depth"] = deepest or 1e-3
+    entries, data = [], ""
+    for k, (label, run) in enumerate(runs.items()):
+        packed = pack(run.x, [stretch[k], speed[k]], [tops["stretch"], tops["speed"]])
+        base64 = b64encode(packed.data).decode("ascii")
+        data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
+        entries.append(
+            {
+                "label": label,
+                "data": f"data-{k}",
+                "shape": list(run.scene.cloth.shape),
+                "t": _rounded(run.t, 9),
+                "low": packed.low.tolist(),
+                "step": packed.step.tolist(),
+                "precision": packed.precision,
+                "spheres": [
+                    {
+                        "radius": sphere.radius,
+                        "centers": [_rounded(c, 7) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
+                    }
+                    for sphere in run.scene.spheres
+                ],
+                "pins": np.flatnonzero(run.scene.cloth.pinned).tolist(),
+                "dots": [] if min(run.scene.cloth.shape) > 1 else np.flatnonzero(~run.scene.cloth.pinned).tolist(),
+                "dotSize": PIN_SIZE * max(run.scene.cloth.size),
+                "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
+            }
+        )
+    return {"tops": tops, "camera": _camera(runs, cameras), "runs": entries}, data
+
+
+def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
+    """One view that holds all runs, and the depth that it reaches."""
+    target = np.mean([view.target for view in views], axis=0)
+    far = [float(np.linalg.norm(view.target - target)) for view in views]
+    reach = 0.0
+    for run in runs.values():
+        reach = max(reach, float(np.linalg.norm(run.x - target, axis=-1).max()))
+        for sphere in run.scene.spheres:
+            away = np.linalg.norm(sphere.center_at(run.t) - target, axis=-1).max()
+            reach = max(reach, float(away) + sphere.radius)
+    return {
+        "direction": list(DIRECTIONS["corner"]),
+        "target": target.tolist(),
+        "reach": 1.05 * reach,
+        "width": max(v.width + 2 * d for v, d in zip(views, far, strict=True)),
+        "height": max(v.height + 2 * d for v, d in zip(views, far, strict=True)),
+    }
+
+
+def _poster(run: Run, camera: Camera) -> str:
+    """The last frame as a picture, for readers without scripts or WebGL."""
+    png = draw(run.scene, run.x[-1], float(run.t[-1]), camera, POSTER_WIDTH)._repr_png_()
+    return f'<img alt="Last frame" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
+
+
+def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
+    duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
+    usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
+    speeds = "".join(
+        f'<option value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} x</option>'
+        for s in SPEEDS
+    )
+    modes = "".join(
+        f'<option value="{name}">{text}</option>'
+        for name, text in (("faces", "faces"), ("stretch", "stretch"), ("speed", "speed"), ("depth", "depth below a sphere"))
+        if name == "faces" or name in meta["tops"]
+    )
+    return (
+        '<div id="controls"><button type="button" id="back" aria-label="one frame back">&#9664;&#10074;'
+        '</button><button type="button" id="play" aria-label="play">&#9654;</button>'
+        '<button type="button" id="forth" aria-label="one frame on">&#10074;&#9654;</button>'
+        '<input type="range" id="time" min="0" step="1" value="0" aria-label="time">'
+        '<output id="clock"></output>'
+        f'<label>speed <select id="speed">{speeds}</select></label>'
+        f'<label>colour <select id="mode">{modes}</select></label>'
+        '<span id="legend" hidden><span id="low"></span><span id="bar"></span><span id="high"></span></span></div>'
+    )
+
+
+def _views() -> str:
+    buttons = "".join(
+        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>' for name in VIEWS
+    )
+    return f'<span class="views">view {buttons}</span>'
+
+
+def _small_print(meta: Mapping[str, Any]) -> str:
+    micron = 1e6 * max(run["precision"] for run in meta["runs"])
+    words = (
+        "Drag to turn, shift-drag to move, wheel to enlarge, double-click to go back; space plays, arrows "
+        f"step. Positions are stored to {micron:.2g} um. "
+        "Blue: upper face at the start; sand: lower face; dark dots: pins."
+    )
+    if "depth" in meta["tops"]:
+        words += (
+            " Red: surface of a sphere with cloth under it, stronger with depth up to 10 mm. A point in "
+            "contact is nearer to a sphere than the contact radius and 1/32 of the spacing."
+        )
+    return words
+
+
+def _rounded(values: Any, digits: int) -> list[float | None]:
+    """Numbers for JSON; what is not finite is null."""
+    flat = np.asarray(values, float)
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
+
+
+def _json(meta: Mapping[str, Any]) -> str:
+    # "</script>" in a label would end the element.
+    return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _file(name: str) -> str:
+    return (files(__package__) / "web" / name).read_text(encoding="utf-8")

@@ -1,0 +1,318 @@
+"""A scene that is stepped in real time while it is changed: the live viewer without its browser.
+
+`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the
+stepper by as much simulated time, or by what the machine can do meanwhile. A dragged sphere travels to
+its new place during a tick, on a straight line at constant speed, so a contact sees the velocity of the
+drag. A dragged pin travels there too, in short pieces.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from threading import RLock
+from time import perf_counter
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..engine.stepper import Stepper
+from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError
+from ..measure.measures import energy, max_stable_dt, penetration
+from ..model.motion import Keyframes
+from ..model.scene import Scene
+from ..run.result import Run
+from ..typing import Report
+
+PAPER_DT = 5e-6  # s; taken where the machine keeps up with it
+SHARE = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
+DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a jerk tears the cloth apart
+PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time
+LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause is not followed by a rush
+RECORDED = 500_000_000  # bytes of a recording; it stops there
+
+Floats = npt.NDArray[np.float64]
+
+
+class Playground:
+    """A stepper in step with the clock.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : float, optional
+        Time step [s]. Default: the paper's 5 us where the machine keeps up with it, else the
+        smallest of 1, 2, 5, 10, ... us that it can, at most half the guaranteed stable one.
+    integrator, precision
+        As for `Stepper`.
+    """
+
+    def __init__(self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double") -> None:
+        if not isinstance(scene, Scene):
+            raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        self.lock = RLock()
+        self.start = scene
+        self.options: dict[str, Any] = {"integrator": integrator, "precision": precision}
+        self.limit = max_stable_dt(scene, integrator)
+        self.stepper = Stepper(scene, **self.options)
+        self.cost = self._measured_cost()
+        self.dt = self._affordable_dt() if dt is None else check.number("dt", dt, minimum=0, exclusive=True)
+        self.start_dt = self.dt
+        self.reset()
+
+    def reset(self) -> None:
+        """The scene as it was given, in its initial state, at t = 0."""
+        with self.lock:
+            self.scene, self.dt = self.start, self.start_dt
+            self.limit = max_stable_dt(self.scene, self.options["integrator"])
+            self.stepper = Stepper(self.scene, **self.options)
+            self.paused = False
+            self.problem = ""
+            self.factor = math.nan
+            self._sphere_targets: dict[int, Floats] = {}
+            self._pin_targets: dict[tuple[int, int], Floats] = {}
+            self._owed = 0.0
+            self.frames: list[tuple[float, Floats, Floats, Floats]] = []
+            self.recording = False
+
+    def _measured_cost(self) -> float:
+        """Wall time of a step [s]: the least of a few short windows, on a stepper of its own."""
+        stepper, dt = Stepper(self.start, **self.options), 1e-9
+        best, steps = math.inf, 4
+        for _ in range(8):
+            begun = perf_counter()
+            stepper.advance(steps, dt)
+            passed = perf_counter() - begun
+            best = min(best, passed / steps)
+            steps = max(4, min(1000, int(2e-3 / best)))
+        return best
+
+    def _affordable_dt(self) -> float:
+        ceiling = 0.5 * self.limit
+        steps = [PAPER_DT] + [k * 10.0**n for n in range(-5, 0) for k in (1, 2, 5)]
+        for dt in steps:
+            if dt > ceiling:
+                break
+            if self.cost <= SHARE * dt:
+                return dt
+        return min(ceiling, steps[-1])
+
+    # What is shown.
+
+    def positions(self) -> Floats:
+        """A copy of the positions now [m], shape (rows, columns, 3)."""
+        with self.lock:
+            return np.array(self.stepper.positions, np.float64)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        with self.lock:
+            return float(self.stepper.time)
+
+    def centers(self) -> Floats:
+        """Where the spheres are now [m], shape (spheres, 3)."""
+        with self.lock:
+            return np.reshape([s.center_at(self.stepper.time) for s in self.scene.spheres], (-1, 3))
+
+    def measures(self) -> tuple[float, float]:
+        """Total energy [J] and the deepest triangle below the true radius of a sphere [m]."""
+        with self.lock:
+            x, t = self.stepper.positions, self.stepper.time
+            total = energy(self.scene, x, self.stepper.velocities)["total"]
+            depths = [penetration(x, sphere, t)["triangles"] for sphere in self.scene.spheres]
+            return float(total), float(max(depths, default=0.0))
+
+    # What is changed.
+
+    def change(
+        self,
+        *,
+        stiffness: Mapping[str, float] | None = None,
+        damping: float | None = None,
+        gravity: float | None = None,
+        dt: float | None = None,
+        **sphere: Any,
+    ) -> None:
+        """Change the scene and keep its state.
+
+        `stiffness` has families and N/m, `damping` is that of every family, `gravity` pulls down
+        [m/s^2], other names are fields of all spheres. What a scene refuses raises its ValueError
+        or TypeError, and nothing has changed then.
+        """
+        with self.lock:
+            scene = self.scene
+            cloth: dict[str, Any] = {}
+            if stiffness is not None:
+                cloth["stiffness"] = {**scene.cloth.family_stiffness, **stiffness}
+            if damping is not None:
+                cloth["damping"] = damping
+            if cloth:
+                scene = scene.replace(cloth=scene.cloth.replace(**cloth))
+            if gravity is not None:
+                gravity = check.number("gravity", gravity)
+                scene = scene.replace(gravity=(scene.gravity[0], -gravity, scene.gravity[2]))
+            if sphere:
+                scene = scene.replace(spheres=[one.replace(**sphere) for one in scene.spheres])
+            if dt is not None:
+                dt = check.number("dt", dt, minimum=0, exclusive=True)
+            if scene is not self.scene:
+                limit = max_stable_dt(scene, self.options["integrator"])
+                self.stepper.set_scene(scene)
+                self.scene, self.limit = scene, limit
+            if dt is not None:
+                self.dt = dt
+
+    def drag_sphere(self, index: int, center: Any) -> None:
+        """Let a sphere travel to `center` [m]; its own motion ends."""
+        index = check.integer("index", index, minimum=0, maximum=len(self.scene.spheres) - 1)
+        center = np.array(check.vector("center", center))
+        with self.lock:
+            self._sphere_targets[index] = center
+
+    def drag_pin(self, point: tuple[int, int], position: Any) -> None:
+        """Let a pinned mass point travel to `position` [m]."""
+        row, column = point
+        if not self.scene.cloth.pinned[row, column]:
+            raise ValueError(f"point must be pinned, got {point!r}")
+        position = np.array(check.vector("position", position))
+        with self.lock:
+            self._pin_targets[row, column] = position
+
+    # What passes.
+
+    def tick(self, wall: float, budget: float = math.inf, *, single: bool = False) -> int:
+        """Advance by `wall` seconds, but compute no longer than `budget` [s]; the steps done.
+
+        `single`: one time step, also while paused.
+        """
+        with self.lock:
+            if self.problem or (self.paused and not single):
+                return 0
+            self._owed = min(self._owed + wall, LONGEST)
+            steps = 1 if single else int(self._owed / self.dt)
+            if not steps:
+                return 0
+            self._aim_spheres(steps * self.dt)
+            done = self._advance(steps, budget)
+            self._stop_spheres()
+            self._owed = 0.0 if done < steps or single else self._owed - done * self.dt
+            if wall > 0 and not single:
+                factor = done * self.dt / wall
+                # A running mean over half a second.
+                part = min(1.0, wall / 0.5)
+                self.factor = factor if math.isnan(self.factor) else self.factor + part * (factor - self.factor)
+            if self.recording and done:
+                self._record()
+            return done
+
+    def _advance(self, steps: int, budget: float) -> int:
+        """Steps in pieces of some 5 ms of wall time, of `PIN_TIME` while a pin is dragged."""
+        begun, done = perf_counter(), 0
+        while done < steps and (done == 0 or perf_counter() - begun < budget):
+            piece = max(1, int(0.005 / self.cost))
+            if self._pin_targets:
+                piece = min(piece, max(1, round(PIN_TIME / self.dt)))
+            piece = min(piece, steps - done)
+            self._move_pins(piece * self.dt)
+            before = perf_counter()
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", StabilityWarning)
+                    warnings.simplefilter("ignore", ContactWarning)
+                    self.stepper.advance(piece, self.dt)
+            except UnstableError as error:
+                self.problem = (
+                    f"UNSTABLE at point {error.point}, t = {self.time:.4g} s: the time step of "
+                    f"{1e6 * self.dt:.4g} us is too long, {1e6 * self.limit:.4g} us are guaranteed. "
+                    "Reset, then take a shorter one."
+                )
+                return done
+            except ContactError as error:
+                self.problem = f"STOPPED at t = {self.time:.4g} s: {error}"
+                return done
+            self.cost = 0.8 * self.cost + 0.2 * (perf_counter() - before) / piece
+            done += piece
+        return done
+
+    def _aim_spheres(self, span: float) -> None:
+        """Put dragged spheres on the way to where they are dragged, for `span` seconds."""
+        if not self._sphere_targets:
+            return
+        t, spheres = self.stepper.time, list(self.scene.spheres)
+        for k, target in self._sphere_targets.items():
+            here = spheres[k].center_at(t)
+            there = _towards(here, target, DRAG_SPEED * span)
+            motion = Keyframes(np.array([t, t + span]), np.array([here, there])) if (there != here).any() else None
+            spheres[k] = spheres[k].replace(center=tuple(there), motion=motion)
+        self.scene = self.scene.replace(spheres=spheres)
+        self.stepper.set_scene(self.scene)
+
+    def _stop_spheres(self) -> None:
+        """Spheres that have come to where they are dragged stand there."""
+        if not self._sphere_targets:
+            return
+        t, spheres = self.stepper.time, list(self.scene.spheres)
+        for k, target in list(self._sphere_targets.items()):
+            here = spheres[k].center_at(t)
+            spheres[k] = spheres[k].replace(center=tuple(here), motion=None)
+            if np.allclose(here, target, rtol=0, atol=1e-9):
+                del self._sphere_targets[k]
+        self.scene = self.scene.replace(spheres=spheres)
+        self.stepper.set_scene(self.scene)
+
+    def _move_pins(self, span: float) -> None:
+        if not self._pin_targets:
+            return
+        x = self.stepper.positions.copy()
+        for point, target in list(self._pin_targets.items()):
+            x[point] = _towards(x[point], target, DRAG_SPEED * span)
+            if (x[point] == target).all():
+                del self._pin_targets[point]
+        self.stepper.set_state(x)
+
+    # What is kept.
+
+    def record(self, on: bool) -> None:
+        """Begin a new recording, or end it."""
+        with self.lock:
+            self.recording = check.boolean("on", on)
+            if on:
+                self.frames = []
+                self._record()
+
+    def _record(self) -> None:
+        x, v = self.positions(), np.array(self.stepper.velocities, np.float64)
+        self.frames.append((self.time, x, v, self.centers()))
+        if len(self.frames) * 2 * x.nbytes > RECORDED:
+            self.recording = False
+
+    def recorded(self) -> Run:
+        """The recording as a `Run`: the cloth as it is now, spheres along the way they took.
+
+        Raises
+        ------
+        ValueError
+            If fewer than two frames were recorded.
+        """
+        with self.lock:
+            if len(self.frames) < 2:
+                raise ValueError(f"a run needs 2 recorded frames, got {len(self.frames)}")
+            t, x, v, centers = (np.array(part) for part in zip(*self.frames))
+            spheres = [
+                sphere.replace(center=tuple(centers[0, k]), motion=Keyframes(t, centers[:, k]))
+                for k, sphere in enumerate(self.scene.spheres)
+            ]
+            scene = self.scene.replace(spheres=spheres)
+            report = {"dt": self.dt, **self.options, "recorded": True}
+            return Run(scene, t, x, v, cast(Report, report))
+
+
+def _towards(here: Floats, target: Floats, distance: float) -> Floats:
+    """The point on the way from `here` to `target`, at most `distance` on."""
+    way = target - here
+    length = float(np.linalg.norm(way))
+    return target.copy() if length <= distance else here + way * (distance / length)
