@@ -6,6 +6,7 @@ With as many threads as groups each takes its group alone: the oracle for every 
 import clothsim as cs
 import numpy as np
 import pytest
+from variants import PRECISIONS, pairs
 
 # 3 x 5 groups, 1 x 63, 63 x 1 and 8 x 20, which alone are all whole.
 SHAPES = [(33, 70), (9, 1003), (1003, 9), (128, 320)]
@@ -22,9 +23,7 @@ def stepped(scene, x, v, dt, calls, **options):
     return stepper.positions, stepper.velocities, a, np.array(stepper._state.core.contacts)
 
 
-@pytest.mark.parametrize("strict", [False, True], ids=["fused", "strict"])
-@pytest.mark.parametrize("mass", ["uniform", "per point"])
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pairs(precision=PRECISIONS, shape=SHAPES, mass=["uniform", "per point"], strict=[False, True])
 def test_tiles_give_the_bits_of_groups(precision, crumpled, same_bits, shape, mass, strict):
     """However many groups a tile has, also where a share ends within a row of groups."""
     state = crumpled(shape=shape, mass=mass, spheres=BALLS)

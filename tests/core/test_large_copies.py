@@ -16,20 +16,20 @@ def state():
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_every_row_comes_out(double_variant, state, same_bits, threads):
+def test_every_row_comes_out(kernel, state, same_bits, threads):
     scene, x, v = state
-    stepper = cs.Stepper(scene, x, v, **{**double_variant.options, "threads": threads})
+    stepper = cs.Stepper(scene, x, v, kernel=kernel, threads=threads)
     stepper.advance(0, 1e-5)
     assert same_bits((stepper.positions, stepper.velocities), (x, v))
 
 
 @pytest.mark.parametrize("row", [0, 164, 165, 219, 220, 329])
-def test_a_point_that_is_lost_is_found_and_the_state_before_is_back(double_variant, state, row):
+def test_a_point_that_is_lost_is_found_and_the_state_before_is_back(kernel, state, row):
     """Wherever it is: an infinite speed next to the borders between shares."""
     scene, x, v = state
     v = v.copy()
     v[row, 7, 1] = 1e160  # its square is no number
-    stepper = cs.Stepper(scene, x, v, **{**double_variant.options, "threads": 2})
+    stepper = cs.Stepper(scene, x, v, kernel=kernel, threads=2)
     with pytest.raises(cs.UnstableError) as raised:
         stepper.advance(3, 1e-5)
     # A step carries news by two rows and columns with each of its four evaluations.

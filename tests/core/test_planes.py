@@ -39,7 +39,7 @@ def test_from_every_side(precision, same_bits, shape, way):
     toward[axis] = -side
     for speed in (5.0, 500.0):
         ball = cs.Sphere(tuple(center), 0.2, motion=cs.Linear(tuple(speed * toward)))
-        kernel, oracle, met = both(falling(ball, shape=shape), round(0.9 / speed / 1e-4), 1e-4, precision=precision)
+        kernel, oracle, met = both(falling(ball, shape=shape), round(0.9 / speed / 2e-4), 2e-4, precision=precision)
         assert met and same_bits(kernel, oracle), speed
 
 
@@ -83,8 +83,8 @@ def test_several_spheres_and_a_batch(same_bits):
 
 def test_large_cloth_in_waves(same_bits):
     """Rows that are finished while others have not begun."""
-    ball = cs.Sphere((0.5, -0.101, 0.5), 0.1)
+    ball = cs.Sphere((0.5, -0.1005, 0.5), 0.1)
     v = np.zeros((300, 320, 3))
     v[..., 1] = -1.0
-    kernel, oracle, met = both(falling(ball, shape=(300, 320)), 300, 5e-6, v=v)
+    kernel, oracle, met = both(falling(ball, shape=(300, 320)), 150, 5e-6, v=v)
     assert met and same_bits(kernel, oracle)
