@@ -111,7 +111,7 @@ def _paragraphs(lines: list[str], first: int) -> Iterator[tuple[int, str]]:
         session = session or line.lstrip().startswith(">>>")
         heads = section and not line.startswith(" ")  # names, types, the rule below a section
         listed = section in {"Examples", "See Also", "References"}
-        formula = not section and line.startswith("    ")
+        formula = not section and line.startswith("    ") or "====" in line or "  " in line.strip()
         code = session or (listed and line.startswith("  ")) or (section == "Examples" and session)
         kept.append("" if heads and section != "Notes" and section != "Examples" else "" if code or formula else line)
         if SECTION.match(line):
@@ -121,7 +121,9 @@ def _paragraphs(lines: list[str], first: int) -> Iterator[tuple[int, str]]:
 
 
 def faults(sentence: str) -> Iterator[str]:
-    count = sum(1 for word in sentence.split() if re.search(r"\w", word))
+    # A list of keys with their meanings is no sentence: each of its parts counts alone.
+    parts = sentence.split(";") if sentence.startswith('"') or sentence.count(";") > 1 else [sentence]
+    count = max(sum(1 for word in part.split() if re.search(r"\w", word)) for part in parts)
     if count > WORDS:
         yield f"{count} words, at most {WORDS}"
     for term, instead in REFUSED.items():

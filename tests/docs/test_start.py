@@ -27,11 +27,26 @@ def test_the_page_prints_what_it_says(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"cloth.png", "cloth.html", "cloth.npz"}
 
 
+def test_the_readme_prints_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "README.md").read_text(encoding="utf8")
+    code, expected = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", page, re.DOTALL).groups()
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})  # of this repository
+    *lines, _, error = printed.getvalue().splitlines()
+    assert lines == expected.splitlines()[:-1]  # the last line has times of a machine
+    # Rounding depends on the instruction set, the digits that the README shows hardly.
+    assert float(error) == pytest.approx(float(re.search(r"# (\S+): metres", code)[1]), rel=0.02)
+    assert (tmp_path / "run.html").exists()
+    assert len(page.splitlines()) <= 120
+
+
 def test_the_notebook_is_the_page():
     pytest.importorskip("nbclient")
     path = ROOT / "notebooks" / "start.ipynb"
     cells = json.loads(path.read_text(encoding="utf8"))["cells"]
-    made = runpy.run_path(str(path.with_name("make_start.py")))["cells"]()
+    made = runpy.run_path(str(path.with_name("make.py")))["cells"]()
     assert ["".join(cell["source"]) for cell in cells] == [cell["source"] for cell in made]
     printed = [
         "".join("".join(one["text"]) for one in cell["outputs"] if one["output_type"] == "stream")

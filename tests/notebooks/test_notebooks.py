@@ -34,3 +34,11 @@ def test_it_runs(path, tmp_path, monkeypatch):
         if output.output_type == "error"
     ]
     assert not errors
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_is_kept_with_small_outputs(path):
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert any(cell.outputs for cell in cells)
+    assert all(cell.execution_count for cell in cells)
+    assert path.stat().st_size < 300_000

@@ -1,9 +1,10 @@
-"""Write start.ipynb from docs/start.md, and run it. Run this after each change of the page.
+"""Run the notebooks and keep their outputs; start.ipynb is written from docs/start.md first. Run this after each change.
 
-    python notebooks/make_start.py
+    python notebooks/make.py [NAME ...]
 """
 
 import re
+import sys
 import tempfile
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from nbclient import NotebookClient
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "start.md"
+KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
 def cells() -> list[nbformat.NotebookNode]:
@@ -29,16 +31,23 @@ def cells() -> list[nbformat.NotebookNode]:
     return made
 
 
-def main() -> None:
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
-    notebook = nbformat.v4.new_notebook(cells=cells(), metadata=metadata)
+def make(path: Path) -> None:
+    if path.stem == "start":
+        notebook = nbformat.v4.new_notebook(cells=cells())
+    else:
+        notebook = nbformat.read(path, as_version=4)
+    notebook.metadata = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
     with tempfile.TemporaryDirectory() as folder:
-        NotebookClient(notebook, timeout=120, resources={"metadata": {"path": folder}}).execute()
+        NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
     for cell in notebook.cells:
         cell.metadata.clear()  # times of execution
-    notebook.metadata = metadata
-    nbformat.write(notebook, HERE / "start.ipynb")
+    notebook.metadata = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
+    nbformat.write(notebook, path)
+
+
+def main() -> None:
+    for name in sys.argv[1:] or sorted(path.stem for path in HERE.glob("*.ipynb")):
+        make(HERE / f"{name}.ipynb")
 
 
 if __name__ == "__main__":
