@@ -17,8 +17,6 @@ def members():
             for function, made in inspect.getmembers(value, inspect.isfunction):
                 if not function.startswith("_") and made.__module__ == value.__name__:
                     yield f"scenes.{function}", made
-        elif name == "view":  # a module that is called like a function
-            yield name, type(value).__call__
         else:
             yield name, value
             if inspect.isclass(value):
