@@ -35,7 +35,7 @@ TERMS = {
 REFUSED = {re.compile(rf"\b(?:{term})\b", re.IGNORECASE): instead for term, instead in TERMS.items()}
 OPENING = re.compile(r"(?:What|Who|Whose|Whoever|Those|Ones|That which|The same (?:as|for|is|holds|goes))\b")
 ABBREVIATION = re.compile(r"\b(?:(?:e\.g|i\.e|etc|vs|cf|eqs?|Eqs?|Fig|No|approx|incl)\.|et al\.(?! [A-Z]))")
-END = re.compile(r"(?<=[.!?])[)\"'*]*\s+(?=[\"'(*]*[A-Z0-9])")
+END = re.compile(r"(?<=[.!?])[)\"'*]*\s+(?=[\"'(*]*[A-Z0-9]|\"\w)")
 ITEM = re.compile(r"^\s*(?:[-*+]|\d+\.)\s+")
 
 
@@ -62,12 +62,14 @@ def blocks_of_page(text: str) -> Iterator[tuple[int, str]]:
 def _blocks(lines: list[str], first: int, indent: int) -> Iterator[tuple[int, str]]:
     found: list[str] = []
     start = first
+    margin = 0
     in_list = False
     for number, line in enumerate([*lines, ""], first):
         item = bool(ITEM.match(line))
         code = line.startswith(" " * indent) and not in_list
         stops = not line.strip() or line.lstrip().startswith(("|", "#", ">>>", "...")) or code
-        if (stops or item) and found:
+        shift = len(line) - len(line.lstrip())
+        if (stops or item or (shift != margin and not in_list)) and found:
             yield start, " ".join(found)
             found = []
         if item:
@@ -77,6 +79,7 @@ def _blocks(lines: list[str], first: int, indent: int) -> Iterator[tuple[int, st
         if not stops:
             if not found:
                 start = number
+            margin = shift
             found.append(ITEM.sub("", line).strip())
 
 

@@ -15,16 +15,16 @@ from .base.keywords import suggesting
 class StabilityWarning(UserWarning):
     """The time step is above the one that is guaranteed to be stable (`max_stable_dt`).
 
-    A run may well be stable all the same: the guarantee holds for all but extreme states, and a
-    cloth near rest often takes twice that step. ``max_stable_dt(scene, integrator, x)`` tells the
-    limit at a state.
+    A run may be stable all the same. The guarantee holds for all but extreme states, and a cloth
+    near rest often takes twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit
+    at a state.
 
-    Or energy has grown out of nothing: without motion of a sphere to drive it, more than half of the
-    kinetic and elastic energy of a cloth was made by the time step, whatever the guarantee says.
+    The other cause is energy out of nothing. No sphere had responded, and the time step made more
+    than half of the kinetic and elastic energy.
 
-    Given once per `Stepper` and `simulate` for each of the two, and by `step` once per line of the caller's code (that
-    is Python's default; see `warnings.filterwarnings` for others). Where a run does grow,
-    `UnstableError` follows.
+    `Stepper` and `simulate` give each of the two once. `step` gives it once per line of the
+    caller's code; `warnings.filterwarnings` changes that. A run that grows further ends with an
+    `UnstableError`.
 
     Examples
     --------
@@ -74,9 +74,9 @@ def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: i
 class OrderWarning(UserWarning):
     """The integrator does not keep its order for this scene.
 
-    Given by `step`, `Stepper`, `simulate` and `sweep` where "pefrl" is used with damping: its kicks
-    take forces that depend on positions alone at order 4, and those that depend on velocities at
-    order 1. ``integrators()[name].order_of(scene)`` tells the order.
+    `step`, `Stepper`, `simulate` and `sweep` give it for "pefrl" with damping. Its kicks have order
+    4 for forces that depend on positions alone, and order 1 for damping.
+    ``integrators()[name].order_of(scene)`` gives the order.
 
     Examples
     --------

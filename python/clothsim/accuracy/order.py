@@ -50,14 +50,14 @@ class Convergence(EqualByValue):
     order : float
         Slope of log rms over log dt, least squares over `fitted`; NaN if fewer than two are.
     fitted : numpy.ndarray
-        True where the error is one of the method: at least ten times the `floor`, and below a
-        tenth of the rms distance that the cloth has moved. Shape (steps,).
+        True where the error is that of the method, shape (steps,). It is at least ten times the
+        `floor`, and below a tenth of the rms distance that the cloth has moved.
     floor : numpy.ndarray
-        Below it an error is one of rounding or of the reference [m], shape (steps,): the largest of
-        the rms of the reference's error estimate, of the least error from where smaller steps no
-        longer help (slope < 1/2), and of eps/2 times the cloth's size, in double times the root of
-        the number of steps, as rounding of the positions adds up like a random walk ("single"
-        compensates it).
+        An error below it is rounding, or the error of the reference [m], shape (steps,). It is the
+        largest of three figures. The first is the rms of the reference's error estimate. The second
+        is the least error from where smaller steps no longer help (slope < 1/2). The third is eps/2
+        times the cloth's size, in double times the root of the number of steps. There rounding of
+        the positions adds up like a random walk; "single" compensates it.
     reference : Reference
 
     Examples

@@ -52,9 +52,9 @@ class Reference(EqualByValue):
         Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64,
         shape (frames, rows, columns, 3), read-only.
     error_bound : dict
-        "max" and "rms" [m], each of shape (frames,): the distance of the mass points from where
-        the second, independent method has them, and half a unit in the last place. Rounding in
-        double makes most of it, magnified by the cloth's own sensitivity.
+        "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second
+        method, plus half a unit in the last place. Most of it is rounding of double, amplified by
+        the cloth.
     error_estimate : dict
         The same, between the extrapolation that is returned and a looser one of other order, both
         in long double: what `x` is likely wrong by.
@@ -131,15 +131,15 @@ def reference(
 ) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
-    It is computed by Gragg-Bulirsch-Stoer extrapolation of order 16 in long double (Hairer,
-    Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9), from the rows of
-    `Cloth.spring_table` and sharing no code with the kernels, and once more by the Dormand-Prince
-    method of order 8 in double, with the kernels, at steps halved until that no longer changes
-    more than rounding does. What the two differ by is the error bound.
+    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
+    extrapolation of order 16 in long double is returned (Hairer, Norsett, Wanner, Solving Ordinary
+    Differential Equations I, section II.9). It takes the rows of `Cloth.spring_table` and shares no
+    code with the kernels. The Dormand-Prince method of order 8 in double uses the kernels. Its
+    steps are halved until only rounding changes the result.
 
-    Solutions are kept in memory (the last 32) and on disk, in the folder that
-    `clothsim.accuracy.cache_directory` names, by scene, times and a hash of the code that computes
-    them. Any number of processes may share the folder.
+    The last 32 solutions are kept in memory. All are kept on disk, in the folder that
+    `clothsim.accuracy.cache_directory` names. The key is a hash of scene, times and the code that
+    computes. Any number of processes may share the folder.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ def reference(
     ValueError, TypeError
         If an argument is not as above, or if a mass point comes within a sphere's contact radius
         before `duration`. A trajectory after contact is chaotic: perturbations grow a hundred
-        thousand times within a sixth of a second, so that no computation in any arithmetic tells
-        where a point is. Compare outcomes there (`penetration`, `energy`, the centre of mass).
+        thousand times within a sixth of a second. No arithmetic then determines where a point is.
+        Compare outcomes there (`penetration`, `energy`, the centre of mass).
     ArithmeticError
         If the extrapolation cannot go on: points coincide, or something grows beyond bounds.
     KeyboardInterrupt
@@ -286,8 +286,8 @@ def extrapolation(
 def _double(scene: Scene, times: list[float], threads: int) -> tuple[Floats, int]:
     """Positions at `times` in double by the kernels, and the force evaluations they took.
 
-    The step is halved until that changes no more than rounding does: the tightest a fixed step
-    can be asked for, without a tolerance that would have to be chosen for every scene.
+    The step is halved until only rounding changes the result. No tolerance has to be chosen for a
+    scene.
     """
     largest = min(_COARSEST * max_stable_dt(scene), times[-1] / 8)
     positions, evaluations = _dop853(scene, times, largest, threads)

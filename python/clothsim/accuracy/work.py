@@ -40,9 +40,9 @@ def work_precision(
 ) -> xarray.Dataset:
     """Error against cost: every integrator in every precision at every step or tolerance.
 
-    Errors are distances from the trusted solution at the end. The time is the least over several
-    runs, which take turns in another order each round, so that a slow spell of the machine meets
-    all of them; it is that of the stepping alone.
+    Errors are distances from the trusted solution at the end. The time is that of the steps alone,
+    and the least of several runs. The methods take turns, in another order each round, so a slow
+    spell of the machine affects all of them.
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def work_precision(
         Time steps [s] of fixed-step methods. Default: seven, each half of the one before, from 0.95
         of the guaranteed stable step (8 times RK4's for an implicit method).
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, over the cloth's larger side: of the error at the end for
-        `simulate`, whose error estimate is not counted in the cost; of a step for the peers.
+        Tolerances of adaptive methods, over the cloth's larger side. `simulate` takes them for the
+        error at the end; the cost leaves out its error estimate. The peers take them for a step.
         Default: 1e-3, 1e-4, ..., 1e-13.
     peers : bool, default False
         True adds what is installed of numba's RK4, SciPy's DOP853 and RK45 over numba's forces,

@@ -1,4 +1,4 @@
-"""What value types have in common: equality, hash, copies, plain data and a short repr."""
+"""Base of value types: equality, hash, copies, plain data and a short repr."""
 
 from __future__ import annotations
 

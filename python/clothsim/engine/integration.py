@@ -1,8 +1,8 @@
 """The time integration methods: what each is, what it costs and where it is stable.
 
-Stability is told by the damped oscillator, one mode of a cloth near rest: with the angular
-frequency omega and the damping rate delta (both 1/s, the square root of an eigenvalue of the
-stiffness per unit mass, and an eigenvalue of the damping per unit mass),
+The damped oscillator, one mode of a cloth near rest, decides stability. Its angular frequency omega
+[1/s] is the root of an eigenvalue of the stiffness per unit mass. Its damping rate delta [1/s] is
+an eigenvalue of the damping per unit mass:
 
     x'' = - omega^2 x - delta x'
 
@@ -37,10 +37,10 @@ class Integrator:
     Attributes
     ----------
     name : str
-        What `step`, `simulate` and `Stepper` take as ``integrator``.
+        The name that `step`, `simulate` and `Stepper` take as ``integrator``.
     order, order_damped : int
-        The error of a smooth motion falls with this power of the time step: of a scene without
-        damping, and of a damped one; see `order_of`.
+        The error of a smooth motion falls with this power of the time step, without damping and
+        with damping; see `order_of`.
     stages : int
         Force evaluations per step of an undamped scene; see `evaluations_per_step`.
     stages_damped : int
@@ -59,7 +59,7 @@ class Integrator:
     real_limit : float
         Largest stable delta * dt of pure damping.
     description, source : str
-        What it is for, and where its coefficients are published.
+        Purpose, and the source of the coefficients.
     """
 
     name: str

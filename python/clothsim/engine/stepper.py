@@ -108,10 +108,11 @@ class Stepper:
             If an argument is not as above.
         UnstableError
             If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
-            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if
-            a point crosses the whole sheet within a step. It is found within 128 steps, and the
-            stepper then stands right before the step that went wrong: every member of a batch at
-            that same step, with the bits it has when it runs alone. `freeze` lets the others go on.
+            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if a
+            point crosses the whole sheet within a step. The state is inspected at least every 128
+            steps. The stepper then returns to the state before the failing step. All members of a
+            batch return to that step, with the bits that they have when run alone. `freeze` lets
+            the others go on.
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
         RuntimeError
@@ -123,8 +124,8 @@ class Stepper:
         Warns
         -----
         StabilityWarning
-            Once in the life of a stepper, if `dt` is above `max_stable_dt`; and once if more than
-            half of the kinetic and elastic energy comes out of nothing (docs/stability.md).
+            Once per stepper if `dt` is above `max_stable_dt`. Also once if more than half of the
+            kinetic and elastic energy comes out of nothing (docs/stability.md).
 
         Examples
         --------
@@ -229,9 +230,9 @@ class Stepper:
     def contact_energy(self) -> float | npt.NDArray[np.float64]:
         """Energy that the collision passes have added so far [J]; per member for a batch.
 
-        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point
-        that a response moved or turned; 0 for an elastic, frictionless contact in exact arithmetic
-        at the exact moment of impact, so what it shows is made or lost by the method.
+        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point that
+        a response moved or turned. An elastic, frictionless contact at the exact time of impact
+        gives 0 in exact arithmetic. Other values are made or lost by the method.
 
         Raises
         ------
@@ -418,7 +419,7 @@ class Stepper:
         return stepper
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """What a notebook shows: lines, and a picture of the state, of a batch of its first member."""
+        """Lines, and a picture of the state for a notebook; of a batch, its first member."""
         from ..viewing.notebook import state_bundle
 
         scene = self.scene if isinstance(self.scene, Scene) else self.scene[0]

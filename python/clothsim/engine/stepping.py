@@ -44,8 +44,8 @@ def step(
         A sequence of B scenes of one shape goes with a batch of B states.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
-        float32 and float64 are taken as they are, C-contiguous ones without a copy; other real
-        dtypes as float64. Never modified.
+        C-contiguous arrays of float32 or float64 are not copied. Other real dtypes become float64.
+        Never modified.
     dt : float
         Time step [s], > 0.
     steps : int, default 1
@@ -56,19 +56,19 @@ def step(
     integrator : str, default "rk4"
         Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
     precision : {"double", "single"}, default "double"
-        Arithmetic. "single" computes in float32 and keeps what rounding takes from x and v in a
-        second float32 each (compensated summation), without which small steps stall.
+        Arithmetic. "single" computes in float32. A second float32 of each number keeps the rounding
+        of x and v (compensated summation), so small steps do not stall.
     threads : int, optional
         Threads used, 1 to 256. Default: by size, and by what steps are seen to cost: one thread
         wherever that is faster. The result has the same bits for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"
-        "gather" is the compute shader's: one lane a mass point that gathers its neighbours.
-        "edge" takes each spring once and is faster. "auto" is "edge", or "gather" if `strict`.
+        "gather" is the compute shader's: a lane is a mass point that gathers its neighbours. "edge"
+        takes each spring once and is faster. "auto" is "edge", or "gather" if `strict`.
     strict : bool, default False
-        True: exact roots and divisions and nothing fused, so that every instruction set gives the
-        same bits, at 2.7 times the time of the kernel "edge", which has no such class.
+        True: exact roots and divisions, and nothing fused, so every instruction set gives the same
+        bits. A step takes 2.7 times as long as with the kernel "edge", which has no strict class.
     backend : {"cpu", "gpu"}, default "cpu"
         "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather"; `strict` then
         keeps products apart from sums, so that an adapter that rounds correctly gives the bits of
@@ -77,9 +77,9 @@ def step(
     Returns
     -------
     x, v : numpy.ndarray
-        The new state, of the shape and dtype of the input (float64 if either is). float64 holds
-        the whole compensated state of "single"; float32 drops the compensation at each call (a
-        `Stepper` keeps it).
+        The new state, of the shape and dtype of the input (float64 if either is). Arrays of float64
+        hold the whole compensated state of "single". Arrays of float32 drop the compensation at
+        each call; a `Stepper` keeps it.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def reference_step(
     *,
     as_printed: bool = False,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """What `step` does, by the scalar oracle: spring by spring, in double, not optimised.
+    """Step by the scalar reference: spring by spring, in double, not optimised.
 
     The code (cpp/reference) is written to be read beside the paper; the kernels are tested
     against it.

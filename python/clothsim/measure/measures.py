@@ -220,23 +220,22 @@ def max_stable_dt(
 ) -> float:
     """The largest time step that is stable: guaranteed for all states but extreme ones, or at one.
 
-    A mode of the cloth with frequency omega and damping rate delta, x'' = -omega^2 x - delta x',
-    does not grow where the integrator's amplification matrix of (omega dt, delta dt) has no
-    eigenvalue above 1 in size; for RK4 that is omega dt <= 2.8284 undamped, 2.6155 for any amount
-    of damping, and delta dt <= 2.7853 without a spring.
+    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
+    It does not grow where the integrator's amplification matrix of (omega dt, delta dt) has no
+    eigenvalue above 1 in size. RK4 allows omega dt <= 2.8284 without damping, 2.6155 for any
+    damping, and delta dt <= 2.7853 without a spring.
 
-    Without a state, omega^2 <= lambda and delta bound all modes (docs/stability.md): on a uniform
-    grid lambda = kappa K / m with kappa = 8 for structural springs, 12 with shear, 16.33 with
-    bend, different stiffnesses bounded in the same way (the maximum of the grid's Fourier symbol),
-    and delta likewise from the damping. With mass per point, and in narrow cloths, also
-    lambda <= max over the points i of sum_j K_ij (1/m_i + 1/m_j), where a pinned point has 1/m = 0.
-    The step is stable for every pair up to these.
+    Without a state, omega^2 <= lambda and a largest delta bound all modes (docs/stability.md). A
+    uniform grid has lambda = kappa K / m, with kappa = 8 for structural springs, 12 with shear, and
+    16.33 with bend. That is the maximum of the grid's Fourier symbol, which also bounds families of
+    different stiffness, and delta from the damping. With mass per point, and in narrow cloths,
+    lambda is at most the maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point
+    has 1/m = 0. The step is stable for every pair up to these bounds.
 
-    That is a guarantee for each state in which no spring is shorter than half its rest length and,
-    with spring damping, no spring turns or shortens so fast that damping pulls across it harder
-    than its stiffness does. Beyond that a mode may be faster than lambda allows, and a run at this
-    step may be unstable. Nor does it keep compressed springs from buckling, whose growth is that
-    of the equation, not of the method.
+    The guarantee holds where no spring is shorter than half its rest length. With spring damping,
+    no spring may turn or shorten so fast that damping across it exceeds its stiffness. In other
+    states a mode may be faster than lambda allows, and a run at this step may be unstable.
+    Compressed springs buckle at any step: the equation itself lets them grow.
 
     With a state, the step is that of the forces linearised there. For Runge-Kutta methods the
     modes decide. Of "semi_implicit_euler", "velocity_verlet" and "pefrl" the eigenvalues of the
@@ -263,8 +262,8 @@ def max_stable_dt(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or a spring of the state is shorter than 1e-12 of its rest
-        length without being of length 0; the message names its ends.
+        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its
+        rest length, but not of length 0; the message names its ends.
 
     Examples
     --------

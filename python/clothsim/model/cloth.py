@@ -54,8 +54,8 @@ _ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
 class Cloth(Record):
     """A rectangular sheet of mass points and springs (Kim et al., section 2; defaults Table 2).
 
-    The spring between the points i and j pulls i with the force (eq 1 of Kim et al., with the
-    printed plus sign put right, and damping along the spring)::
+    The spring between the points i and j pulls i with this force. It is eq 1 of Kim et al. with the
+    printed plus sign corrected, and damping along the spring::
 
         F = (stiffness (|d| - rest_length) - damping (v_i - v_j) . n) n,  d = x_j - x_i, n = d/|d|
 
@@ -276,16 +276,16 @@ class Cloth(Record):
     def spring_table(self) -> npt.NDArray[np.void]:
         """Every spring, one row each.
 
-        The order is: structural (r, c)-(r, c+1), structural (r, c)-(r+1, c),
-        shear (r, c)-(r+1, c+1), shear (r, c+1)-(r+1, c), bend (r, c)-(r, c+2),
-        bend (r, c)-(r+2, c); within each of these by r, then by c.
+        The order is structural (r, c)-(r, c+1) and (r, c)-(r+1, c); shear (r, c)-(r+1, c+1) and (r,
+        c+1)-(r+1, c); bend (r, c)-(r, c+2) and (r, c)-(r+2, c). Each of these six is ordered by r,
+        then by c.
 
         Returns
         -------
         numpy.ndarray
-            Structured, with the fields ``i`` and ``j`` (indices of the two points, i < j),
-            ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m]; the
-            damping is 0 with the damping model "point".
+            Structured. The fields are ``i`` and ``j`` (indices of the two points, i < j),
+            ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m]. With the
+            damping model "point" the damping is 0.
 
         Examples
         --------

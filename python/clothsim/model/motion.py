@@ -192,9 +192,9 @@ class Reciprocate(_Motion):
         v(t) = s k exp(-k q) / (1 - exp(-k)) (2/T) distance u     s (2/T) distance u for k = 0
 
     Kim et al. (section 6) move their sphere over unit length about the cloth's centre and slow it
-    down by linear interpolation. Going the same fraction of the rest of the way at every frame
-    tends to this exponential for short frames; here it is scaled so that the turning point is
-    reached, exactly when half a period is over.
+    down by linear interpolation. A sphere that goes an equal fraction of the remaining way in every
+    frame approaches this exponential for short frames. Here it is scaled, so that the sphere
+    reaches the turning point exactly after half a period.
 
     Parameters
     ----------

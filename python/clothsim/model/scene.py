@@ -123,7 +123,8 @@ class Scene(Record):
         strict: bool = False,
         integrator: Integrator = "rk4",
     ) -> Any:
-        """What this scene computes per step, what it leaves out, and what limits the step.
+        """List the work of a step of this scene, the parts left out, and the term that limits the
+        step.
 
         Parameters
         ----------
@@ -142,11 +143,10 @@ class Scene(Record):
         -------
         mapping
             Families, damping, collision passes, kernel, instruction set and precision; of the
-            integrator "order" (for this scene), "force_evaluations_per_step" and
-            "flops_per_step" (NaN for an implicit method); "max_stable_dt", the step that is
-            guaranteed to be stable [s], and "limited_by", the term that limits it: stiffness or
-            damping, of which springs, and the value below which the other would limit more.
-            Printed, it is a readable table.
+            integrator "order" (for this scene), "force_evaluations_per_step" and "flops_per_step"
+            (NaN for an implicit method); "max_stable_dt", the step that is guaranteed to be stable
+            [s], and "limited_by", the term that limits it, with its springs. It names the value
+            below which the other term would limit more. Printed, it is a readable table.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class Scene(Record):
         return explain(self, precision, kernel, threads, strict, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """What a notebook shows: lines, and a picture of the initial state."""
+        """Lines, and a picture of the initial state, for a notebook."""
         from ..viewing.notebook import state_bundle
         from .summary import scene_lines
 

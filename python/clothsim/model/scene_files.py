@@ -41,8 +41,8 @@ _COMMENTS = {
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
-    The file has "schema" (1), a table "cloth", tables "spheres" and the other arguments of
-    `Scene`, each with the arguments of its class; what is missing takes its default.
+    The file has "schema" (1), a table "cloth", tables "spheres" and the other arguments of `Scene`.
+    The tables have the arguments of the classes. Missing arguments take their defaults.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError
-        If the file is no TOML, has another schema version, an unknown key (the nearest known one is
-        named), lacks one, or has a value that is refused. The message begins with the path.
+        If the file is no TOML or has another schema version. Also for an unknown key, a missing key
+        or a refused value. The message begins with the path, and suggests the nearest known key.
     TypeError
         If a value is of a wrong type.
     OSError

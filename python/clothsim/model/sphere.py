@@ -28,14 +28,13 @@ class Sphere(Record):
     """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
-    ``radius`` plus the offset. Unless `literal`, what counts is the point's velocity relative to
-    the sphere, and only approaching points are answered.
+    ``radius`` plus the offset. The velocity of the point relative to the sphere counts, and only
+    approaching points respond; `literal` changes both.
 
-    "reflect" and "ray" look at the end of a step: what is fast passes between two steps, and what
-    they move or turn makes energy. "continuous" finds when within the step point and sphere meet,
-    both on straight lines, in double whatever the state's precision: the point is turned there
-    and goes on for the rest of the step. No point passes at any speed, and no energy is made
-    (docs/contact.md).
+    "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
+    responses can make energy. "continuous" finds the time of impact within the step, with point and
+    sphere on straight lines, in double. The point responds there and moves on for the rest of the
+    step. No point passes at any speed, and no energy is made (docs/contact.md).
 
     Parameters
     ----------
@@ -47,17 +46,15 @@ class Sphere(Record):
     motion : Linear, Reciprocate or Keyframes, optional
         Default: the sphere stands still.
     response : {"ray", "reflect", "continuous"}, default "ray"
-        "reflect" (method 1, eq 7) turns the velocity round and leaves the position alone. "ray"
-        (method 2, eq 8-12) moves the point back along its velocity to the contact radius, then
-        turns the velocity round. "continuous" answers at the time of impact.
+        "reflect" (method 1, eq 7) reflects the velocity and keeps the position. "ray" (method 2, eq
+        8-12) moves the point back along its velocity to the contact radius, then reflects the
+        velocity. "continuous" responds at the time of impact.
     offset : {"edge", "none", "face"} or float, default "edge"
-        What the contact radius adds to `radius`: "edge" the length of eq 13, which keeps the
-        middle of an unstretched structural spring out of the sphere; "none" nothing; a number
-        that length [m], >= 0. "face" keeps every triangle of the cloth out, as large as it is at
-        that moment, with what its corners need for that and no more; it also catches spheres
-        that are smaller than a cell. It needs the response "continuous" and the CPU. Far from
-        spheres it costs nothing; a step of the paper's cloth with all its triangles in contact
-        takes about 14 times a step without spheres, a light drape up to 260 times.
+        Length that the contact radius adds to `radius`. "edge" is the length of eq 13, which keeps
+        the middle of an unstretched structural spring outside. "none" is 0, and a number is that
+        length [m], >= 0. "face" keeps out every triangle at its present size, also from spheres
+        smaller than a cell. It needs the response "continuous" and the CPU; docs/contact.md has its
+        cost.
     restitution : float, default 1.0
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. With
         "continuous" a bounce that would be over within a step is not flown: the point stays at
@@ -217,16 +214,15 @@ class Sphere(Record):
         return (self.motion or _STILL).velocity_at(t)
 
     def offset_length(self, cloth: Cloth) -> float:
-        """What the contact radius adds to the true radius.
+        """Length that the contact radius adds to the true radius.
 
-        With `offset` "edge" it is eq 13 of Kim et al., O = sqrt((D/2)^2 + R^2) - R with R the
-        radius and D the longest rest length of a structural spring (a neighbour's distance,
-        also where the cloth has no structural springs), computed as
-        (D/2)^2 / (sqrt((D/2)^2 + R^2) + R), which loses no digits for small D.
+        With `offset` "edge" it is eq 13 of Kim et al., O = sqrt((D/2)^2 + R^2) - R. R is the
+        radius, and D the largest distance between neighbours at rest. The form (D/2)^2 /
+        (sqrt((D/2)^2 + R^2) + R) loses no digits for small D.
 
-        With "face" there is no fixed length: this is the most that a corner of an unstretched
-        cell needs, sqrt(rho^2 + R^2) - R with rho half the cell's diagonal, the radius of the
-        smallest circle around its triangles.
+        With "face" there is no fixed length. The value is then the most that a corner of an
+        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell,
+        the radius of the smallest circle around its triangles.
 
         Parameters
         ----------
@@ -264,9 +260,8 @@ class Sphere(Record):
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact.
 
-        With `offset` "face" mass points themselves are in contact at the true radius, which is
-        what the core takes; this is the distance at which a corner of an unstretched cell stands
-        when the middle of its longest side touches.
+        With `offset` "face" the core takes the true radius for mass points. The value is then the
+        distance of a corner of an unstretched cell when the middle of the longest side touches.
 
         Parameters
         ----------

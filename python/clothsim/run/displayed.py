@@ -1,4 +1,4 @@
-"""What a run can show of itself; the room `view` draws it, and is imported when it is used."""
+"""Pictures and pages of a run; the room `viewing` draws them, and is imported when it is used."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ class DisplayedRun:
     ) -> Path:
         """Write a film of the run.
 
-        Each picture shows the stored frame that is nearest in time, so the film is as smooth as
-        the frames are close: `simulate` with ``every=speed / fps`` stores what it needs.
+        Each picture shows the stored frame that is nearest in time. `simulate` with ``every=speed /
+        fps`` stores the frames that a smooth film needs.
 
         Parameters
         ----------
@@ -139,9 +139,9 @@ class DisplayedRun:
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser.
 
-        The page makes no request: turn the cloth by mouse, play, seek, colour by stretch, speed or
-        depth below a sphere, with curves of energy, stretch, penetration and contacts. Positions
-        are rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32 take 1.1 MB.
+        The page makes no request. It plays, seeks, turns by mouse, and colours by stretch, speed or
+        depth below a sphere. Curves show energy, stretch, penetration and contacts. Positions are
+        rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32 take 1.1 MB.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class DisplayedRun:
         return run_to_frame(cast("Run", self), height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """What a notebook shows: the lines of `print`, and a picture of the last frame."""
+        """The lines of `print`, and a picture of the last frame, for a notebook."""
         from ..viewing.notebook import WIDTH, bundle
 
         return bundle(str(self), self.picture(width=WIDTH))

@@ -68,9 +68,9 @@ class ExportedRun:
         h^4 / 384 times its largest fourth derivative (de Boor, *A Practical Guide to Splines*).
         An impact that changes a velocity by u adds at most h |u| / 8.
 
-        A check interpolates each stored frame from its two neighbours. The largest distance to
-        the stored positions overestimates the error, as the gap is twice as long: 16 times where
-        the motion is smooth, twice at an impact. The check refuses a distance above the grid
+        A check interpolates each stored frame from its two neighbours. The gap there is twice as
+        long, so the distance to the stored positions overestimates the error. The factor is 16
+        where the motion is smooth, and 2 at an impact. The check refuses a distance above the grid
         spacing. It also refuses a run without a stored frame between first and last.
 
         Examples

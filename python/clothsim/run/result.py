@@ -34,11 +34,11 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(DisplayedRun, ExportedRun):
-    """What `simulate` returns.
+    """Frames, report and final state of a run; `simulate` returns it.
 
     ``print(run)`` gives six lines. Two runs are equal if their scenes, times and frames are equal
     bit for bit; the report, which has measured times, does not count. The hash agrees with that as
-    long as nobody writes to the arrays.
+    long as the arrays are unchanged.
 
     Attributes
     ----------
@@ -97,16 +97,15 @@ class Run(DisplayedRun, ExportedRun):
     ) -> Run:
         """The run that goes on from the end of this one, in the same steps.
 
-        With a time step given, it is bit for bit the rest of one run of both durations that stores
-        a frame at the end of this one (a step is shortened before a frame that it does not
-        divide). The compensation of "single" goes on too, and so does `sampling`. `save` and
-        `load_run` keep all that is needed.
+        With a time step given, the result has the bits of one run of both durations that stores a
+        frame at the break. The frame matters, because a step is shortened before a frame that it
+        does not divide. The compensation of "single" goes on too, and so does `sampling`. `save`
+        and `load_run` keep all that is needed.
 
         With error control, method, tolerance of a step and step size go on. A run that a callback
-        or Ctrl-C has ended, at a state that was no dense output, is bit for bit the uninterrupted
-        one when it is resumed to the same end. A whole run has shortened its last steps to end at
-        its duration, so the one run of both durations has other steps. How large the error at the
-        new end is, is not estimated.
+        or Ctrl-C ended at a step continues with the bits of the uninterrupted run to that end. A
+        whole run has shortened its last steps to end at its duration, so one run of both durations
+        has other steps. The error at the new end is not estimated.
 
         Parameters
         ----------

@@ -64,9 +64,9 @@ def simulate(
     precision : {"double", "single"}, default "double"
         As for `step`; "auto" chooses for itself.
     rtol, atol : float, optional
-        Error control: the error of the last positions, the root of its mean square over the mass
-        points, is to be at most ``atol + rtol * max(scene.cloth.size)`` [m]; what is not given is
-        0. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
+        Error control: the rms error of the last positions over the mass points is to be at most
+        ``atol + rtol * max(scene.cloth.size)`` [m]. A missing value counts as 0. Without `dt`,
+        `rtol` and `atol`, rtol is 1e-3.
     every : int, float or "step", optional
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
         at each step. At most one of `every`, `times` and `fps` is given; by default only the
@@ -95,27 +95,28 @@ def simulate(
         they do not suffice, the best run so far is returned, with the reason in its report.
         Default: no limit. Not together with `dt`.
     sampling : int, default 32
-        Depths of triangles and stretches are sampled at so many states of the run at least, evenly
-        in time, if it has as many steps: after every n-th step, n = min(128, steps // sampling). A
-        method with error control samples after every 16th step, and where duration / sampling has
-        passed since the last sample. Stored frames are sampled too.
+        Least number of states at which depths of triangles and stretches are sampled. The samples
+        come after every n-th step, n = min(128, steps // sampling). A method with error control
+        samples after every 16th step, and where duration / sampling has passed since the last
+        sample. Stored frames are sampled too.
 
     Returns
     -------
     Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
-        shorter. A method with error control keeps its own steps and computes frames in seconds by
-        its dense output; a fixed step is shortened before a frame that it does not divide.
-        ``run.report`` has "steps", "rejected_steps", "force_evaluations" (of the run and of its
-        error estimate together), "solution_evaluations" (of the run alone), "wall_time" [s] (of it),
-        "steps_per_second", "dt" (the mean step of an adaptive method), "energy" ("start" and
-        "end", see `energy`), "kernel", "integrator", "precision", "strict", "threads",
-        "instruction_set" (the adapter with the backend "gpu"), "backend", "version" and "stopped"
-        ("" for a whole run, else "callback", "interrupted", "unstable", "contact"
-        or "max_evaluations"). It also has
-        extremes over the states of the run: the initial one and that at the end of each step, after
-        the responses. Each is a mapping with a "reason": "" or why a number is NaN, as all are with
-        the backend "gpu".
+        shorter. A method with error control keeps its own steps, and its dense output gives the
+        frames. A fixed step is shortened before a frame that it does not divide. ``run.report``
+        counts "steps", "rejected_steps" and "force_evaluations", the last of the run and
+        its error estimate together. "solution_evaluations", "wall_time" [s], "steps_per_second" and "dt" are
+        those of the run alone; "dt" is the mean step of an adaptive method. "integrator",
+        "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say
+        how the run was computed. With the backend "gpu", "instruction_set" is the adapter.
+        "stopped" is "" for a whole run, else "callback", "interrupted", "unstable", "contact" or
+        "max_evaluations".
+
+        The report also has extremes over the states of the run. A state is the initial state, or the
+        state at the end of a step, after the responses. Each is a mapping with a "reason": "", or why a
+        number is NaN. With the backend "gpu" all are NaN.
 
         "penetration"
             "points" and "triangles" [m], the deepest over all spheres; see `penetration`. Mass
@@ -126,10 +127,10 @@ def simulate(
         "first_contact"
             "time" [s]: end of the first step in which a response changed the cloth.
         "energy"
-            Beside "start" and "end", "gained" [J]: the most by which the total energy was above
-            that of the start, 0 where it never was, over one state in 128 and the stored frames
-            (one in 16 with error control, or above `max_stable_dt`). Nothing but the method's error
-            can add energy until a sphere responds. After a response it is NaN.
+            "start" and "end", see `energy`; "gained" [J]: the most by which the total energy was
+            above that of the start, or 0. One state in 128 counts, and the stored frames; one in 16
+            with error control, or above `max_stable_dt`. Nothing but the method's error can add
+            energy until a sphere responds. After a response it is NaN.
 
         About the error:
 
@@ -145,9 +146,9 @@ def simulate(
             "asked" [m, rms], NaN without error control, and "reached", whether the estimate is
             at most that.
         "chaotic"
-            True if error control has met a contact: after that, trajectories of nearby states
-            part, until nothing but outcomes can be compared. "outcomes" then gives outcomes with
-            their difference from those of the better run; else it is empty.
+            True if a run with error control had a contact. Trajectories of nearby states then part,
+            and only outcomes can be compared. "outcomes" gives them with their difference from the
+            better run; without contact it is empty.
 
     Raises
     ------
@@ -164,15 +165,15 @@ def simulate(
     Warns
     -----
     StabilityWarning
-        If `dt` is above `max_stable_dt`, or if the run makes energy: until a sphere responds, more
-        than half of the kinetic and elastic energy came out of nothing (docs/stability.md).
+        If `dt` is above `max_stable_dt`. Also if more than half of the kinetic and elastic energy
+        came out of nothing before a sphere responded (docs/stability.md).
 
     Notes
     -----
-    A method with error control meets spheres as those with a fixed step do: one collision pass
-    after each step, which for "continuous" spheres tests the whole way of the step. Near a sphere,
-    a step in which a mass point would move by more than a tenth of the contact radius relative to
-    it, and by more than the gap, is cut or redone.
+    With error control, as with a fixed step, one collision pass follows each step. For "continuous"
+    spheres it tests the whole path of the step. A step is cut or redone if a mass point moves too
+    far relative to a sphere. The limit is the gap, or a tenth of the contact radius if that is
+    more.
 
     Examples
     --------

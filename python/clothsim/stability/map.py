@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class StabilityMap:
-    """What `stability_map` finds, in plain arrays.
+    """Result of `stability_map`, in plain arrays.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ def stability_map(
     Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. It is
     stable unless its total energy rises (`clothsim.stability.trial`), which nothing but the time
     step can make it do: spheres are left out. The prediction is that of the linearised forces at
-    the initial state, so a cloth that moves far, as a swing does, may keep to a lower limit.
+    the initial state. A cloth that moves far may have a lower limit.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def sweep(
     Parameters
     ----------
     scene : Scene
-        What is not swept.
+        Values that are not swept.
     over : mapping, or sequence of mappings
         ``{name: values}`` is a grid: one dimension per name, every combination a member.
         ``{(name, name): [(value, value), ...]}`` are zipped lists, one dimension for both.
@@ -65,9 +65,10 @@ def sweep(
     metrics : sequence, mapping, name or function
         Names: "error" (gives error, error_rms and reference_error [m], see docs/sweeps.md),
         "energy_drift" and "energy_gained" [J], "largest_stretch", "penetration" (and
-        penetration_points) [m], "stable", "steps_per_second" [1/s], "first_contact" [s]. A function is given a `Run` (with
-        the frames of `every`) and returns a number, an array, or a mapping of them; to leave this
-        process it has to pickle. Default: "stable", "energy_drift" and "largest_stretch".
+        penetration_points) [m], "stable", "steps_per_second" [1/s], "first_contact" [s]. A function
+        takes a `Run`, with the frames of `every`, and returns a number, an array, or a mapping of
+        them. It must pickle to run in another process. Default: "stable", "energy_drift" and
+        "largest_stretch".
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
     integrator, precision, kernel, strict
@@ -111,8 +112,8 @@ def sweep(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, a member cannot be made, or the store is of another sweep
-        (the message tells what differs); nothing has been run or written then.
+        If an argument is not as above, a member cannot be made, or the store is of another sweep.
+        The message names the difference. Nothing has been run or written then.
     ImportError
         Without xarray, zarr (for `store`) or tqdm (for `progress`): the extra "sweep".
     KeyboardInterrupt

@@ -38,7 +38,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     Parameters
     ----------
     path : path-like
-        What was given to `sweep` as ``store``.
+        The ``store`` of `sweep`.
 
     Returns
     -------

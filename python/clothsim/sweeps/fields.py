@@ -1,9 +1,9 @@
-"""What can be swept: every argument of Cloth, Sphere, Scene and the run, and parts of them.
+"""Names to sweep: every argument of Cloth, Sphere, Scene and the run, and parts of them.
 
-A name is an argument's own for Cloth, Scene and the run ("stiffness", "gravity", "dt"), and has
-"sphere_" in front for a sphere's ("sphere_radius": of every sphere; "sphere1_radius": of the one
-with index 1). Parts: a family's ("stiffness_shear", "damping_bend"), a component's ("gravity_y",
-"sphere_center_x"), a motion's argument ("sphere_period"), and "sphere_speed".
+Arguments of Cloth, Scene and the run keep their names ("stiffness", "gravity", "dt"). "sphere_"
+stands before arguments of every sphere ("sphere_radius"). "sphere1_" stands before arguments of the
+sphere with index 1. Parts: a family's ("stiffness_shear", "damping_bend"), a component's
+("gravity_y", "sphere_center_x"), a motion's argument ("sphere_period"), and "sphere_speed".
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ def view(
     block : bool, default True
         Serve until Ctrl-C. False returns the viewer at once.
     dt : float, optional
-        Time step [s]. Default: the paper's 5 us where the machine keeps up with it, else the smallest
-        of 10, 20, 50, ... us that it can, at most half the guaranteed stable one.
+        Time step [s]. Default: the paper's 5 us, or the smallest of 10, 20, 50, ... us with which
+        the machine keeps up. It is at most half of the guaranteed stable step.
     integrator, precision : str
         As for `clothsim.Stepper`.
     host : str, default "127.0.0.1"

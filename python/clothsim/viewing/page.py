@@ -1,7 +1,7 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page is our own WebGL and no snapshot of k3d: a snapshot shows a single scene, without curves and without
-the red where cloth is inside a sphere. Frames are packed (`packing`).
+The page is our own WebGL. A snapshot of k3d shows a single scene, without curves, and without red
+where cloth is inside a sphere. Frames are packed (`packing`).
 
 Everything is inside the file, and its content security policy forbids requests.
 """
@@ -54,9 +54,8 @@ class Comparison:
         contacts have a cursor there. The page can be turned, moved and enlarged by mouse, colours
         the cloth by stretch, speed or depth below a sphere, and makes no request.
 
-        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m at most),
-        stretch and speed to 1/255 of their largest value. A run that is shorter than another keeps
-        its last frame.
+        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m). Stretch
+        and speed have 255 levels. A run that is shorter than another keeps its last frame.
 
         Parameters
         ----------
@@ -176,7 +175,7 @@ def _page(title: str, runs: Mapping[str, Run]) -> str:
 
 
 def _contents(runs: Mapping[str, Run], cameras: list[Camera]) -> tuple[dict[str, Any], str]:
-    """What the page is told, and its script elements with the frames."""
+    """Settings of the page, and its script elements with the frames."""
     stretch = [point_stretch(run.scene, run.x) for run in runs.values()]
     speed = [np.linalg.norm(run.v, axis=-1).reshape(len(run.t), -1) for run in runs.values()]
     tops = {"stretch": top_of(stretch), "speed": top_of(speed)}
