@@ -21,7 +21,7 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.view.packing import point_stretch
+from clothsim.viewing.packing import point_stretch
 
 FRAMES = 300
 TRIALS = 5
@@ -154,7 +154,8 @@ def playback(page: Page) -> list[tuple[str, str, str]]:
 
 
 def import_figures() -> list[tuple[str, str, str]]:
-    script = "import sys, clothsim; print(sum(m.startswith(('clothsim.view.', 'viser', 'k3d', 'matplotlib')) for m in sys.modules))"
+    names = ("clothsim.viewing", "viser", "k3d", "matplotlib", "PIL")
+    script = f"import sys, clothsim; print(sum(m.startswith({names}) for m in sys.modules))"
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
     return [("modules of the viewer that `import clothsim` loads", "0", found)]
 
@@ -165,8 +166,8 @@ def import_figures() -> list[tuple[str, str, str]]:
 def live_figures() -> list[tuple[str, str, str]]:
     viewer = cs.view(cs.scenes.paper_static(), block=False, dt=1e-4, port=8137)
     play, drawn = viewer.playground, []
-    draw = viewer._draw
-    viewer._draw = lambda: (draw(), drawn.append(time.perf_counter()))  # type: ignore[method-assign]
+    draw = viewer.stage.draw
+    viewer.stage.draw = lambda: (draw(), drawn.append(time.perf_counter()))  # type: ignore[method-assign,assignment,return-value]
     rows = []
     try:
         for clients in (0, 1):
@@ -204,10 +205,16 @@ def k3d_figures() -> list[tuple[str, str, str]]:
     rows = []
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         ours, theirs, three = (Path(folder, name) for name in ("ours.html", "k3d.html", "three.html"))
-        times = [seconds(lambda: run.to_html(ours)), seconds(lambda: snapshot(run, theirs, 1)), seconds(lambda: snapshot(run, three, 3))]
+        times = [
+            seconds(lambda: run.to_html(ours)),
+            seconds(lambda: snapshot(run, theirs, 1)),
+            seconds(lambda: snapshot(run, three, 3)),
+        ]
         files = ((ours, ""), (theirs, K3D_READY), (three, K3D_READY))
         sizes = [path.stat().st_size / 1e6 for path, _ in files]
-        pictures = [trials(lambda path=path, script=script: first_picture(browser, path, script), 3) for path, script in files]
+        pictures = [
+            trials(lambda path=path, script=script: first_picture(browser, path, script), 3) for path, script in files
+        ]
     rows.append(("bytes [MB]", *(f"{size:.2f}" for size in sizes)))
     rows.append(("writing [s]", *(f"{one:.1f}" for one in times)))
     rows.append(("first picture [s]", *pictures))
@@ -240,7 +247,9 @@ def main(parts: list[str]) -> None:
     for name in parts or PARTS:
         if name not in PARTS:
             raise SystemExit(f"parts are {', '.join(PARTS)}, got {name!r}")
-        head = ("page", "ours", "k3d, a colour", "k3d, three colours") if name == "k3d" else ("figure", "to reach", "measured")
+        head = (
+            ("page", "ours", "k3d, a colour", "k3d, three colours") if name == "k3d" else ("figure", "to reach", "measured")
+        )
         print(f"\n| {' | '.join(head)} |\n|{' --- |' * len(head)}")
         for row in PARTS[name]():
             print(f"| {' | '.join(row)} |", flush=True)
