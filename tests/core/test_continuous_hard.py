@@ -7,6 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.lab.contact import cone
+from tables import each
 
 FREE = {"stiffness": 0.0, "damping": 0.0}
 
@@ -226,7 +227,7 @@ def test_a_continuous_sphere_beside_one_of_the_paper():
     np.testing.assert_array_equal(first.positions, second.positions)
 
 
-@pytest.mark.parametrize(
+@each(
     "arguments, message",
     [
         ({"radius": 0}, "radius must be a finite number > 0"),
@@ -241,7 +242,6 @@ def test_a_continuous_sphere_beside_one_of_the_paper():
         ({"response": "continous"}, "did you mean 'continuous'"),
         ({"offset": "faces"}, "offset must be one of .*'face'"),
     ],
-    ids=lambda value: str(value)[:30],
 )
 def test_wrong_arguments_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):

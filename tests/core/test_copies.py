@@ -4,6 +4,7 @@ import itertools
 
 import clothsim as cs
 import numpy as np
+from tables import each
 from variants import cases
 
 # The last has points enough for each of two threads to copy some of the rows.
@@ -35,7 +36,8 @@ def held(values, precision):
 
 
 # The arithmetic class changes nothing of how a state lies in memory.
-@cases(strict=[False], shape=[*SHAPES, LARGE])
+@cases(strict=[False])
+@each("shape", [*SHAPES, LARGE])
 def test_a_state_comes_out_as_it_went_in(variant, shape):
     for dtype in (np.float64, np.float32):
         scene, x, v = state(shape, dtype)

@@ -16,6 +16,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from random_cloths import Model, draw, truth
+from tables import each
 
 DURATIONS = {"swing": 0.5, "swing with bend": 0.5, "hanging": 1.0, "oscillator": 1.0, "damped": 1.0}
 
@@ -271,7 +272,7 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
     assert np.isnan(energy["end"]["total"]) and "finite" in energy["reason"]
 
 
-@pytest.mark.parametrize(
+@each(
     "arguments, error, message",
     [
         ({"dt": 1e-3, "rtol": 1e-3}, ValueError, "dt must be None with rtol or atol"),

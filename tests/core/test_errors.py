@@ -6,6 +6,7 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
+from tables import each
 
 SCENE = cs.Scene(cs.Cloth((4, 5)))
 X, V = SCENE.initial_position, SCENE.initial_velocity
@@ -44,7 +45,7 @@ STEPPING = {
 }
 
 
-@pytest.mark.parametrize("value, error", BAD_STATES.values(), ids=BAD_STATES)
+@each("value, error", BAD_STATES.values())
 def test_states(value, error):
     kept = value.copy() if isinstance(value, np.ndarray) else value
     for call, name in itertools.product(STEPPING, ("x", "v")):
@@ -71,7 +72,7 @@ def test_one_state_for_the_reference():
         cs.reference_step(SCENE, X[None], V[None], 1e-3)
 
 
-@pytest.mark.parametrize(
+@each(
     "name, value, error",
     [
         ("dt", 0.0, ValueError),
@@ -92,7 +93,6 @@ def test_one_state_for_the_reference():
         ("t", math.nan, ValueError),
         ("t", "0", TypeError),
     ],
-    ids=str,
 )
 def test_numbers(name, value, error):
     arguments = {"dt": 1e-3, "steps": 1, "t": 0.0, name: value}
@@ -101,7 +101,7 @@ def test_numbers(name, value, error):
             call(SCENE, X, V, **arguments)
 
 
-@pytest.mark.parametrize(
+@each(
     "name, value, error",
     [
         ("integrator", "eular", ValueError),
@@ -113,7 +113,6 @@ def test_numbers(name, value, error):
         ("strict", 1, TypeError),
         ("strict", "no", TypeError),
     ],
-    ids=str,
 )
 def test_options(name, value, error):
     calls = [
@@ -131,7 +130,7 @@ def test_a_misspelt_option_is_answered_with_the_nearest():
         cs.step(SCENE, X, V, 1e-3, kernel="gahter")
 
 
-@pytest.mark.parametrize(
+@each(
     "scene, error",
     [
         (None, TypeError),
@@ -141,7 +140,6 @@ def test_a_misspelt_option_is_answered_with_the_nearest():
         ([SCENE, SCENE.cloth], TypeError),
         ([SCENE, cs.Scene(cs.Cloth((5, 4)))], ValueError),
     ],
-    ids=["None", "text", "cloth", "none", "mixed", "shapes"],
 )
 def test_scenes(scene, error):
     with pytest.raises(error, match="scene must be"):
@@ -179,7 +177,7 @@ OUTS = {
 }
 
 
-@pytest.mark.parametrize("out, error", OUTS.values(), ids=OUTS)
+@each("out, error", OUTS.values())
 def test_out(out, error):
     for k in (0, 1):
         check_out(out, error, k)
@@ -278,7 +276,7 @@ def test_the_result_has_the_dtype_of_the_input(variant, crumpled):
         assert cs.acceleration(scene, xt, vt, **variant.options).dtype == np.float64
 
 
-@pytest.mark.parametrize(
+@each(
     "change, error, name",
     [
         ({"shape": (1, 1)}, ValueError, "shape"),
@@ -303,14 +301,13 @@ def test_the_result_has_the_dtype_of_the_input(variant, crumpled):
         ({"pins": [(0, 0, 0)]}, ValueError, "pins"),
         ({"pins": np.ones((5, 4), bool)}, ValueError, "pins"),
     ],
-    ids=str,
 )
 def test_cloths(change, error, name):
     with pytest.raises(error, match=name):
         cs.Cloth(**{"shape": (4, 5), **change})
 
 
-@pytest.mark.parametrize(
+@each(
     "x, error",
     [
         (X[..., :2], ValueError),

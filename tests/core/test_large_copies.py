@@ -3,6 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from tables import each
 
 SHAPE = (330, 320)  # more than 100,000 mass points
 
@@ -23,7 +24,7 @@ def test_every_row_comes_out(kernel, state, same_bits, threads):
     assert same_bits((stepper.positions, stepper.velocities), (x, v))
 
 
-@pytest.mark.parametrize("row", [0, 164, 165, 219, 220, 329])
+@each("row", [0, 164, 165, 219, 220, 329])
 def test_a_point_that_is_lost_is_found_and_the_state_before_is_back(kernel, state, row):
     """Wherever it is: an infinite speed next to the borders between shares."""
     scene, x, v = state

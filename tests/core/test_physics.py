@@ -5,6 +5,7 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
+from tables import each
 from variants import cases
 
 G = np.array([0.0, -9.80665, 0.0])
@@ -21,7 +22,8 @@ def test_free_fall(variant):
     assert np.abs(vt - (u + G * t)).max() < 100 * bound
 
 
-@cases(shape=[(6, 7), (9, 20), (12, 33), (20, 32), (8, 80)])
+@cases()
+@each("shape", [(6, 7), (9, 20), (12, 33), (20, 32), (8, 80)])
 def test_a_cloth_without_springs_falls_freely(variant, shape):
     cloth = cs.Cloth(shape, springs=(), pins=(), damping=0.0)
     scene = cs.Scene(cloth, gravity=(0.5, -9.80665, 0.25))
@@ -36,7 +38,7 @@ def test_a_cloth_without_springs_falls_freely(variant, shape):
         assert np.abs(end - (x + v * t + g * t**2 / 2)).max() < rounding
 
 
-@pytest.mark.parametrize("damping", [0.0, 2.0])
+@each("damping", [0.0, 2.0])
 def test_two_point_oscillator(variant, damping):
     scene = cs.scenes.oscillator(100.0, 1.0, 0.1, 1.0, damping)
     g = damping / 2
@@ -74,7 +76,7 @@ def test_point_damping_slows_a_point_exponentially():
     np.testing.assert_allclose(xt - cloth.rest_positions, moved, rtol=1e-12)
 
 
-@pytest.mark.parametrize("shape", [(16, 1), (16, 16), (5, 19)], ids=str)
+@each("shape", [(16, 1), (16, 16), (5, 19)])
 def test_hanging_sheet_comes_to_its_static_solution(variant, shape):
     scene = cs.scenes.hanging(shape, mass=0.01 * shape[0] * shape[1])
     state = scene.initial_position, scene.initial_velocity
@@ -88,7 +90,8 @@ def test_hanging_sheet_comes_to_its_static_solution(variant, shape):
     assert np.abs(x[..., [0, 2]] - scene.initial_position[..., [0, 2]]).max() < bound
 
 
-@cases(shape=[(17, 17), (9, 33), (2, 1), (1, 5)])
+@cases()
+@each("shape", [(17, 17), (9, 33), (2, 1), (1, 5)])
 def test_a_sheet_at_rest_stays_at_rest(variant, shape):
     """Exactly in double and in the strict class: rest lengths are rounded like lengths of springs.
 
@@ -166,7 +169,7 @@ def test_a_transposed_sheet_does_the_same_motion(double_variant, crumpled, relat
     assert relative([part.swapaxes(0, 1) for part in back], there, x) < 1e-12
 
 
-@pytest.mark.parametrize("model", ["spring", "point"])
+@each("model", ["spring", "point"])
 def test_damping_only_takes_energy(variant, crumpled, model):
     scene, x, v, dt = crumpled(damping_model=model)
     stepper = cs.Stepper(scene, x, v, **variant.options)

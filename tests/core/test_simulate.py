@@ -6,6 +6,7 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
+from tables import each
 
 SCENE = cs.scenes.paper_static()
 
@@ -151,7 +152,7 @@ def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
     assert cs.load_run(run.save(tmp_path / "run")).scene == run.scene
 
 
-@pytest.mark.parametrize(
+@each(
     "change, error, name",
     [
         ({"duration": 0.0}, ValueError, "duration"),
@@ -175,7 +176,6 @@ def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
         ({"scene": 3}, TypeError, "scene"),
         ({"scene": [SCENE]}, TypeError, "scene"),
     ],
-    ids=str,
 )
 def test_refuses(change, error, name):
     arguments = {"scene": SCENE, "duration": 0.01, "dt": 1e-3, **change}

@@ -5,7 +5,8 @@ import pickle
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import ALL_VARIANTS, NATIVE_VARIANTS, pairs
+from pairwise import pairwise
+from tables import each
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
 
@@ -42,7 +43,7 @@ def test_what_it_gives_are_copies(crumpled, same_bits):
     assert same_bits([stepper.positions, kept], [x_given, x_given])
 
 
-@pairs(variant=ALL_VARIANTS, dtype=[np.float64, np.float32], batch=[None, 1, 3])
+@each("dtype, batch", pairwise([np.float64, np.float32], [None, 1, 3]))
 def test_a_restored_snapshot_continues_with_the_same_bits(variant, crumpled, same_bits, dtype, batch):
     scene, x, v, dt = crumpled(spheres=BALL)
     if batch:
@@ -104,7 +105,7 @@ def test_the_clock_does_not_drift():
     assert abs(stepper.time - 5.01) < 1e-14
 
 
-@pairs(variant=NATIVE_VARIANTS, response=["reflect", "ray"])
+@each("response", ["reflect", "ray"])
 def test_contact_energy_is_what_the_collision_passes_add(variant, crumpled, response):
     """Total energy after a step, less that after the same step without spheres, step by step."""
     spheres = [

@@ -1,7 +1,7 @@
 """`threads=None`: one thread or the team, by what steps of each have cost, on a machine made of numbers."""
 
-import pytest
 from clothsim._core import TeamChoice
+from variants import pairs
 
 
 class Machine:
@@ -26,10 +26,9 @@ class Machine:
         return self
 
 
-@pytest.mark.parametrize("team_first", [False, True])
-@pytest.mark.parametrize("one, team", [(9e-6, 5e-6), (9e-6, 8e-6), (2e-6, 6e-6), (1e-2, 5e-3), (3e-6, 3e-4)])
-@pytest.mark.parametrize("chunk", [1, 64])
-def test_the_cheaper_one_takes_nearly_all_steps(one, team, team_first, chunk):
+@pairs(costs=[(9e-6, 5e-6), (9e-6, 8e-6), (2e-6, 6e-6), (1e-2, 5e-3), (3e-6, 3e-4)], team_first=[False, True], chunk=[1, 64])
+def test_the_cheaper_one_takes_nearly_all_steps(costs, team_first, chunk):
+    one, team = costs
     machine = Machine(one, team, team_first, chunk).run(max(2.0, 2000 * max(one, team)))
     assert machine.seconds < 1.03 * machine.steps * min(one, team)
 

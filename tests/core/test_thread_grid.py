@@ -3,11 +3,12 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from tables import each
 
 SHAPES = [(32, 32), (16, 16), (2, 2), (1, 2), (2, 1), (1, 33), (17, 33), (40, 7), (3, 50), (15, 16)]
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@each("shape", SHAPES)
 def test_is_the_formula_of_the_shader(shape):
     grid = cs.thread_grid(shape)
     rows, columns = shape
@@ -20,7 +21,7 @@ def test_is_the_formula_of_the_shader(shape):
     np.testing.assert_array_equal(grid["index"], y * columns + x)
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@each("shape", SHAPES)
 def test_is_a_bijection(shape):
     grid = cs.thread_grid(shape).ravel()
     points = shape[0] * shape[1]
@@ -30,7 +31,7 @@ def test_is_a_bijection(shape):
         assert grid[f"thread_{axis}"].min() >= 0 and grid[f"thread_{axis}"].max() < 16
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@each("shape", SHAPES)
 def test_covers_the_sheet_with_the_fewest_whole_groups(shape):
     grid = cs.thread_grid(shape)
     groups = len(np.unique(grid[["group_x", "group_y"]]))
@@ -44,13 +45,13 @@ def test_the_index_is_that_of_the_arrays():
     assert (table[12]["i"], table[12]["j"]) == (index[0, 0], index[1, 0])
 
 
-@pytest.mark.parametrize("group", [(8, 8, 1), (16, 16, 2), (32, 8, 1)])
+@each("group", [(8, 8, 1), (16, 16, 2), (32, 8, 1)])
 def test_refuses_other_groups(group):
     with pytest.raises(ValueError, match=r"group must be \(16, 16, 1\)"):
         cs.thread_grid((4, 4), group)
 
 
-@pytest.mark.parametrize(
+@each(
     "shape, error",
     [
         ((0, 4), ValueError),

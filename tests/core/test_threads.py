@@ -11,12 +11,13 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.engine import plan
-from variants import NAMED_KERNELS, NATIVE_VARIANTS, cases, pairs
+from tables import each
+from variants import NAMED_KERNELS, cases, pairs
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
 
 
-@pairs(variant=NATIVE_VARIANTS, shape=[(33, 70), (64, 5), (5, 64)])
+@each("shape", [(33, 70), (64, 5), (5, 64)])
 def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits, shape):
     scene, x, v, dt = crumpled(shape=shape, spheres=BALL)
     one = cs.step(scene, x, v, dt, 15, **variant.options)
@@ -45,7 +46,7 @@ def test_threads_exchange_what_every_set_of_springs_needs(variant, crumpled, sam
             assert same_bits(several, one), (threads, feature)
 
 
-@pairs(variant=NATIVE_VARIANTS, dtype=[np.float64, np.float32])
+@each("dtype", [np.float64, np.float32])
 def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype):
     scene, x, v, dt = crumpled(spheres=BALL)
     xs = np.stack([x, x + 0.01, x[::-1]]).astype(dtype)
@@ -57,7 +58,7 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
         assert same_bits(together, expected), threads
 
 
-@pairs(variant=NATIVE_VARIANTS, members=[3, 5, 7])
+@each("members", [3, 5, 7])
 def test_members_left_over_for_a_team_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
     assert x[..., 0].size >= 4 * cs._core.points_worth_a_thread

@@ -65,13 +65,13 @@ def extremes(report):
     return {name: report[name] for name in REPORTED}
 
 
-@pytest.mark.parametrize("integrator", ["rk4", "velocity_verlet", "pefrl"])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    ("name", "integrator", "precision"),
+    [(name, "rk4", "double") for name in SCENES]
+    + [(name, "rk4", "single") for name in ("reflect", "continuous", "three of them")]
+    + [(name, other, "double") for name in ("three of them", "face") for other in ("velocity_verlet", "pefrl")],
+)
 def test_they_are_those_of_every_state(name, integrator, precision):
-    if integrator != "rk4" and (precision, name) not in (("double", "three of them"), ("double", "face")):
-        pytest.skip("a path that other cases have")
-    if precision == "single" and name not in ("reflect", "continuous", "three of them"):
-        pytest.skip("a path that other cases have")
     scene = SCENES[name]
     options = {"integrator": integrator, "precision": precision}
     found, stretches, first = step_by_step(scene, **options)

@@ -5,6 +5,7 @@ import re
 
 import clothsim as cs
 import pytest
+from tables import each
 
 pytest.importorskip("xarray")
 
@@ -32,7 +33,7 @@ def methods(name, cls):
 MEMBERS = dict(members())
 
 
-@pytest.mark.parametrize("name", MEMBERS)
+@each("name", MEMBERS)
 def test_it_has_an_example(name):
     assert ">>> " in inspect.getdoc(MEMBERS[name])
 
@@ -46,7 +47,7 @@ def documented(text):
     return found
 
 
-@pytest.mark.parametrize("name", MEMBERS)
+@each("name", MEMBERS)
 def test_its_arguments_are_documented(name):
     value = MEMBERS[name]
     if value is cs.Snapshot or (inspect.isclass(value) and issubclass(value, Warning)):

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
+from tables import each
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -21,7 +21,7 @@ def anchors(page):
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@each("page", PAGES)
 def test_links_lead_somewhere(page):
     for link in LINK.findall(without_code(page)):
         if "://" in link:
@@ -39,7 +39,7 @@ def test_the_index_lists_every_page():
     assert set(DOCS.rglob("*.md")) - {DOCS / "index.md"} <= linked
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+@each("page", sorted(DOCS.rglob("*.md")))
 def test_a_page_opens_with_its_subject_and_its_readers(page):
     opening = " ".join(without_code(page).split("\n\n")[1].split())
     assert re.match(r"This .+\. It is for .+\.", opening), opening

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from clothsim.model.cloth import FAMILIES, Cloth
+from tables import each
 
 SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 
@@ -228,7 +229,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "error", "message"), REFUSED)
+@each(("arguments", "error", "message"), REFUSED)
 def test_refused(arguments, error, message):
     with pytest.raises(error, match=message):
         Cloth(**arguments)

@@ -5,6 +5,7 @@ import re
 
 import clothsim as cs
 import pytest
+from tables import each
 
 SCENES = [
     name
@@ -30,7 +31,7 @@ def message_of(function, *args, **keywords):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", [*PUBLIC, *(f"scenes.{name}" for name in SCENES)])
+@each("name", [*PUBLIC, *(f"scenes.{name}" for name in SCENES)])
 def test_every_public_name_says_what_it_takes(name):
     function = cs
     for part in name.split("."):
@@ -39,7 +40,7 @@ def test_every_public_name_says_what_it_takes(name):
     assert message_of(function, qwertz=1).startswith(f"{own}() got an unknown argument 'qwertz'; it takes")
 
 
-@pytest.mark.parametrize(
+@each(
     ("function", "unknown", "ours"),
     [
         (cs.simulate, "method", "; clothsim calls it 'integrator'"),

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from clothsim.model.motion import Keyframes, Linear, Reciprocate, motion_from_dict
+from tables import each
 
 CENTER = (0.5, -0.5, 0.25)
 MOTIONS = [
@@ -143,7 +144,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("call", "error", "message"), REFUSED)
+@each(("call", "error", "message"), REFUSED)
 def test_refused(call, error, message):
     with pytest.raises(error, match=message):
         call()

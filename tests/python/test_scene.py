@@ -11,6 +11,7 @@ from clothsim.model.cloth import Cloth
 from clothsim.model.motion import Keyframes, Linear
 from clothsim.model.scene import Scene
 from clothsim.model.sphere import Sphere
+from tables import each
 
 CLOTH = Cloth(shape=(3, 4))
 
@@ -130,7 +131,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("call", "error", "message"), REFUSED)
+@each(("call", "error", "message"), REFUSED)
 def test_refused(call, error, message):
     with pytest.raises(error, match=message):
         call()

@@ -9,6 +9,7 @@ import pytest
 from clothsim.model.cloth import Cloth
 from clothsim.model.motion import Keyframes, Linear, Reciprocate
 from clothsim.model.sphere import Sphere
+from tables import each
 
 
 def eq_13(rest_length, radius):
@@ -104,7 +105,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "error", "message"), REFUSED)
+@each(("arguments", "error", "message"), REFUSED)
 def test_refused(arguments, error, message):
     with pytest.raises(error, match=message):
         Sphere(**arguments)

@@ -9,6 +9,7 @@ from clothsim.engine.integration import amplification_matrix
 from clothsim.engine.region import box_limit, mode_limit
 from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
 from clothsim.stability.trial import is_stable
+from tables import each
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
 SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]
@@ -144,8 +145,8 @@ def test_a_light_point_among_heavy_ones_is_bounded_by_its_own_springs():
     assert cs.max_stable_dt(cs.Scene(cloth)) == pytest.approx(expected, rel=1e-6, abs=0)
 
 
-@pytest.mark.parametrize("integrator", EXPLICIT)
-@pytest.mark.parametrize("ratio", [1e-6, 0.03, 0.3, 1.0, 3.0, 100.0])
+@each("integrator", EXPLICIT)
+@each("ratio", [1e-6, 0.03, 0.3, 1.0, 3.0, 100.0])
 def test_no_mode_up_to_the_bounds_grows(integrator, ratio):
     """By the eigenvalues of the amplification matrix, on a grid of modes the box is full of."""
     dt = box_limit(integrator, 1.0, ratio)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from clothsim.cli import main
 from clothsim.stability import measure_map
+from tables import each
 
 SCENE = cs.Scene(cs.Cloth((6, 7), mass=21.0, damping=20.0), gravity=(0, 0, 0))
 STIFFNESS = np.geomspace(1e3, 1e7, 3)
@@ -61,7 +62,7 @@ def test_without_xarray_the_error_names_the_extra(monkeypatch):
         cs.stability_map(SCENE, [1e3], [1e-3], steps=1)
 
 
-@pytest.mark.parametrize(
+@each(
     "change, error, named",
     [
         ({"stiffness": []}, ValueError, "stiffness"),
@@ -75,7 +76,6 @@ def test_without_xarray_the_error_names_the_extra(monkeypatch):
         ({"integrator": "rk5"}, ValueError, "integrator"),
         ({"threads": 0}, ValueError, "threads"),
     ],
-    ids=str,
 )
 def test_wrong_arguments(change, error, named):
     with pytest.raises(error, match=f"{named} must be"):

@@ -8,6 +8,7 @@ import pytest
 from clothsim.sweeps import batch, metrics
 from clothsim.sweeps.member import Member, Settings
 from clothsim.sweeps.reference import reference_steps, solve
+from tables import each
 
 xarray = pytest.importorskip("xarray")
 
@@ -366,7 +367,7 @@ def test_durations_may_differ():
 # What is refused
 
 
-@pytest.mark.parametrize(
+@each(
     ("arguments", "error", "message"),
     [
         ({"over": {"stiffness": [1.0, -5.0]}}, ValueError, "member stiffness=-5.0.*stiffness must be"),

@@ -1,0 +1,38 @@
+"""One test for all rows of a table."""
+
+import functools
+import inspect
+
+import pytest
+
+
+def each(names, rows):
+    """Run the test for every row of values of the arguments `names`, and tell every row that fails.
+
+    As `pytest.mark.parametrize`, but as one case: for tables of which a row takes next to no time.
+    Fixtures are made once for all rows.
+    """
+    names = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
+    rows = [row if len(names) > 1 else (row,) for row in rows]
+
+    def decorate(test):
+        @functools.wraps(test)
+        def whole(**fixtures):
+            failed = []
+            for row in rows:
+                values = dict(zip(names, row, strict=True))
+                try:
+                    test(**fixtures, **values)
+                except (Exception, pytest.fail.Exception) as error:
+                    failed.append((values, error))
+            if failed:
+                lines = [f"{values}: {type(error).__name__}: {error}" for values, error in failed]
+                raise AssertionError("\n".join(lines)) from failed[0][1]
+
+        signature = inspect.signature(test)
+        others = [parameter for name, parameter in signature.parameters.items() if name not in names]
+        whole.__signature__ = signature.replace(parameters=others)
+        return whole
+
+    assert rows, names
+    return decorate
