@@ -24,6 +24,7 @@ public:
         }
         ~Use() { shared_.busy_ = false; }
         Simulation* operator->() { return &shared_.simulation_; }
+        Simulation& operator*() { return shared_.simulation_; }
 
     private:
         SharedSimulation& shared_;
@@ -40,25 +41,32 @@ bool signal_pending() {
     return PyErr_CheckSignals() != 0;
 }
 
+// Of a batch, arrays of one member after the other.
+template <class T>
+struct Members {
+    T* x;
+    T* v;
+    std::size_t size;
+    T* x_of(std::size_t i) const { return x ? x + i * size : nullptr; }
+    T* v_of(std::size_t i) const { return v ? v + i * size : nullptr; }
+};
+template <class T>
+Members<const T> members_of(const Simulation& simulation, const Array<T>& x, const Array<T>& v) {
+    return {x.data(), v.data(), std::size_t(x.size()) / simulation.size()};
+}
+template <class T>
+Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
+    return {x.mutable_data(), v.mutable_data(), std::size_t(x.size()) / simulation.size()};
+}
+
 template <class T>
 void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
     auto simulation = shared.use();
-    const std::size_t size = std::size_t(x.size()) / simulation->size();
+    const auto from = members_of(*simulation, x, v);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
-        simulation->member(i).load(x.data() + i * size, v.data() + i * size);
+        simulation->member(i).load(from.x_of(i), from.v_of(i));
         simulation->restart(i);
     }
-}
-
-// Another state in place of the last, at another time; whether it is finite.
-template <class T>
-bool begin(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v, bool input_kept) {
-    shared.use()->begin(time, input_kept);
-    load(shared, x, v);
-    auto simulation = shared.use();
-    for (std::size_t i = 0; i < simulation->size(); ++i)
-        if (simulation->member(i).first_bad_point(std::numeric_limits<double>::infinity()) >= 0) return false;
-    return true;
 }
 
 template <class T>
@@ -78,7 +86,6 @@ void tell(const Outcome& outcome, py::dict& result) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;
     }
-    if (outcome.again) result["again"] = true;
     const auto& unstable = outcome.unstable;
     if (!unstable) return;
     result["member"] = unstable->member;
@@ -89,26 +96,80 @@ void tell(const Outcome& outcome, py::dict& result) {
 }
 
 // None where all steps were done and there is nothing to tell: a call may be shorter than the making of a dict.
-std::optional<py::dict> advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
+py::object told(const Outcome& outcome) {
+    if (outcome.interrupted) throw py::error_already_set();
+    if (outcome.complete()) return py::none();
+    py::dict result;
+    tell(outcome, result);
+    return result;
+}
+
+py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
     Outcome outcome;
     {
         py::gil_scoped_release release;
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
-    if (outcome.interrupted) throw py::error_already_set();
-    if (!outcome.unstable && !outcome.again && !outcome.pinned_inside && !outcome.grown) return std::nullopt;
-    py::dict result;
-    tell(outcome, result);
-    return result;
+    return told(outcome);
 }
 
-void accelerations(SharedSimulation& shared, Array<double>& a, int threads) {
+template <class T, class U>
+bool overlap(const Array<T>& a, const Array<U>& b) {
+    const auto begin = [](const auto& array) { return reinterpret_cast<std::uintptr_t>(array.data()); };
+    return begin(a) < begin(b) + std::uintptr_t(b.nbytes()) && begin(b) < begin(a) + std::uintptr_t(a.nbytes());
+}
+// Whether results of the shape of `x` may be written there.
+template <class T, class U>
+bool can_hold(const Array<T>& out, const Array<U>& x) {
+    return out.writeable() && reinterpret_cast<std::uintptr_t>(out.data()) % sizeof(T) == 0 && out.ndim() == x.ndim() &&
+           std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
+}
+
+// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done, where an array cannot
+// be used: the state is not finite, or the results have no place.
+template <class T>
+py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v, std::int64_t steps, double dt, int threads,
+                bool optional, Array<T>& x_out, Array<T>& v_out) {
+    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
+    auto simulation = shared.use();
+    const auto from = members_of(*simulation, x, v);
+    const auto to = members_of(*simulation, x_out, v_out);
+    std::optional<Outcome> outcome;
+    {
+        py::gil_scoped_release release;
+        const auto load = [&](std::size_t i) { return simulation->member(i).load(from.x_of(i), from.v_of(i)); };
+        outcome = simulation->call(time, load, steps, dt, threads, optional, signal_pending);
+        if (outcome && outcome->complete())
+            simulation->each_member(threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
+    }
+    return outcome ? told(*outcome) : py::bool_(false);
+}
+
+// At a state, see `step`; or at the present one.
+template <class T>
+bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a, int threads) {
+    // A member is written before the next one is read.
+    const auto in_the_way = [&](const Array<T>& given) { return overlap(given, a) && static_cast<const void*>(given.data()) != a.data(); };
+    if (!can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
+    auto simulation = shared.use();
+    const auto from = members_of(*simulation, x, v);
+    double* const out = a.mutable_data();
+    std::atomic<bool> finite{true};
+    py::gil_scoped_release release;
+    simulation->each_member(threads, [&](std::size_t i, int team) {
+        Engine& member = simulation->member(i);
+        if (member.load(from.x_of(i), from.v_of(i))) member.accelerations(out + i * from.size, team);
+        else finite = false;
+    });
+    return finite;
+}
+void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
     py::gil_scoped_release release;
-    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).accelerations(out + i * size, threads);
+    simulation->each_member(threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
 }
 
 py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps, double tolerance_x,
@@ -213,12 +274,16 @@ void bind_simulation(py::module_& m) {
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
-        .def("begin", &begin<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
-        .def("begin", &begin<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("step", &step<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(),
+             py::arg().noconvert(), py::arg().noconvert())
+        .def("step", &step<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(),
+             py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
-        .def("accelerations", &accelerations, py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations<double>, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations<float>, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations_here, py::arg().noconvert(), py::arg())
         .def("set_stable_dt", [](S& s, const std::vector<double>& stable_dt) {
             auto simulation = s.use();
             if (stable_dt.size() != simulation->size()) throw std::invalid_argument("one time step a member is needed");

@@ -55,6 +55,14 @@ const KernelTable& choose_instruction_set(const std::string& name) {
                                 "'; this processor runs, of those built: " + accepted);
 }
 
+const StateRowKernels& state_row_kernels(InstructionSet set) {
+    switch (set) {
+        case InstructionSet::avx512: return StateRowKernelsOf<InstructionSet::avx512>::kernels;
+        case InstructionSet::avx2: return StateRowKernelsOf<InstructionSet::avx2>::kernels;
+        default: return StateRowKernelsOf<InstructionSet::sse2>::kernels;
+    }
+}
+
 bool hands_on_in_registers() {
     const char* const environment = std::getenv("CLOTHSIM_HAND_ON");
     const std::string wanted = environment ? environment : "";

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kernels/kernel_table.hpp"
+#include "kernels/state_rows.hpp"
 
 namespace clothsim {
 
@@ -15,6 +16,9 @@ std::vector<const KernelTable*> supported_instruction_sets();
 // `name` empty: the environment variable CLOTHSIM_ISA, else the best supported one. Throws
 // std::invalid_argument for a name that is not built or not supported.
 const KernelTable& choose_instruction_set(const std::string& name);
+
+// The kernels that move a state in and out.
+const StateRowKernels& state_row_kernels(InstructionSet set);
 
 // Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as the environment
 // variable CLOTHSIM_HAND_ON says, "registers" or "memory", else as this processor is faster. The bits are the same. Throws

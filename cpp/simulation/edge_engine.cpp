@@ -319,26 +319,37 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 
 template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
+    const auto& take = state_row_kernels(plan_.kernels->set).template of<Real, double>().take_lifted;
+    AlignedVector<double> window(std::size_t(layout_.in_one_strip() ? 0 : 3 * layout_.window));
+    std::vector<std::ptrdiff_t> place;
     for (auto& band : bands(1)) {
         band->begin();
         if (!this->state_known_) band->give_borders();
     }
+    for (int k = 0; k < layout_.vectors; ++k)
+        for (int component = 0; component < 3; ++component) place.push_back((k * WorkRecord::count + WorkRecord::first + component) * layout_.lanes);
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
         for (int r = 0; r < rows(); ++r) band.take_border(r);
         EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.workspace->scratch.data());
-        e.rows = band.rows.data();
+        // A row is finished with the next one, and then taken out of a ring of work that stays in the nearest cache.
+        std::vector<EdgeRowPointers<Real>> sweep = band.rows;
+        const int ring = std::min(rows(), rows_at_a_time + 1);
+        for (int r = 0; r < rows(); ++r)
+            sweep[std::size_t(r)].work = band.workspace->rows.data() + r % ring * layout_.vectors * band.work_stride();
+        e.rows = sweep.data();
         std::fill_n(e.received[0], 3 * handed_size(), Real(0));
-        const auto state = [&](int row) -> const Real* { return row < rows() ? band.rows[std::size_t(row)].state : nullptr; };
-        for (int r = 0; r < rows(); ++r) {
-            if (r < rows() - 2) rows_kernel_(e, r, r + 1);
-            else last_row_kernel_(e, r, {state(r), state(r + 1), nullptr});
-            finish_kernel_(e);
-            const Real* const work = band.rows[std::size_t(r)].work + WorkRecord::first * layout_.lanes;
-            for (int column = layout_.own(strip); column < layout_.own(strip + 1); ++column) {
-                const int c = column - layout_.start(strip);
-                const Real* const from = work + c % layout_.vectors * band.work_stride() + c / layout_.vectors;
-                for (int k = 0; k < 3; ++k) a[3 * (r * columns() + column) + k] = double(from[k * layout_.lanes]);
+        const auto state = [&](int row) -> const Real* { return row < rows() ? sweep[std::size_t(row)].state : nullptr; };
+        for (int begin = 0, taken = 0; begin < rows(); begin += rows_at_a_time) {
+            const int end = std::min(begin + rows_at_a_time, rows()), inner = std::clamp(rows() - 2, begin, end);
+            rows_kernel_(e, begin, inner);
+            for (int r = inner; r < end; ++r) last_row_kernel_(e, r, {state(r), state(r + 1), nullptr});
+            if (end == rows()) finish_kernel_(e);
+            for (; taken < (end == rows() ? end : end - 1); ++taken) {
+                double* const row = a + std::ptrdiff_t(taken) * 3 * columns();
+                double* const to = layout_.in_one_strip() ? row : window.data();
+                take(sweep[std::size_t(taken)].work, 0, {layout_.window, layout_.lanes, layout_.vectors, place.data()}, {}, to);
+                if (to != row) layout_.copy_own(strip, to, row);
             }
         }
     }

@@ -61,9 +61,10 @@ public:
 
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
-    // Arrays of shape (rows, columns, 3), C order. Velocities of pinned points are taken as 0. What is null is not stored.
-    virtual void load(const float* x, const float* v) = 0;
-    virtual void load(const double* x, const double* v) = 0;
+    // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision. Velocities of pinned
+    // points are taken as 0. What is null is not stored.
+    virtual bool load(const float* x, const float* v) = 0;
+    virtual bool load(const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 

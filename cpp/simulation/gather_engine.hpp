@@ -26,13 +26,13 @@ struct PaddedLayout {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
     }
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
-    template <class Real>
-    void put_row(const Real* row, Real* to) const {
-        to_planes(row, to, plane, columns);
+    template <class Real, class In>
+    bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
+        return kernels.put_planes(row, shift, to, sizeof(Real) == 4 ? compensation() : 0, plane, columns);
     }
-    template <class Real>
-    void take_row(const Real* from, Real* row, AlignedVector<Real>&) const {
-        from_planes(from, plane, row, columns);
+    template <class Real, class Out>
+    void take_row(const RowKernels<Real, Out>& kernels, const Real* from, const RowShift& shift, Out* row, AlignedVector<Out>&) const {
+        kernels.take_planes(from, sizeof(Real) == 4 ? compensation() : 0, plane, columns, shift, row);
     }
 };
 

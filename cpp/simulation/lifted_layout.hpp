@@ -16,12 +16,12 @@
 
 #include "kernels/contact_arguments.hpp"
 #include "kernels/edge_arguments.hpp"
+#include "kernels/state_rows.hpp"
 #include "model/cloth.hpp"
 #include "simulation/aligned_vector.hpp"
 #include "simulation/caches.hpp"
 #include "simulation/finite.hpp"
 #include "simulation/row_band.hpp"
-#include "simulation/row_copies.hpp"
 
 namespace clothsim {
 
@@ -73,23 +73,30 @@ struct LiftedLayout {
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
 
-    // (x, y, z) of the columns of a row into and out of three components of it; `part`: room for as many. Out of a large
-    // cloth the next row is fetched meanwhile.
-    template <class Real>
-    void put_row(const Real* row, Real* to) const {
-        for (int s = 0; s < strips; ++s) to_lanes(row + 3 * start(s), to + s * strip_size(), lifted());
+    // (x, y, z) of the columns of a row into and out of three components of it; whether they are finite there. `part`: room for
+    // as many. Out of a large cloth the next row is fetched meanwhile.
+    template <class Real, class In>
+    bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
+        bool finite = true;
+        for (int s = 0; s < strips; ++s)
+            finite &= kernels.put_lifted(row + 3 * start(s), shift, to + s * strip_size(), kept_compensation(), lifted());
+        return finite;
     }
-    template <class Real>
-    void take_row(const Real* from, Real* row, AlignedVector<Real>& part) const {
+    template <class Real, class Out>
+    void take_row(const RowKernels<Real, Out>& kernels, const Real* from, const RowShift& shift, Out* row, AlignedVector<Out>& part) const {
         const bool from_memory = size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache();
         for (int s = 0; s < strips && from_memory; ++s)
             for (const std::ptrdiff_t p : place) prefetch_to_read(from + s * strip_size() + row_size() + p);
-        if (strips == 1) return from_lanes(from, row, lifted());
+        if (strips == 1) return kernels.take_lifted(from, kept_compensation(), lifted(), shift, row);
         for (int s = 0; s < strips; ++s) {
-            from_lanes(from + s * strip_size(), part.data(), lifted());
-            const auto column = [&](int c) { return part.begin() + 3 * (c - start(s)); };
-            std::copy(column(own(s)), column(own(s + 1)), row + 3 * own(s));
+            kernels.take_lifted(from + s * strip_size(), kept_compensation(), lifted(), shift, part.data());
+            copy_own(s, part.data(), row);
         }
+    }
+    // Of a row of a strip's window, what is its own.
+    template <class Out>
+    void copy_own(int strip, const Out* window, Out* row) const {
+        std::copy(window + 3 * (own(strip) - start(strip)), window + 3 * (own(strip + 1) - start(strip)), row + 3 * own(strip));
     }
     // The columns of a window, and where they stand among values of which there is one a point.
     template <class Visit>
@@ -101,6 +108,7 @@ struct LiftedLayout {
     bool padded() const { return window != width(); }  // rows end within a vector
 
 private:
+    std::ptrdiff_t kept_compensation() const { return parts == 2 ? compensation() : 0; }
     LiftedRow lifted() const { return {window, lanes, vectors, place.data()}; }
     void cut(int strip_columns) {
         constexpr int overlap = 2 * halo_columns;

@@ -1,9 +1,11 @@
 #include "simulation/simulation.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <exception>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "simulation/diagnostics.hpp"
@@ -80,6 +82,8 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);
+    all_.resize(plans.size());
+    std::iota(all_.begin(), all_.end(), std::size_t(0));
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
     std::int64_t points = 0;
@@ -100,16 +104,29 @@ void Simulation::restart(std::size_t i) {
     steps_kept_ = none_kept;
 }
 
-void Simulation::begin(double time, bool input_kept) {
-    clock = {time, 0, 0};
-    input_kept_ = input_kept;
+std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+                                        const std::function<bool()>& interrupted) {
+    clock = {time, 0, clock.dt};
+    set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
-    for (auto& member : members_) {
-        member->contact_energy = 0;
-        member->contacts_answered = 0;
-        member->evaluations = 0;
-        member->contact_report = {};
-    }
+    std::atomic<bool> finite{true};
+    each_member(optional && !choice_.team() ? 1 : threads, [&](std::size_t i, int team) {
+        Engine& member = *members_[i];
+        member.threads = team;
+        member.contact_energy = 0;
+        member.contacts_answered = 0;
+        member.evaluations = 0;
+        member.contact_report = {};
+        if (!load(i)) finite = false;
+    });
+    for (const std::size_t i : all_) restart(i);
+    if (!finite) return {};
+    input_ = &load;
+    steps_kept_ = 0;
+    seconds_kept_ = 0;
+    const Outcome outcome = advance(steps, dt, threads, optional, interrupted);
+    if (std::exchange(input_, nullptr)) steps_kept_ = none_kept;
+    return outcome;
 }
 
 void Simulation::set_frozen(std::size_t i, bool frozen) {
@@ -203,7 +220,7 @@ void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept
     member.threads = threads;
     if (block.keep) member.save_checkpoint();
     if (!member.advance_in_contact(block.steps, clock, threads, true)) {
-        member.restore_checkpoint();
+        restore_member(i);
         Clock from = clock;
         from.steps -= kept;
         member.advance_in_contact(kept + block.steps, from, threads, false);
@@ -212,21 +229,15 @@ void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept
     if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
 }
 
-void Simulation::run(const Block& block, int threads) {
-    // In front of them since the checkpoint. Without one, the state was taken from it just now.
-    const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
-    steps_kept_ = none_kept;
-    moving_.clear();
-    for (std::size_t i = 0; i < members_.size(); ++i)
-        if (!frozen_[i]) moving_.push_back(i);
-    const auto each_alone = moving_.begin() + alone(std::int64_t(moving_.size()), plans_[0].cloth.points(), threads);
-    if (each_alone != moving_.begin()) {
-        const int team = int(std::min<std::int64_t>(threads, each_alone - moving_.begin()));
+void Simulation::each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work) {
+    const auto each_alone = members.begin() + alone(std::int64_t(members.size()), plans_[0].cloth.points(), threads);
+    if (each_alone != members.begin()) {
+        const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
         std::exception_ptr failure;  // none may leave the region
 #pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-        for (auto i = moving_.begin(); i < each_alone; ++i) {
+        for (auto i = members.begin(); i < each_alone; ++i) {
             try {
-                run_member(*i, block, kept, 1);
+                work(*i, 1);
             } catch (...) {
 #pragma omp critical(clothsim_member_failure)
                 failure = std::current_exception();
@@ -234,15 +245,34 @@ void Simulation::run(const Block& block, int threads) {
         }
         if (failure) std::rethrow_exception(failure);
     }
-    for (auto i = each_alone; i != moving_.end(); ++i) run_member(*i, block, kept, threads);
+    for (auto i = each_alone; i != members.end(); ++i) work(*i, threads);
+}
+
+void Simulation::run(const Block& block, int threads) {
+    // In front of them since the checkpoint. Without one, the state was taken from it just now.
+    const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
+    steps_kept_ = none_kept;
+    if (block.keep) input_ = nullptr;
+    moving_.clear();
+    for (const std::size_t i : all_)
+        if (!frozen_[i]) moving_.push_back(i);
+    each_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, block, kept, team); });
     steps_kept_ = kept + block.steps;
     clock.steps += block.steps;
     age_ += block.steps;
 }
 
+void Simulation::restore_member(std::size_t i) {
+    if (!input_) return members_[i]->restore_checkpoint();
+    members_[i]->contact_energy = 0;
+    members_[i]->contacts_answered = 0;
+    members_[i]->watched = {};
+    (*input_)(i);
+}
+
 void Simulation::restore_checkpoint(std::int64_t steps) {
     for (std::size_t i = 0; i < members_.size(); ++i) {
-        if (!frozen_[i]) members_[i]->restore_checkpoint();
+        if (!frozen_[i]) restore_member(i);
         members_[i]->contact_report = {};
         bad_points_[i] = -1;
     }
@@ -254,6 +284,7 @@ void Simulation::restore_checkpoint(std::int64_t steps) {
 void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
     const std::int64_t kept = steps_kept_;
     restore_checkpoint(kept);
+    begin_watches();  // if that was not worth while
     const std::int64_t of_this_call = std::min(kept, outcome.steps);
     if (kept > of_this_call) run({kept - of_this_call, false, false}, threads);
     outcome.steps -= of_this_call;
@@ -284,19 +315,17 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     set_step(dt);
     Outcome outcome;
     const std::int64_t energy_period = this->energy_period();
-    // A call that ends before energies are compared, and whose first state the caller still has, needs no copy of it.
-    const bool from_input = std::exchange(input_kept_, false) && !above_stable_dt() && sample_every_ == 0 &&
-                            steps < energy_period && steps <= most_steps_unchecked &&
-                            std::none_of(members_.begin(), members_.end(), [](const auto& member) { return member->has_continuous(); });
-    if (steps > 0 && !from_input) begin_watches();
-    if (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls) steps_kept_ = none_kept;
+    // A call by itself that ends before energies are compared asks for none; the way back would begin with the first.
+    const bool watched = above_stable_dt() || !input_ || steps >= energy_period;
+    if (steps > 0 && watched) begin_watches();
+    if (steps_kept_ > 0 && (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls)) steps_kept_ = none_kept;
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
-        const bool keep = steps_kept_ == none_kept && !from_input;
+        const bool keep = steps_kept_ == none_kept;
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
         const std::int64_t to_energies = energy_period - age_ % energy_period;
         const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
-        const std::int64_t unchecked = keep || from_input ? 0 : steps_kept_;
+        const std::int64_t unchecked = keep ? 0 : steps_kept_;
         const std::int64_t to_look = std::min({most_steps_unchecked - unchecked, to_energies,
                                                to_sample, steps - outcome.steps});
         const bool choose = optional && threads > 1;
@@ -319,10 +348,6 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
         if (poll) outcome.interrupted = interrupted();
         if (outcome.interrupted && n < to_look) look();
-        if (first_bad_member() >= 0 && from_input) {
-            outcome.again = true;
-            return outcome;
-        }
         if (first_bad_member() >= 0) {
             rewind_to_last_good(outcome, threads, interrupted);
             return outcome;
@@ -334,7 +359,6 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();
     }
-    if (from_input) steps_kept_ = none_kept;
     return outcome;
 }
 

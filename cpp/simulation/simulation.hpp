@@ -26,7 +26,9 @@ struct Outcome {
     // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to do, so that the
     // caller may look at the state where it was found.
     std::optional<std::int64_t> grown;
-    bool again = false;  // a state went bad after `begin`: the caller begins with the same state again, without `input_kept`
+
+    // All steps were done, and there is nothing to tell.
+    bool complete() const { return !interrupted && !unstable && !pinned_inside && !grown; }
 };
 
 // Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
@@ -68,9 +70,16 @@ public:
 
     Clock clock;
 
-    // Start anew at a time, before the state of every member is loaded. `input_kept`: the caller keeps that state, so that a
-    // short call of `advance` takes no checkpoint.
-    void begin(double time, bool input_kept);
+    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a member, and advance.
+    // `load` is asked again if steps have to be taken back, so the first of them need no copy of the state. None if it tells
+    // that a state is not finite.
+    using Load = std::function<bool(std::size_t i)>;
+    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+                                const std::function<bool()>& interrupted);
+
+    // `work(i, threads)` of every member, or of some, shared among threads like steps.
+    using MemberWork = std::function<void(std::size_t i, int threads)>;
+    void each_member(int threads, const MemberWork& work) { each_of(all_, threads, work); }
 
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
@@ -123,6 +132,7 @@ private:
         bool each = false;  // of steps that are done again one by one, to find the one that went wrong
     };
     void run(const Block& block, int threads);
+    void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
     // `kept`: steps since the checkpoint before this block.
     void run_member(std::size_t i, const Block& block, std::int64_t kept, int threads);
     void set_step(double dt);
@@ -139,6 +149,7 @@ private:
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last looked at, or -1
+    void restore_member(std::size_t i);
     void restore_checkpoint(std::int64_t steps);
     // From a state that is bad back to the checkpoint, and on to the last good state.
     void rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
@@ -149,14 +160,14 @@ private:
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
-    std::vector<std::size_t> moving_;       // members that are not frozen, in this block
+    std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
     std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
     static constexpr std::int64_t none_kept = -1;
     std::int64_t steps_kept_ = none_kept;  // since the checkpoint
     double seconds_kept_ = 0;              // that they took
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
-    bool input_kept_ = false;
+    const Load* input_ = nullptr;  // of this call, while it is the checkpoint
     std::int64_t age_ = 0;           // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
     double sample_interval_ = 0;     // [s]

@@ -46,8 +46,8 @@ struct FieldScratch {
 template <class Real, class Layout>
 class StateEngine : public Engine {
 public:
-    void load(const float* x, const float* v) final { load_any(x, v); }
-    void load(const double* x, const double* v) final { load_any(x, v); }
+    bool load(const float* x, const float* v) final { return load_any(x, v); }
+    bool load(const double* x, const double* v) final { return load_any(x, v); }
     void store(float* x, float* v) const final { store_any(x, v); }
     void store(double* x, double* v) const final { store_any(x, v); }
 
@@ -301,45 +301,35 @@ protected:
     Guards<Real> guards_;
 
 private:
-    // An element of memory for every one of a row of the outside's (rows, columns, 3).
-    struct RowBuffer {
-        explicit RowBuffer(int columns)
-            : high(std::size_t(3 * columns)), low(compensated ? std::size_t(3 * columns) : 0), part(high.size()), shift(high.size(), -0.0) {}
-        Real* compensation() { return compensated ? low.data() : nullptr; }
-        AlignedVector<Real> high, low, part;
-        std::vector<double> shift;  // of positions; -0 changes nothing, not even the sign of 0
-    };
-    RowBuffer row_buffer(const Vec3& shift) const {
-        RowBuffer row(columns());
+    RowShift row_shift(const Vec3& shift) const {
+        RowShift row;
         for (int k = 0; k < 3; ++k)
-            if (shift[k] != 0)
-                for (std::size_t i = std::size_t(k); i < row.shift.size(); i += 3) row.shift[i] = shift[k];
+            if (shift[k] != 0) row.of[k] = row.of[k + 3] = shift[k];
         return row;
+    }
+    template <class Outside>
+    const RowKernels<Real, Outside>& row_kernels() const {
+        return state_row_kernels(plan_.kernels->set).template of<Real, Outside>();
     }
 
     template <class In>
-    void load_any(const In* x, const In* v) {
+    bool load_any(const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
         state_replaced();
-        const int count = 3 * columns();
-        std::vector<RowBuffer> positions(std::size_t(shares()), row_buffer(-origin_)), velocities(positions.size(), row_buffer(Vec3::Zero()));
-        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
-            for (int r = int(begin); r < int(end); ++r)
-                for (const int k : {0, 3}) {
-                    const In* const from = (k == 0 ? x : v) + std::ptrdiff_t(r) * count;
-                    Real* const to = memory_.data() + layout_.at(r, 0, k);
-                    if constexpr (!compensated && std::is_same_v<In, Real>) {
-                        layout_.put_row(from, to);
-                        continue;
-                    }
-                    RowBuffer& row = (k == 0 ? positions : velocities)[std::size_t(share)];
-                    split(from, row.shift.data(), row.high.data(), row.compensation(), count);
-                    layout_.put_row(row.high.data(), to);
-                    if (compensated) layout_.put_row(row.low.data(), to + layout_.compensation());
-                }
+        const RowKernels<Real, In>& kernels = row_kernels<In>();
+        const RowShift shift = row_shift(-origin_);
+        std::atomic<bool> finite{true};
+        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+            bool all = true;
+            for (std::ptrdiff_t r = begin; r < end; ++r) {
+                all &= layout_.put_row(kernels, x + r * 3 * columns(), shift, memory_.data() + layout_.at(int(r), 0, 0));
+                all &= layout_.put_row(kernels, v + r * 3 * columns(), {}, memory_.data() + layout_.at(int(r), 0, 3));
+            }
+            if (!all) finite.store(false, std::memory_order_relaxed);
         });
         for (const int point : pinned_points_)
             for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
+        return finite;
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
@@ -349,24 +339,17 @@ private:
     // Three components of all points, from the first on.
     template <class Out>
     void store_part(int first, const Vec3& origin, Out* to) const {
+        const RowKernels<Real, Out>& kernels = row_kernels<Out>();
+        const RowShift shift = row_shift(origin);
         const int count = 3 * columns();
-        std::vector<RowBuffer> buffers(std::size_t(shares()), row_buffer(origin));
         const std::ptrdiff_t bytes = count * std::ptrdiff_t(sizeof(Out));
         const bool large = rows() * bytes > bytes_in_shared_cache;
-        std::vector<AlignedVector<Out>> outside(buffers.size(), AlignedVector<Out>(std::size_t(large ? count : 0)));
-        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int share) {
-            RowBuffer& row = buffers[std::size_t(share)];
-            for (int r = int(begin); r < int(end); ++r) {
-                const Real* const from = memory_.data() + layout_.at(r, 0, first);
-                Out* const place = to + std::ptrdiff_t(r) * count;
-                Out* const out = large ? outside[std::size_t(share)].data() : place;
-                if constexpr (!compensated && std::is_same_v<Out, Real>) {
-                    layout_.take_row(from, out, row.part);
-                } else {
-                    layout_.take_row(from, row.high.data(), row.part);
-                    if (compensated) layout_.take_row(from + layout_.compensation(), row.low.data(), row.part);
-                    join(row.high.data(), row.compensation(), row.shift.data(), out, count);
-                }
+        in_shares(rows(), shares(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+            AlignedVector<Out> outside(std::size_t(large ? count : 0)), part(std::size_t(layout_.in_one_strip() ? 0 : count));
+            for (std::ptrdiff_t r = begin; r < end; ++r) {
+                Out* const place = to + r * count;
+                Out* const out = large ? outside.data() : place;
+                layout_.take_row(kernels, memory_.data() + layout_.at(int(r), 0, first), shift, out, part);
                 if (large) copy_past_caches(out, place, std::size_t(bytes));
             }
         });
@@ -399,7 +382,7 @@ private:
     template <class In>
     Vec3 far_origin(const In* x) const {
         double least[3], most[3];
-        extent(x, plan_.cloth.points(), least, most);
+        row_kernels<In>().extent(x, plan_.cloth.points(), least, most);
         const Vec3 low(least[0], least[1], least[2]), high(most[0], most[1], most[2]);
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();

@@ -130,3 +130,89 @@ def test_threads_share_a_scene(scene):
         thread.join()
     assert not wrong
     assert all(len(waiting) <= 2 for waiting in scene.engines.values())
+
+
+def test_steps_are_taken_back_to_the_arrays_of_the_call(single_variant, same_bits):
+    """A sphere comes near, so that steps without its contact pass are done again, from the arrays that the caller keeps."""
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.28, cs.Linear((0, 6.0, 0)), response="continuous", offset="face")
+    scene = cs.Scene(cs.Cloth((12, 14), mass=20.0), sphere)
+    x, v = scene.initial_position, scene.initial_velocity
+    options = {**single_variant.options, "threads": 1}
+    cs.step(scene, x, v, 1e-4, 1, t=0.0, **options)
+    for steps in (60, 127, 300):
+        stepper = cs.Stepper(scene, x, v, t=0.0, **options)
+        stepper.advance(steps, 1e-4)
+        found = cs.step(scene, x, v, 1e-4, steps, t=0.0, **options)
+        assert same_bits(found, (stepper.positions, stepper.velocities))
+    assert np.abs(found[1]).max() > 1  # the sphere has hit the cloth
+
+
+def test_a_batch_whose_member_goes_bad_leaves_every_array_as_it_was(scene):
+    x, v = (np.stack([part] * 3) for part in state(scene))
+    scenes = [scene, scene.replace(gravity=(0, 1, 0)), scene]
+    cs.step(scenes, x, v, DT)
+    v[1, 5, 6] = 1e308
+    x_given, v_given = x.copy(), v.copy()
+    with pytest.raises(cs.UnstableError) as later:
+        cs.step(scenes, x, v, DT, steps=20, out=(x, v))
+    with pytest.raises(cs.UnstableError) as alone:
+        fresh(scenes[1], x_given[1], v_given[1], 20)
+    assert (later.value.member, later.value.step, later.value.point) == (1, alone.value.step, alone.value.point)
+    assert np.array_equal(later.value.x, alone.value.x)
+    assert np.array_equal(x, x_given) and np.array_equal(v, v_given)
+
+
+def test_results_may_be_written_over_the_arrays_given(scene, same_bits):
+    x, v = state(scene)
+    for precision in ("double", "single"):
+        expected = fresh(scene, x, v, 3, precision=precision)
+        for _ in range(2):
+            mine = x.copy(), v.copy()
+            assert cs.step(scene, *mine, DT, 3, precision=precision, out=mine) is mine
+            assert same_bits(mine, expected)
+            swapped = x.copy(), v.copy()
+            cs.step(scene, *swapped, DT, 3, precision=precision, out=swapped[::-1])
+            assert same_bits(swapped[::-1], expected)
+            over = x.copy()
+            a = cs.acceleration(scene, over, v, precision=precision, out=over)
+            assert a is over and same_bits([a], [cs.acceleration(scene, x, v, precision=precision)])
+
+
+def test_arrays_to_write_to_are_checked_by_later_calls_too(scene):
+    x, v = state(scene)
+    kept = x.copy(), v.copy()
+    read_only, both = np.empty_like(x), np.empty((2, *x.shape))
+    read_only.setflags(write=False)
+    one = both.reshape(-1)
+    shifted = one[: x.size].reshape(x.shape), one[1 : x.size + 1].reshape(x.shape)
+    bad = {
+        "out must be two": [(both[0], both[0]), shifted],
+        "out.1. must be .* array of shape": [(both[0], both[1].reshape(-1)), (both[0], both[1].astype(np.float32)), (both[0], read_only)],
+        "out.0. must be": [(np.ma.masked_array(both[0]), both[1]), (np.repeat(x, 2, axis=0)[::2], both[1]), (None, both[1])],
+        "out must be": [both[0], [both[0]], 3],
+    }
+    for _ in range(2):
+        for message, outs in bad.items():
+            for out in outs:
+                with pytest.raises((ValueError, TypeError), match=message):
+                    cs.step(scene, x, v, DT, out=out)
+        for out in (read_only, both, both.astype(np.float32)[0], np.ma.masked_array(both[0])):
+            with pytest.raises((ValueError, TypeError), match="out must be"):
+                cs.acceleration(scene, x, v, out=out)
+        cs.step(scene, x, v, DT)
+        cs.acceleration(scene, x, v)
+    assert np.array_equal(x, kept[0]) and np.array_equal(v, kept[1])
+
+
+def test_a_velocity_of_a_pinned_point_is_checked_by_later_calls_too(scene):
+    x, v = state(scene)
+    pinned = tuple(np.argwhere(scene.cloth.pinned)[0])
+    for precision, value in (("double", np.nan), ("single", 1e300)):
+        for _ in range(2):
+            bad = v.copy()
+            bad[pinned] = value
+            for call in (cs.step, cs.acceleration):
+                with pytest.raises(ValueError, match="v must be"):
+                    call(scene, x, bad, 0.001, precision=precision)
+            cs.step(scene, x, v, DT, precision=precision)
+            cs.acceleration(scene, x, v, precision=precision)

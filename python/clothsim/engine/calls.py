@@ -6,7 +6,6 @@ an engine of an earlier call serves the next one that asks for the same arithmet
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,58 +22,23 @@ _MOST_WAITING, _MOST_KINDS = 2, 8
 _THREADS = (int, type(None))
 
 
-def borrow(
-    scene: Scene | Sequence[Scene],
+Waiting = list[State]
+
+
+def waiting_engines(
+    scene: Any,
     x: Any,
     v: Any,
-    *,
-    t: float | None,
-    integrator: str,
-    precision: str,
-    threads: int | None,
-    kernel: str,
-    strict: bool,
-    backend: str = "cpu",
-) -> State:
-    """The state (x, v) of a scene in an engine, new or of an earlier call; `give_back` after use."""
-    options = (integrator, precision, threads, kernel, strict, backend)
-    waiting = _waiting(scene, x, v, options)
-    if waiting:
-        try:
-            state = waiting.pop()
-        except IndexError:  # another thread was quicker
-            pass
-        else:
-            # What is refused is told by the checks of a new state.
-            if state.begin(x, v, t):
-                return state
-    state = State(
-        scene,
-        x,
-        v,
-        t=t,
-        integrator=integrator,
-        precision=precision,
-        threads=threads,
-        kernel=kernel,
-        strict=strict,
-        backend=backend,
-    )
-    state.waiting = waiting
-    return state
-
-
-def give_back(state: State) -> None:
-    """Let the engine wait for the next call of its kind. After an error it is not given back."""
-    if state.waiting is not None and len(state.waiting) < _MOST_WAITING:
-        state.waiting.append(state)
-
-
-def _waiting(scene: Any, x: Any, v: Any, options: tuple[Any, ...]) -> list[State] | None:
+    integrator: Any,
+    precision: Any,
+    threads: Any,
+    kernel: Any,
+    strict: Any,
+    backend: Any = "cpu",
+) -> Waiting | None:
     """Where engines for such a call wait; None if it needs a new one, or the checks of arguments."""
     if not (type(x) is type(v) is np.ndarray and x.shape == v.shape and x.dtype is v.dtype):
         return None
-    threads, strict, backend = options[2], options[4], options[5]
     # Keys are compared by value, and True is 1.
     if type(strict) is not bool or type(threads) not in _THREADS or x.nbytes > _MOST_BYTES:
         return None
@@ -88,9 +52,10 @@ def _waiting(scene: Any, x: Any, v: Any, options: tuple[Any, ...]) -> list[State
     else:
         return None
     processors = _core.available_threads() if threads is None else 0
-    key = (x.shape, x.dtype, options, _core.kernel_environment(), processors, others)
+    environment = _core.kernel_environment()
+    key = (x.shape, x.dtype, integrator, precision, threads, kernel, strict, environment, processors, others)
     try:
-        waiting: list[State] | None = first.engines.get(key)
+        waiting: Waiting | None = first.engines.get(key)
     except TypeError:  # an option that is no name
         return None
     if waiting is None:
@@ -98,3 +63,17 @@ def _waiting(scene: Any, x: Any, v: Any, options: tuple[Any, ...]) -> list[State
             first.engines.pop(next(iter(first.engines)), None)
         waiting = first.engines[key] = []
     return waiting
+
+
+def take(waiting: Waiting | None) -> State | None:
+    """An engine that waits, for the caller alone until it is given back; None if there is none."""
+    try:
+        return waiting.pop() if waiting else None
+    except IndexError:  # another thread was quicker
+        return None
+
+
+def give_back(waiting: Waiting | None, state: State) -> None:
+    """Let the engine wait for the next call of its kind. After an error it is not given back."""
+    if waiting is not None and len(waiting) < _MOST_WAITING:
+        waiting.append(state)

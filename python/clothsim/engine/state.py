@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, cast
 
 import numpy as np
@@ -89,31 +90,28 @@ def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision:
     return x, v
 
 
-def out_arrays(out: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """`out` checked to be two arrays that can hold results like `x`; new ones where it is None."""
+def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[FloatArray, FloatArray]:
+    """`out` checked to be two arrays that can hold results; new ones where it is None."""
     if out is None:
-        return np.empty_like(x), np.empty_like(x)
-    arrays = check.items("out", out, 2, "arrays (x, v)")
-    for name, array in zip(("out[0]", "out[1]"), arrays):
-        out_array(name, array, x)
-    if np.may_share_memory(*arrays) and np.shares_memory(*arrays):
+        return np.empty(shape, dtype), np.empty(shape, dtype)
+    x, v = check.items("out", out, 2, "arrays (x, v)")
+    out_array("out[0]", x, shape, dtype)
+    out_array("out[1]", v, shape, dtype)
+    if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):
         raise ValueError("out must be two arrays that share no memory")
-    return arrays[0], arrays[1]
+    return x, v
 
 
-def out_array(name: str, array: Any, like: FloatArray) -> None:
-    """Check that `array` can be written to in place of a new array like `like`."""
-    if type(array) is np.ndarray and array.dtype == like.dtype and array.shape == like.shape:
-        flags = array.flags
-        if flags.c_contiguous and flags.writeable and flags.aligned:
-            return
-    accepted = f"a writeable, C-contiguous, aligned {like.dtype} array of shape {like.shape}"
+def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Check that `array` can be written to in place of a new array."""
+    if type(array) is np.ndarray and array.dtype == dtype and array.shape == shape and array.flags.carray:
+        return
+    accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
     if not isinstance(array, np.ndarray) or check.is_masked(array):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
-    flags = array.flags
-    if array.dtype != like.dtype or array.shape != like.shape:
+    if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
-    if not (flags.writeable and flags.c_contiguous and flags.aligned):
+    if not array.flags.carray:
         raise ValueError(f"{name} must be {accepted}, got one that is not")
 
 
@@ -216,8 +214,6 @@ class State:
         self.steps_before = 0  # earlier calls of the run; errors count steps from its start
         self.core.load(x, v)
         self._warned_of_pins = False
-        self.waiting: list[State] | None = None  # where it waits between calls, see `_calls`
-        self._input: tuple[Any, ...] = ()
         spheres = [sphere for one in scenes for sphere in one.spheres]
         self._moves = any(sphere.motion is not None for sphere in spheres)
         self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
@@ -228,19 +224,45 @@ class State:
             for member, one in enumerate(x if self.batched else x[None]):
                 warn_of_start(self.scenes[member], one, t, member if self.batched else None)
 
-    def begin(self, x: FloatArray, v: FloatArray, t: float | None) -> bool:
-        """Take another state, of arrays like the last ones; False if it is none that the core can take."""
-        t = start_time(t, self.scenes if self._moves else ())
-        try:
-            if not self.core.begin(t, x, v, True):
-                return False
-        except TypeError:  # not contiguous
-            return False
-        self._input = t, x, v
-        self._options["t"] = t
+    def call(
+        self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """One call of `step` on arrays like the last ones; None, with nothing done, where the checks of a new state are due."""
+        if out is None:
+            out = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
+        elif not (type(out) is tuple and len(out) == 2 and type(out[0]) is type(out[1]) is np.ndarray):
+            return None
         self.warned = self.warned_of_growth = self.announced = self._warned_of_pins = False
+        if t is not None or self._moves:
+            t = start_time(t, self.scenes)
+        steps, dt = self._checked(steps, dt)
+        if steps > MANY_STEPS:
+            return None
+        self._warn_of_start(x, t or 0.0)
+        try:
+            outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, self.threads_optional, *out)
+        except TypeError:  # of another dtype, or not contiguous
+            return None
+        if outcome is False:
+            return None
+        if outcome:
+            self._go_on(outcome, steps, dt)
+            self.store(*out)
+        return out
+
+    def accelerate(self, x: FloatArray, v: FloatArray, t: float, out: Any) -> FloatArray | None:
+        """One call of `acceleration`, see `call`."""
+        if out is None:
+            out = np.empty(self.shape)
+        elif type(out) is not np.ndarray:
+            return None
+        if type(t) is not float or not isfinite(t):
+            return None
         self._warn_of_start(x, t)
-        return True
+        try:
+            return out if self.core.accelerations(x, v, out, self.threads) else None
+        except TypeError:
+            return None
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         from ..gpu.simulation import Simulation
@@ -252,32 +274,32 @@ class State:
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
-        # What nearly every call is, told apart in a tenth of the time that the checks take.
-        plain = type(steps) is int and type(dt) is float
-        if not (plain and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt):
-            if isinstance(steps, float) and isinstance(dt, int):
-                raise TypeError(
-                    f"steps must be an integer, got steps={steps!r} and dt={dt!r}, which look "
-                    "swapped: the order is advance(steps, dt) and step(scene, x, v, dt, steps); "
-                    "both can be given by name"
-                )
-            steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
-            dt = check.number("dt", dt, minimum=0, exclusive=True)
-            self._warn(dt)
-            self.announce(steps, dt)
+        steps, dt = self._checked(steps, dt)
+        self.announce(steps, dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if outcome:
             self._go_on(outcome, steps, dt)
+
+    def _checked(self, steps: Any, dt: Any) -> tuple[int, float]:
+        """The two as plain numbers; a `StabilityWarning` where dt is too long."""
+        # What nearly every call is, told apart in a tenth of the time that the checks take.
+        if type(steps) is int and type(dt) is float and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt:
+            return steps, dt
+        if isinstance(steps, float) and isinstance(dt, int):
+            raise TypeError(
+                f"steps must be an integer, got steps={steps!r} and dt={dt!r}, which look "
+                "swapped: the order is advance(steps, dt) and step(scene, x, v, dt, steps); "
+                "both can be given by name"
+            )
+        steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
+        dt = check.number("dt", dt, minimum=0, exclusive=True)
+        self._warn(dt)
+        return steps, dt
 
     def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
         """Judge what the core told, and do the steps that it has left to do for that."""
         done = 0
         while outcome:
-            if "again" in outcome:
-                t, x, v = self._input
-                self.core.begin(t, x, v, False)
-                outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
-                continue
             if "point" in outcome:
                 outcome["step"] += done
             self.judge(outcome, dt)
@@ -402,7 +424,8 @@ def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> 
         if sphere.response != "continuous":
             continue
         radius, center = point_radius(sphere, scene.cloth), sphere.center_at(t)
-        depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+        with np.errstate(invalid="ignore"):  # what is not finite is told by the checks
+            depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
         inside = depth > _START_ROUNDING * (radius + np.abs(center).sum())
         if not inside.any():
             continue

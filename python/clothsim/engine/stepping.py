@@ -11,8 +11,8 @@ from ..base import check
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .calls import borrow, give_back
-from .state import FloatArray, out_array, out_arrays, start_time, state_arrays
+from .calls import give_back, take, waiting_engines
+from .state import FloatArray, State, out_array, out_arrays, start_time, state_arrays
 
 
 @suggests
@@ -110,23 +110,27 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    state = borrow(
-        scene,
-        x,
-        v,
-        t=t,
-        integrator=integrator,
-        precision=precision,
-        threads=threads,
-        kernel=kernel,
-        strict=strict,
-        backend=backend,
-    )
-    results = out_arrays(out, np.empty(state.shape, state.dtype))
-    state.warn_of_order()
-    state.advance(steps, dt)
-    state.store(*results)
-    give_back(state)
+    waiting = waiting_engines(scene, x, v, integrator, precision, threads, kernel, strict, backend)
+    state = take(waiting)
+    results = state.call(x, v, t, steps, dt, out) if state else None  # type: ignore[arg-type]
+    if not state or not results:
+        state = State(
+            scene,
+            x,
+            v,
+            t=t,
+            integrator=integrator,
+            precision=precision,
+            threads=threads,
+            kernel=kernel,
+            strict=strict,
+            backend=backend,
+        )
+        results = out_arrays(out, state.shape, state.dtype)
+        state.warn_of_order()
+        state.advance(steps, dt)
+        state.store(*results)
+    give_back(waiting, state)
     return results
 
 
@@ -172,15 +176,20 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state = borrow(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
-    like = np.empty(state.shape)
-    if out is None:
-        out = like
-    else:
-        out_array("out", out, like)
-    state.core.accelerations(out, state.threads)
-    give_back(state)
-    return out
+    waiting = waiting_engines(scene, x, v, "rk4", precision, threads, kernel, strict)
+    state = take(waiting)
+    result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
+    if not state or result is None:
+        state = State(
+            scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict
+        )
+        if out is None:
+            out = np.empty(state.shape)
+        out_array("out", out, state.shape, np.dtype(np.float64))
+        state.core.accelerations(out, state.threads)
+        result = out
+    give_back(waiting, state)
+    return result
 
 
 @suggests

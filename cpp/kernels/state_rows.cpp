@@ -1,0 +1,298 @@
+// CMake compiles this file for each instruction set.
+#include "kernels/state_rows.hpp"
+
+#include <immintrin.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "kernels/this_instruction_set.hpp"
+
+namespace clothsim {
+namespace {
+
+using std::ptrdiff_t;
+
+// Four doubles, in two registers where there are no longer ones.
+#if defined(__AVX2__)
+using Four = __m256d;
+CLOTHSIM_INLINE Four four(const double* p) { return _mm256_loadu_pd(p); }
+CLOTHSIM_INLINE Four four(const float* p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
+CLOTHSIM_INLINE Four four(__m128 a) { return _mm256_cvtps_pd(a); }
+CLOTHSIM_INLINE Four four_of(double a) { return _mm256_set1_pd(a); }
+CLOTHSIM_INLINE Four two(const double* p) { return _mm256_castpd128_pd256(_mm_loadu_pd(p)); }
+CLOTHSIM_INLINE Four least(Four a, Four b) { return _mm256_min_pd(a, b); }  // b where a is no number
+CLOTHSIM_INLINE Four most(Four a, Four b) { return _mm256_max_pd(a, b); }
+CLOTHSIM_INLINE __m128 rounded(Four a) { return _mm256_cvtpd_ps(a); }
+CLOTHSIM_INLINE void put(double* p, Four a) { _mm256_storeu_pd(p, a); }
+CLOTHSIM_INLINE void put_two(double* p, Four a) { _mm_storeu_pd(p, _mm256_castpd256_pd128(a)); }
+CLOTHSIM_INLINE Four sum(Four a, Four b) { return _mm256_add_pd(a, b); }
+CLOTHSIM_INLINE Four difference(Four a, Four b) { return _mm256_sub_pd(a, b); }
+CLOTHSIM_INLINE Four times_zero(Four a) { return _mm256_mul_pd(a, _mm256_setzero_pd()); }
+CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) { return _mm256_or_pd(a, b); }
+CLOTHSIM_INLINE bool all_numbers(Four a) { return _mm256_movemask_pd(_mm256_cmp_pd(a, a, _CMP_UNORD_Q)) == 0; }
+CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
+    const Four a = _mm256_unpacklo_pd(r[0], r[1]), b = _mm256_unpackhi_pd(r[0], r[1]);
+    const Four c = _mm256_unpacklo_pd(r[2], r[3]), d = _mm256_unpackhi_pd(r[2], r[3]);
+    r[0] = _mm256_permute2f128_pd(a, c, 0x20);
+    r[1] = _mm256_permute2f128_pd(b, d, 0x20);
+    r[2] = _mm256_permute2f128_pd(a, c, 0x31);
+    r[3] = _mm256_permute2f128_pd(b, d, 0x31);
+}
+#else
+struct Four {
+    __m128d low, high;
+};
+CLOTHSIM_INLINE Four four(const double* p) { return {_mm_loadu_pd(p), _mm_loadu_pd(p + 2)}; }
+CLOTHSIM_INLINE Four four(__m128 a) { return {_mm_cvtps_pd(a), _mm_cvtps_pd(_mm_movehl_ps(a, a))}; }
+CLOTHSIM_INLINE Four four(const float* p) { return four(_mm_loadu_ps(p)); }
+CLOTHSIM_INLINE Four four_of(double a) { return {_mm_set1_pd(a), _mm_set1_pd(a)}; }
+CLOTHSIM_INLINE Four two(const double* p) { return {_mm_loadu_pd(p), _mm_setzero_pd()}; }
+CLOTHSIM_INLINE Four least(Four a, Four b) { return {_mm_min_pd(a.low, b.low), _mm_min_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE Four most(Four a, Four b) { return {_mm_max_pd(a.low, b.low), _mm_max_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE __m128 rounded(Four a) { return _mm_movelh_ps(_mm_cvtpd_ps(a.low), _mm_cvtpd_ps(a.high)); }
+CLOTHSIM_INLINE void put(double* p, Four a) {
+    _mm_storeu_pd(p, a.low);
+    _mm_storeu_pd(p + 2, a.high);
+}
+CLOTHSIM_INLINE void put_two(double* p, Four a) { _mm_storeu_pd(p, a.low); }
+CLOTHSIM_INLINE Four sum(Four a, Four b) { return {_mm_add_pd(a.low, b.low), _mm_add_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE Four difference(Four a, Four b) { return {_mm_sub_pd(a.low, b.low), _mm_sub_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE Four times_zero(Four a) { return {_mm_mul_pd(a.low, _mm_setzero_pd()), _mm_mul_pd(a.high, _mm_setzero_pd())}; }
+CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) { return {_mm_or_pd(a.low, b.low), _mm_or_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE bool all_numbers(Four a) {
+    return _mm_movemask_pd(_mm_or_pd(_mm_cmpunord_pd(a.low, a.low), _mm_cmpunord_pd(a.high, a.high))) == 0;
+}
+CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
+    const Four a = r[0], b = r[1], c = r[2], d = r[3];
+    r[0] = {_mm_unpacklo_pd(a.low, b.low), _mm_unpacklo_pd(c.low, d.low)};
+    r[1] = {_mm_unpackhi_pd(a.low, b.low), _mm_unpackhi_pd(c.low, d.low)};
+    r[2] = {_mm_unpacklo_pd(a.high, b.high), _mm_unpacklo_pd(c.high, d.high)};
+    r[3] = {_mm_unpackhi_pd(a.high, b.high), _mm_unpackhi_pd(c.high, d.high)};
+}
+#endif
+CLOTHSIM_INLINE void put(float* p, Four a) { _mm_storeu_ps(p, rounded(a)); }
+CLOTHSIM_INLINE __m128 bits_of_both(__m128 a, __m128 b) { return _mm_or_ps(a, b); }
+CLOTHSIM_INLINE __m128 times_zero(__m128 a) { return _mm_mul_ps(a, _mm_setzero_ps()); }
+CLOTHSIM_INLINE bool all_numbers(__m128 a) { return _mm_movemask_ps(_mm_cmpunord_ps(a, a)) == 0; }
+
+// Finite numbers times 0 are 0: they leave no bits in it but the sign.
+template <class Real>
+struct NotFinite {
+    Four bits{};
+    CLOTHSIM_INLINE void note(Four a) { bits = bits_of_both(bits, times_zero(a)); }
+    CLOTHSIM_INLINE bool none() const { return all_numbers(bits); }
+};
+template <>
+struct NotFinite<float> {
+    __m128 bits{};
+    CLOTHSIM_INLINE void note(__m128 a) { bits = bits_of_both(bits, times_zero(a)); }
+    CLOTHSIM_INLINE bool none() const { return all_numbers(bits); }
+};
+
+// A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The first `kept` of
+// four elements are moved; the others are only read, or written where a later square writes again.
+template <int lanes, int kept, class Real, class Outside, class Place>
+CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const double* shift, Real* inside, ptrdiff_t compensation,
+                                Place place, NotFinite<Real>& bad) {
+    Four row[4];
+    for (int l = 0; l < 4; ++l) row[l] = four(outside + l % lanes * stride);
+    transpose(row);
+    for (int i = 0; i < kept; ++i) {
+        Real* const to = inside + place(i);
+        if constexpr (sizeof(Real) == 4) {
+            const Four value = sum(row[i], four_of(shift[i]));
+            const __m128 high = rounded(value);
+            bad.note(high);
+            _mm_storeu_ps(to, high);
+            put(to + compensation, difference(value, four(high)));
+        } else {
+            bad.note(row[i]);
+            if constexpr (lanes == 4) put(to, row[i]);
+            else put_two(to, row[i]);
+        }
+    }
+}
+template <int lanes, int kept, bool compensated, class Real, class Outside, class Place>
+CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Place place, const double* shift, Outside* outside,
+                                 ptrdiff_t stride) {
+    Four row[4];
+    for (int i = 0; i < 4; ++i) {
+        const Real* const from = inside + place(std::min(i, kept - 1));
+        if constexpr (lanes == 4) row[i] = four(from);
+        else row[i] = two(from);
+        if constexpr (compensated) row[i] = sum(sum(row[i], four(from + compensation)), four_of(shift[i]));
+    }
+    transpose(row);
+    for (int l = 0; l < lanes; ++l) put(outside + l * stride, row[l]);
+}
+
+template <class Real, class Outside>
+CLOTHSIM_INLINE bool put_one(Outside outside, double shift, Real* inside, ptrdiff_t compensation) {
+    if constexpr (sizeof(Real) == 4) {
+        const double shifted = double(outside) + shift;
+        *inside = Real(shifted);
+        inside[compensation] = Real(shifted - double(*inside));
+    } else {
+        *inside = Real(outside);
+    }
+    return std::isfinite(*inside);
+}
+template <bool compensated, class Real, class Outside>
+CLOTHSIM_INLINE void take_one(const Real* inside, ptrdiff_t compensation, double shift, Outside* outside) {
+    if constexpr (compensated) *outside = Outside(double(*inside) + double(inside[compensation]) + shift);
+    else *outside = Outside(*inside);
+}
+
+// `square(lane, element)` over the lanes that have all their columns, `one(lane, element)` over the elements of the others. A
+// lane's columns stand side by side in the row, 3 vectors elements of it.
+template <int lanes, class Square, class One>
+CLOTHSIM_INLINE void each_lifted(const LiftedRow& row, Square square, One one) {
+    const int elements = 3 * row.vectors;
+    const int whole = std::min(row.columns / row.vectors, row.lanes) / lanes * lanes;
+    for (int lane = 0; lane < whole; lane += lanes) {
+        int element = 0;
+        for (; element + 4 <= elements; element += 4) square(lane, element);
+        if (element < elements) square(lane, elements - 4);  // some a second time
+    }
+    for (int lane = whole; lane < row.lanes; ++lane) {
+        const int columns = std::clamp(row.columns - lane * row.vectors, 0, row.vectors);
+        for (int element = 0; element < 3 * columns; ++element) one(lane, element);
+    }
+}
+
+template <class Real>
+constexpr int lanes_at_once = std::min(4, int(Lanes<Real, ThisArch>::size));
+
+template <class Real, class Outside>
+bool put_lifted(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& given) {
+    constexpr int lanes = lanes_at_once<Real>;
+    const LiftedRow lifted = given;  // nothing that is written can be part of it
+    const ptrdiff_t width = 3 * lifted.vectors;
+    NotFinite<Real> bad;
+    bool finite = true;
+    each_lifted<lanes>(
+        lifted,
+        [&](int lane, int element) __attribute__((always_inline)) {
+            const auto place = [&](int i) { return lifted.place[element + i] + lane; };
+            put_square<lanes, 4>(row + lane * width + element, width, shift.of + element % 3, records, compensation, place, bad);
+        },
+        [&](int lane, int element) __attribute__((always_inline)) {
+            finite &= put_one(row[lane * width + element], shift.of[element % 3], records + lifted.place[element] + lane, compensation);
+        });
+    return finite & bad.none();
+}
+
+template <bool compensated, class Real, class Outside>
+CLOTHSIM_INLINE void take_lifted_any(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift,
+                                     Outside* row) {
+    constexpr int lanes = lanes_at_once<Real>;
+    const ptrdiff_t width = 3 * lifted.vectors;
+    each_lifted<lanes>(
+        lifted,
+        [&](int lane, int element) __attribute__((always_inline)) {
+            const auto place = [&](int i) { return lifted.place[element + i] + lane; };
+            take_square<lanes, 4, compensated>(records, compensation, place, shift.of + element % 3, row + lane * width + element, width);
+        },
+        [&](int lane, int element) __attribute__((always_inline)) {
+            take_one<compensated>(records + lifted.place[element] + lane, compensation, shift.of[element % 3], row + lane * width + element);
+        });
+}
+template <class Real, class Outside>
+void take_lifted(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift, Outside* row) {
+    if constexpr (sizeof(Real) == 4)
+        if (compensation != 0) return take_lifted_any<true>(records, compensation, lifted, shift, row);
+    take_lifted_any<false>(records, compensation, lifted, shift, row);
+}
+
+// Squares of four columns, of whose four elements the last is the next column's x: the last column of all is no part of one.
+template <class Square, class One>
+CLOTHSIM_INLINE void each_of_planes(int columns, Square square, One one) {
+    int column = 0;
+    for (; column + 4 < columns; column += 4) square(column);
+    for (; column < columns; ++column)
+        for (int k = 0; k < 3; ++k) one(column, k);
+}
+
+template <class Real, class Outside>
+bool put_planes(const Outside* row, const RowShift& shift, Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns) {
+    NotFinite<Real> bad;
+    bool finite = true;
+    each_of_planes(
+        columns,
+        [&](int column) __attribute__((always_inline)) {
+            put_square<4, 3>(row + 3 * column, 3, shift.of, planes + column, compensation, [=](int i) { return i * plane; }, bad);
+        },
+        [&](int column, int k) __attribute__((always_inline)) {
+            finite &= put_one(row[3 * column + k], shift.of[k], planes + k * plane + column, compensation);
+        });
+    return finite & bad.none();
+}
+
+template <bool compensated, class Real, class Outside>
+CLOTHSIM_INLINE void take_planes_any(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns, const RowShift& shift,
+                                     Outside* row) {
+    each_of_planes(
+        columns,
+        [&](int column) __attribute__((always_inline)) {
+            take_square<4, 3, compensated>(planes + column, compensation, [=](int i) { return i * plane; }, shift.of, row + 3 * column, 3);
+        },
+        [&](int column, int k) __attribute__((always_inline)) {
+            take_one<compensated>(planes + k * plane + column, compensation, shift.of[k], row + 3 * column + k);
+        });
+}
+template <class Real, class Outside>
+void take_planes(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns, const RowShift& shift, Outside* row) {
+    if constexpr (sizeof(Real) == 4)
+        if (compensation != 0) return take_planes_any<true>(planes, compensation, plane, columns, shift, row);
+    take_planes_any<false>(planes, compensation, plane, columns, shift, row);
+}
+
+// Three vectors of four at a time: as many elements as make whole points.
+template <class Outside>
+void extent(const Outside* x, ptrdiff_t points, double (&low)[3], double (&high)[3]) {
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    Four l[3], h[3];
+    for (int k = 0; k < 3; ++k) {
+        l[k] = four_of(infinity);
+        h[k] = four_of(-infinity);
+    }
+    ptrdiff_t point = 0;
+    for (; point + 4 <= points; point += 4)
+        for (int k = 0; k < 3; ++k) {
+            const Four value = four(x + 3 * point + 4 * k);
+            l[k] = least(value, l[k]);
+            h[k] = most(value, h[k]);
+        }
+    double lows[12], highs[12];
+    for (int k = 0; k < 3; ++k) {
+        put(lows + 4 * k, l[k]);
+        put(highs + 4 * k, h[k]);
+    }
+    for (int k = 0; k < 3; ++k) {
+        low[k] = infinity;
+        high[k] = -infinity;
+    }
+    const auto take = [&](int k, double a, double b) {
+        low[k] = a < low[k] ? a : low[k];
+        high[k] = b > high[k] ? b : high[k];
+    };
+    for (int i = 0; i < 12; ++i) take(i % 3, lows[i], highs[i]);
+    for (; point < points; ++point)
+        for (int k = 0; k < 3; ++k) take(k, double(x[3 * point + k]), double(x[3 * point + k]));
+}
+
+template <class Real, class Outside>
+constexpr RowKernels<Real, Outside> row_kernels() {
+    return {&put_lifted<Real, Outside>, &take_lifted<Real, Outside>, &put_planes<Real, Outside>, &take_planes<Real, Outside>,
+            &extent<Outside>};
+}
+
+}  // namespace
+
+template <>
+constinit const StateRowKernels StateRowKernelsOf<this_instruction_set>::kernels{
+    row_kernels<float, float>(), row_kernels<float, double>(), row_kernels<double, float>(), row_kernels<double, double>()};
+
+}  // namespace clothsim
