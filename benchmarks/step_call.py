@@ -1,4 +1,4 @@
-"""What a call with arrays in and arrays out costs beside the steps it asks for; docs/dev/step-call.md quotes the table.
+"""What a call with arrays in and arrays out costs beside the steps it asks for; docs/dev quotes the table.
 
     python benchmarks/step_call.py              # one thread
     python benchmarks/step_call.py --threads 2
@@ -102,11 +102,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     threads = options.threads or None
-    rows = [
-        *single_calls(threads, options.seconds),
-        *batch_calls(threads, options.seconds),
-        first_calls(threads),
-    ]
+    rows = [*single_calls(threads, options.seconds), *batch_calls(threads, options.seconds), first_calls(threads)]
     if options.json:
         print(json.dumps(rows))
         return
@@ -114,9 +110,9 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- | --- |")
     for row in rows:
         step = row.get("step_us")
-        ratio = f"{row['us'] / step:.2f}" if step else ""
+        beside = f"{step:.1f} | {row['us'] / step:.2f}" if step else "|"
         verdict = "" if row["us"] <= row["limit_us"] else "above"
-        print(f"| {row['call']} | {row['us']:.1f} | {step and f'{step:.1f}' or ''} | {ratio} | {row['limit_us']:.1f} | {verdict} |")
+        print(f"| {row['call']} | {row['us']:.1f} | {beside} | {row['limit_us']:.1f} | {verdict} |")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +106,7 @@ class Simulation:
         x_out: State,
         v_out: State,
         /,
-    ) -> dict[str, Any] | bool | None: ...
+    ) -> dict[str, Any] | Literal[False] | None: ...
     def store(self, x: State | None, v: State | None) -> None: ...
     def advance(self, steps: int, dt: float, threads: int, optional: bool) -> dict[str, Any] | None: ...
     @overload

@@ -21,28 +21,20 @@ _MOST_WAITING, _MOST_KINDS = 2, 8
 
 _THREADS = (int, type(None))
 
-
 Waiting = list[State]
 
 
 def waiting_engines(
-    scene: Any,
-    x: Any,
-    v: Any,
-    integrator: Any,
-    precision: Any,
-    threads: Any,
-    kernel: Any,
-    strict: Any,
-    backend: Any = "cpu",
+    scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, strict: Any, backend: Any = "cpu"
 ) -> Waiting | None:
     """Where engines for such a call wait; None if it needs a new one, or the checks of arguments."""
-    if not (type(x) is type(v) is np.ndarray and x.shape == v.shape and x.dtype is v.dtype):
+    if not type(x) is type(v) is np.ndarray:
+        return None
+    shape, dtype = x.shape, x.dtype
+    if v.shape != shape or v.dtype is not dtype or x.nbytes > _MOST_BYTES:
         return None
     # Keys are compared by value, and True is 1.
-    if type(strict) is not bool or type(threads) not in _THREADS or x.nbytes > _MOST_BYTES:
-        return None
-    if type(backend) is not str or backend != "cpu":
+    if type(strict) is not bool or type(threads) not in _THREADS or type(backend) is not str or backend != "cpu":
         return None
     if type(scene) is Scene:
         first, others = scene, None
@@ -53,7 +45,7 @@ def waiting_engines(
         return None
     processors = _core.available_threads() if threads is None else 0
     environment = _core.kernel_environment()
-    key = (x.shape, x.dtype, integrator, precision, threads, kernel, strict, environment, processors, others)
+    key = (shape, dtype, integrator, precision, threads, kernel, strict, environment, processors, others)
     try:
         waiting: Waiting | None = first.engines.get(key)
     except TypeError:  # an option that is no name

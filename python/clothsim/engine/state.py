@@ -227,7 +227,7 @@ class State:
     def call(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray] | None:
-        """One call of `step` on arrays like the last ones; None, with nothing done, where the checks of a new state are due."""
+        """One call of `step` on arrays like the last ones; None, with nothing done, where a new state has to check them."""
         if out is None:
             out = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
         elif not (type(out) is tuple and len(out) == 2 and type(out[0]) is type(out[1]) is np.ndarray):
@@ -239,6 +239,7 @@ class State:
         if steps > MANY_STEPS:
             return None
         self._warn_of_start(x, t or 0.0)
+        self.warn_of_order()
         try:
             outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, self.threads_optional, *out)
         except TypeError:  # of another dtype, or not contiguous
@@ -248,7 +249,7 @@ class State:
         if outcome:
             self._go_on(outcome, steps, dt)
             self.store(*out)
-        return out
+        return out[0], out[1]
 
     def accelerate(self, x: FloatArray, v: FloatArray, t: float, out: Any) -> FloatArray | None:
         """One call of `acceleration`, see `call`."""

@@ -180,9 +180,7 @@ def acceleration(
     state = take(waiting)
     result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
     if not state or result is None:
-        state = State(
-            scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict
-        )
+        state = State(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
         if out is None:
             out = np.empty(state.shape)
         out_array("out", out, state.shape, np.dtype(np.float64))
