@@ -2,8 +2,8 @@
 
 Usage: python tools/check_english.py [FILE...]
 
-Reads README.md, the other pages of the root, and docs/; of Python files that are given, the docstrings. Code, tables and
-headings are left out. A sentence has at most 25 words; inline code counts as one word.
+Reads README.md, the other pages of the root, docs/, and the docstrings of the package. Code, tables and headings are left
+out. A sentence has at most 25 words; inline code counts as one word.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+MODULES = sorted((ROOT / "python" / "clothsim").rglob("*.py"))
 
 WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer limits pass sentences with two ideas
 
@@ -137,7 +138,7 @@ def faults(sentence: str) -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    files = [Path(name).resolve() for name in arguments] or PAGES
+    files = [Path(name).resolve() for name in arguments] or [*PAGES, *MODULES]
     failed = 0
     for path in files:
         text = path.read_text(encoding="utf8")

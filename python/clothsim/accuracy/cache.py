@@ -1,8 +1,8 @@
 """Solutions kept in memory and on disk, so that a trusted one is computed once.
 
-A file is written under another name in the same folder and then renamed, which replaces it at once:
-readers see a whole file or none, and of several writers (processes, machines on a shared folder)
-the last one wins, with the same content. What cannot be read is computed again and replaced.
+A file is written under another name in its folder and then renamed, which replaces it at once.
+Readers see a whole file or none. Of several writers, on a shared folder too, the last one wins,
+with equal content. A damaged file is computed again and replaced.
 """
 
 from __future__ import annotations

@@ -17,9 +17,9 @@ _MOST_BETWEEN = 1e-4  # s
 def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
     """Earliest time at which a mass point comes as close to a sphere as its contact radius.
 
-    The cloth moves freely, by RK4; between two looks a point is taken to be as near as its speed
-    relative to the sphere allows, so that no contact is missed and one missed by less than that
-    distance counts as one.
+    The cloth moves freely, by RK4. Between two samples a point counts as near as its speed relative
+    to the sphere allows. So no contact is missed, and a near miss within that distance counts as a
+    contact.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What was measured of error and cost, as a Dataset."""
+"""Measured errors and costs as a Dataset."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def label(method: Method) -> str:
 
 
 def dataset(xr: Any, bench: Bench, methods: list[Method], results: dict[tuple[int, int], Measured]) -> xarray.Dataset:
-    """What `work_precision` returns."""
+    """Dataset of `work_precision` returns."""
     shape = len(methods), 1 + max(n for _, n in results)
     duration = bench.duration
 

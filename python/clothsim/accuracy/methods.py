@@ -1,4 +1,4 @@
-"""What work-precision compares: a method is something that solves a scene at a given setting."""
+"""Methods of work-precision: a method solves a scene at a given setting."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ class Method(Protocol):
     ----------
     name : str
     library : str
-        Whose code it is.
+        Name of the package.
     precision : str
     threads : int or None
     control : {"dt", "rtol"}
-        What a setting is: a time step [s], or a relative tolerance. That of `simulate` is for the
-        error at the end, over the cloth's size; the peers' is for a step, with an absolute one of
-        that part of the cloth's size.
+        Kind of a setting: a time step [s], or a relative tolerance. `simulate` takes the tolerance
+        for the error at the end, over the cloth's size. The peers take it for a step, with an
+        absolute tolerance of that part of the cloth's size.
     """
 
     @property

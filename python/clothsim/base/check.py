@@ -1,8 +1,9 @@
 """Argument checks shared by all modules.
 
-Each returns the value in the one form the package works with, or raises an error that names the
-argument, what is accepted and what came: ``TypeError`` for what is no number, array or name at
-all, ``ValueError`` for the rest. A ``bool`` is no number; a NumPy scalar is.
+Each returns the value in the one form that the package works with, or raises an error. The error
+names the argument, the accepted values and the given value. Objects that are no number, array or
+name give a ``TypeError``, other values a ``ValueError``. A ``bool`` is no number; a NumPy scalar
+is.
 """
 
 from __future__ import annotations
@@ -258,7 +259,7 @@ def keys(name: str, value: Any, known: Collection[str], required: Collection[str
 
 
 def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
-    """`value` as NumPy makes an array of it. What its own ``__array__`` raises passes as it is.
+    """`value` as NumPy makes an array of it. An error of its own ``__array__`` raises passes as it is.
 
     A masked array is refused: NumPy drops the mask on the way, and what it hides would count.
     """

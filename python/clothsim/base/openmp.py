@@ -1,9 +1,9 @@
 """How OpenMP's threads wait: asleep, once a call has returned.
 
 A thread of a team that is done stays awake for the next piece of work, libgomp's for some 8 ms by
-default. It reads for how long when it is loaded, so this module is imported before the core. Who
-sets `OMP_WAIT_POLICY` or `GOMP_SPINCOUNT` is not overruled, nor is a process that has loaded
-libgomp before clothsim.
+default. It reads for how long when it is loaded, so this module is imported before the core. Your
+own `OMP_WAIT_POLICY` or `GOMP_SPINCOUNT` is respected, as is a process that has loaded libgomp
+before clothsim.
 """
 
 import os

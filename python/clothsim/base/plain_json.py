@@ -1,4 +1,4 @@
-"""What is printed and what is written as JSON, in one form."""
+"""One form of JSON for output and for files."""
 
 from __future__ import annotations
 

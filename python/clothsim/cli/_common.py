@@ -1,4 +1,4 @@
-"""What several subcommands share."""
+"""Helpers of several subcommands."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = ""
     """One line per entry: its name in words, and its value in four digits with its unit.
 
     Mappings of plain values take one line. A unit is looked up by the entry's own name, then by
-    that of the mapping it is in. What cannot be told has its "reason" in place of its numbers.
+    that of the mapping it is in. An unknown value shows its "reason" in place of its numbers.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What `clothsim sweep` prints of its result."""
+"""Summary that `clothsim sweep` prints of its result."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _OWN = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 
 
 def summary(dataset: Any) -> str:
-    """What became of the members, and each metric: a table where one fits, else its range."""
+    """Fates of the members, and each metric: a table where one fits, else its range."""
     status = dataset["status"].values
     session = dataset.clothsim.provenance["sessions"][-1]
     counts = ", ".join(
@@ -57,7 +57,7 @@ def _table(dataset: Any, name: str) -> list[str]:
 
 
 def _labels(dataset: Any, dimension: str) -> list[str]:
-    """What stands for places along a dimension; of zipped lists and samples all their values."""
+    """Labels of places along a dimension; of zipped lists and samples all their values."""
     own = dataset[dimension]
     if own.attrs:  # else they are mere numbers
         return [_text(value) for value in own.values]

@@ -18,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _adapters() -> Any:
-    """What backend "gpu" could use, or why there is nothing."""
+    """Adapters for the backend "gpu", or why there are none."""
     from clothsim.gpu import adapters
 
     try:

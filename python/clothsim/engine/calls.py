@@ -1,7 +1,7 @@
 """Calls with arrays in and arrays out: engines wait at their scene for the next call.
 
-To compile a scene and to build an engine for it costs ten steps of a small cloth. A scene is immutable, so
-an engine of an earlier call serves the next one that asks for the same arithmetic on arrays of one shape.
+To compile a scene and to build an engine for it costs ten steps of a small cloth. A scene is
+immutable, so an engine serves later calls with equal arithmetic and arrays of equal shape.
 """
 
 from __future__ import annotations

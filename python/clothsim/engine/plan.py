@@ -152,7 +152,7 @@ def core_plan(
 
 
 class Explanation(Mapping[str, Any]):
-    """What a scene computes per step and what it leaves out: a mapping that prints as a text.
+    """Work of a step of a scene, and the parts left out: a mapping that prints as a text.
 
     Examples
     --------

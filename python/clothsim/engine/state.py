@@ -43,7 +43,7 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
 def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
     """`value` as a finite float32 or float64 array, C-contiguous, not copied where it is one.
 
-    Its shape is (rows, columns, 3), or (B, rows, columns, 3): B is the number of scenes if they
+    Its shape is (rows, columns, 3), or (B, rows, columns, 3). B is the number of scenes if they
     came as a sequence (`batched`), else free.
     """
     shape = (*scenes[0].cloth.shape, 3)

@@ -22,7 +22,7 @@ STEPS_PER_SUBMISSION = 32
 
 @dataclass(frozen=True)
 class Told:
-    """What steps have told.
+    """Findings of the steps.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ class Block:
     scenes : sequence of Scene
         One a member, of one shape and equal `Features`.
     origins : numpy.ndarray
-        What each member's positions are relative to [m], shape (members, 3).
+        Origin of each member's positions [m], shape (members, 3).
     precision : {"single", "double"}
     strict : bool
     most_steps : int
@@ -167,7 +167,7 @@ class Block:
             self._write(buffer, planes)
 
     def download(self) -> list[np.ndarray]:
-        """What `upload` takes."""
+        """Arrays for `upload`."""
         shape = (len(self.members), 6, self.points)
         count = math.prod(shape)
         size = count * np.dtype(self.real).itemsize
@@ -235,8 +235,8 @@ class Block:
         encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, 4 * self._told)
 
     def told(self) -> tuple[dict[str, Any] | None, tuple[int, int] | None]:
-        """Of the members of this block, once the results are copied: the first one in trouble, and
-        the first with a sphere in a pinned point, each with its point."""
+        """First member of this block in trouble, and first with a sphere in a pinned point, each
+        with its point. Valid once the results are copied."""
         self.readback.map_sync("READ")
         results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
         self.readback.unmap()

@@ -30,7 +30,7 @@ def rest_lengths(scene: Scene) -> list[float]:
 
 
 def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
-    """What `parameters` holds of one member (layout.wgsl).
+    """Entry of `parameters` for one member (layout.wgsl).
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def contacts(
     scenes, plans : sequence of Scene, of Plan
         With equally many spheres each; the plans are the core's, which moves the spheres.
     origins : numpy.ndarray
-        What positions are relative to [m], shape (scenes, 3).
+        Origins of the positions [m], shape (scenes, 3).
     times : sequence of float
         Time before the first step and after each [s].
     dt : float
@@ -114,7 +114,7 @@ def contacts(
 
 
 def energies(scene: Scene) -> npt.NDArray[np.float64]:
-    """What a point's energy is made of (continuous.wgsl), one scene's part of `contacts`."""
+    """Terms of a point's energy (continuous.wgsl), one scene's part of `contacts`."""
     cloth = scene.cloth
     stiffness = [cloth.family_stiffness.get(family, 0.0) for family, *_ in _SPRINGS]
     masses = cloth.mass_per_point.ravel()

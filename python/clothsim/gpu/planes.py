@@ -32,7 +32,7 @@ def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarr
 
 
 def far_origins(positions: np.ndarray) -> np.ndarray:
-    """What single keeps positions relative to [m]: 0 but for a cloth far off for its size.
+    """Origin of positions in single [m]: 0 but for a cloth far off for its size.
 
     Parameters
     ----------

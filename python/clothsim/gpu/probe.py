@@ -130,9 +130,9 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
     """How the adapter rounds, operation by operation, over numbers spread over 40 powers of two.
 
-    The core's strict bits can be met where everything but "compensation" is exact: WGSL lets a
-    compiler fuse products with sums and drop (a + b) - a for b, which is why the shader passes such
-    values on through `keep`.
+    The core's strict bits can be reached where everything but "compensation" is exact. WGSL lets a
+    compiler fuse products with sums and replace (a + b) - a by b. The shader therefore passes these
+    values through `keep`.
 
     Returns
     -------

@@ -24,7 +24,7 @@ class SafeCopy:
     clock : Clock
         When that was.
     took : float
-        What copying it back has cost [s].
+        Time of copying it back [s].
     """
 
     def __init__(self, parts: Sequence[np.ndarray], clock: Clock, took: float = 0.0) -> None:

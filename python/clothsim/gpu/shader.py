@@ -1,4 +1,4 @@
-"""What a scene needs of the shader: its features, and the pipelines with nothing else in them."""
+"""Parts of the shader that a scene needs: its features, and the pipelines with nothing else in them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STAGES = (1, 2, 3, 4)
 
 @dataclass(frozen=True)
 class SphereFeatures:
-    """What a sphere's response computes."""
+    """Features of a sphere's response."""
 
     response: str
     literal: bool
@@ -25,7 +25,7 @@ class SphereFeatures:
 
 @dataclass(frozen=True)
 class Features:
-    """What a scene computes; scenes of equal features share pipelines and dispatches."""
+    """Features of a scene; scenes of equal features share pipelines and dispatches."""
 
     families: tuple[str, ...]
     spring_damping: bool
@@ -146,7 +146,7 @@ class Pipelines:
 
 
 def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:
-    """Those of `features`, compiled at most once for a device."""
+    """Pipelines of `features`, compiled at most once for a device."""
     key = (features, precision, strict)
     if key not in device.pipelines:
         device.pipelines[key] = Pipelines(device, features, precision, strict)

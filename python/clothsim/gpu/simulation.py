@@ -183,7 +183,7 @@ class Simulation:
 
     @property
     def contacts(self) -> list[int]:
-        """Answers of the spheres to mass points so far; those of "continuous" are not counted."""
+        """Number of responses to mass points so far, without continuous contacts."""
         return list(self._contacts)
 
     def set_watch(self, every: int, interval: float) -> None:

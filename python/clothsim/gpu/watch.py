@@ -57,7 +57,7 @@ class EnergyWatch:
 
 
 class EnergyWatches:
-    """Those of a batch's members that nothing but the time step can give any energy."""
+    """Members of a batch that nothing but the time step can give any energy."""
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
         self._scenes = scenes

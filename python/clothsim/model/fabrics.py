@@ -4,7 +4,7 @@ A sheet of fabric stores the energy per area
 
     W = Y (e_x^2 + e_y^2) / 2 + G g^2 / 2 + B k^2 / 2
 
-with the strains e along the two directions, the shear angle g and the curvature k; Y [N/m] is the
+with the strains e along the two directions, the shear angle g and the curvature k. Y [N/m] is the
 tensile modulus, G [N/m] the shear modulus and B [N m] the bending rigidity. A grid of springs has a
 cell of sides a and b (columns and rows), so that, with d^2 = a^2 + b^2, it stores per area
 
@@ -13,11 +13,12 @@ cell of sides a and b (columns and rows), so that, with d^2 = a^2 + b^2, it stor
     bend:        2 K_b (a/b e_x^2 + b/a e_y^2)                              stretched
                  2 K_b (1 - cos(t/2))^2 (a/b or b/a)                        bent by t per spacing
 
-The first two expand the lengths of a cell's springs to first order in the strains; the last is the
-shortening of the chord over two spacings. Equal energies in shear, in bending by the angle t, and in the mean of
-stretching along both directions give K_h, K_b and K_s. Two limits follow. A family has one stiffness,
-so warp and weft share the mean of their moduli. And bend springs resist bending of a flat sheet at
-fourth order of the curvature only: the energy is that of the fabric at the angle t, smaller below.
+The first two expand the lengths of a cell's springs to first order in the strains. The last is the
+shortening of the chord over two spacings. Equal energies in shear, in bending by the angle t, and
+in the mean of stretching along both directions give K_h, K_b and K_s. Two limits follow. A family
+has one stiffness, so warp and weft share the mean of their moduli. Bend springs resist bending of a
+flat sheet at fourth order of the curvature only. The energy is that of the fabric at the angle t,
+and smaller below.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def fabric_scene(
 ) -> Scene:
     """A sheet of a fabric, flat and level, pinned at the two ends of the side x = 0.
 
-    The damping is in proportion to the stiffness, c = beta K, with beta = 2 z / omega: the damping
+    The damping is in proportion to the stiffness, c = beta K, with beta = 2 z / omega. The damping
     ratio is `damping_ratio` z at the bound omega of the grid's frequencies, and less in proportion
     below. It is a numerical choice; the sources measure no damping.
     """

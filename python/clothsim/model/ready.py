@@ -1,9 +1,9 @@
 """Ready scenes: those of Kim et al. and two whose solution is known in closed form.
 
-The paper's scenes take its Table 2 as it stands: 1 m x 1 m, 512 kg, stiffness 35,000 N/m, damping
-100, 32 x 32 mass points, 3,906 springs (structural and shear; bend springs, described in its
-section 2, are not in that count) and gravity 9.80665 m/s^2. The cloth starts flat and level,
-pinned at the two ends of the side x = 0, and swings down about z (section 6).
+The paper's scenes take its Table 2: 1 m x 1 m, 32 x 32 mass points, 512 kg, stiffness 35,000 N/m,
+damping 100. The 3,906 springs are structural and shear; section 2 of the paper also describes bend
+springs. Gravity is 9.80665 m/s^2. The cloth starts flat and level, pinned at the two ends of the
+side x = 0, and swings down about z (section 6).
 """
 
 from __future__ import annotations
@@ -75,10 +75,10 @@ def paper_moving(
     """The cloth swings down while a sphere goes back and forth (Kim et al., section 6, Table 4).
 
     The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
-    cloth once it hangs, and slows down towards the turning points (see `Reciprocate`). The paper
-    prints neither its period nor where it starts; here it comes from x = -0.5, on the far side of
-    the pinned edge from the cloth, and meets it three times within five seconds, as its frames 200,
-    1300 and 3100 show (docs/reproduction.md).
+    hanging cloth. It slows down towards the turning points (see `Reciprocate`). The paper prints
+    neither its period nor its start. Here it comes from x = -0.5, beyond the pinned edge. It
+    touches the cloth three times within five seconds, as the paper's frames 200, 1300 and 3100 show
+    (docs/reproduction.md).
 
     Parameters
     ----------
@@ -146,19 +146,19 @@ def hanging(
 ) -> Scene:
     """A cloth that hangs from its top row and settles under its own weight.
 
-    Row 0 is pinned along y = 0 and the other rows hang straight below it, unstretched, in the
-    plane z = 0: point (row, column) starts at
-    (column size[1]/(columns - 1), -row size[0]/(rows - 1), 0). Point damping brings it to rest.
+    Row 0 is pinned along y = 0. The other rows hang straight below it, unstretched, in the plane z
+    = 0. Point (row, column) starts at (column size[1]/(columns - 1), -row size[0]/(rows - 1), 0).
+    Point damping brings it to rest.
 
-    With structural springs only every column is a chain and the solution is exact: a spring
-    carries the weight of the points below it, so that with m the mass of a point, g gravity and
-    D the rest length::
+    With structural springs only, every column is a chain and the solution is exact. A spring
+    carries the weight of the points below it. With m the mass of a point, g gravity and D the rest
+    length::
 
         y(row) = -row D - (m g / stiffness) sum_{k=1..row} (rows - k)
                = -row D - (m g / stiffness) row (2 rows - row - 1) / 2
 
-    With the defaults m g / stiffness is 98 um, the lowest row comes to rest 11.8 mm below its
-    start, and the slowest oscillation is nearly critically damped: it is gone after about 0.5 s.
+    With the defaults m g / stiffness is 98 um, and the lowest row comes to rest 11.8 mm below its
+    start. The slowest oscillation is nearly critically damped; it is gone after about 0.5 s.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def cotton(
         frequency. A numerical choice: the source measures no damping.
     fold : float, default 1.0
         Angle between neighbouring springs [rad] at which the bend springs store the fabric's
-        bending energy; they store less below, and nothing to second order near the flat sheet.
+        bending energy. They store less below, and nothing to second order near the flat sheet.
 
     Returns
     -------

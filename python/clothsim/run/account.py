@@ -1,4 +1,4 @@
-"""What the report of a run says about its error and its cost."""
+"""Entries of a run's report about its error and its cost."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluation
 
 
 def compared(scene: Scene, solution: Solution, companion: Solution | None) -> dict[str, Any]:
-    """What can be told after a contact; the difference from the companion's is NaN without one."""
+    """Outcomes after a contact; differences are NaN without a better run."""
     ours = _outcomes(scene, solution)
     theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
     return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
@@ -101,7 +101,7 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
 
 
 def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
-    """What the core has watched, in the form of the report."""
+    """Measures of the core, in the form of the report."""
     untold = watched.get("reason", "")
     none = "" if watched["in_contact"] else "no sphere responded"
     time = watched["first_contact"]

@@ -1,20 +1,20 @@
 """Error control: from the error that is asked for to a run that has it, and the estimate of it.
 
-Asked is the error of the positions at the end of the run, as the root of its mean square over the
-mass points: ``atol + rtol * size``, with the longer side of the cloth as its size.
+The request is for the rms error over the mass points at the end of the run: ``atol + rtol * size``.
+The size is the longer side of the cloth.
 
 The estimate is the distance of the run from a better run of the same scene, which starts from
 positions that differ by rounding. So the estimate holds what rounding adds.
 
-**dop853 in double** ("auto" takes it): global extrapolation on refined grids (Shampine, Watts: Global
-error estimation for ordinary differential equations, ACM TOMS 2 (1976) 172). The first run chooses
-its steps by a tolerance in proportion to what is asked. The second run takes the same grid, refined
-by `_REFINEMENT`. With the order p = 8 and m = (steps of the first / steps of the second)^p, the
-difference d of both is 1 - m times the error of the first run. If that is small enough, the first
-run is returned. The error of the second run is m / (1 - m) d where tolerance proportionality holds:
-each run sums the method's own estimates of its steps' errors, and the sums of both are as m to 1.
-If that is small enough, the second run is returned. Else the next refinement has as many steps as
-the errors so far ask for.
+**dop853 in double** ("auto" takes it): global extrapolation on refined grids (Shampine, Watts:
+Global error estimation for ordinary differential equations, ACM TOMS 2 (1976) 172). The first run
+chooses its steps by a tolerance in proportion to what is asked. The second run takes the same grid,
+refined by `_REFINEMENT`. The order is p = 8; let m = (steps of the first / steps of the second)^p.
+The difference d of both is then 1 - m times the error of the first run. If that is small enough,
+the first run is returned. Where tolerance proportionality holds, the error of the second run is m /
+(1 - m) d. Each run sums the method's own estimates of its steps' errors. Proportionality holds if
+the sums of both are as m to 1. If that is small enough, the second run is returned. Else the next
+refinement has as many steps as the errors so far ask for.
 
 **Other methods**: the better run is one of dop853. Its tolerance is tightened until the sum of its
 local errors is at most `_BETTER` times the distance. The first run of the method tells how many steps
@@ -131,7 +131,7 @@ class _Runs:
         rounded: bool = False,
         options: Options | None = None,
     ) -> Solution:
-        """A run with error control; without frames nobody follows it.
+        """A run with error control; without frames no callback follows it.
 
         If it runs away at the tolerance, because stiff motion is let grow up to it, it is done
         again at a smaller one.

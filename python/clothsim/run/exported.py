@@ -1,4 +1,4 @@
-"""A run as files of other programs; the room `view` writes them, and is imported when it is used."""
+"""A run as files of other programs; the room `viewing` writes them, and is imported when it is used."""
 
 from __future__ import annotations
 

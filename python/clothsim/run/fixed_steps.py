@@ -251,7 +251,7 @@ def run_fixed(
 ) -> Solution:
     """One run at a fixed time step, a shorter one before a frame that it does not divide.
 
-    `own_step`: the step is not the caller's, so nobody is warned of it. `resumed`: the run to go on
+    `own_step`: the step is not the caller's, so no warning names it. `resumed`: the run to go on
     from.
     """
     if resumed is None:

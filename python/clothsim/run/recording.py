@@ -87,7 +87,7 @@ class Watch:
 
 
 class Control:
-    """What steps with error control depend on beside the state.
+    """Values beside the state that steps with error control depend on.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ def _as_data(name: str, case: HardCase, precision: str, result: HardCaseResult) 
 
 
 def hard_case_table(results: list[dict[str, Any]]) -> str:
-    """What each case is and what is expected of it; below it a line per precision and figure."""
+    """Each case with its expected outcome; below it a line per precision and figure."""
     lines, last = [], None
     for result in results:
         if result["case"] != last:

@@ -1,16 +1,16 @@
 """The modes of a cloth about a given state that limit the time step.
 
-About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the spring
-forces. For the force f = (k (l - L) + c (w . n)) n of a spring along d = l n whose ends move apart
-with w, and P = 1 - n n^T,
+About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the
+spring forces. A spring along d = l n, with ends that move apart with w, has the force f = (k (l -
+L) + c (w . n)) n. With P = 1 - n n^T,
 
     df/dd = k n n^T + k (1 - L/l) P + c ((w . n) P + n (P w)^T) / l,      df/dw = c n n^T
 
-A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few that limit the
-time step are wanted, so the problem is projected on a small space (Galerkin: K and C keep their
-symmetry and their signs, and no projected mode is beyond the true ones), and the space is extended by
-the residuals of the modes that limit the step, until the limit no longer changes. For an undamped
-cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
+A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that
+limit the time step are needed, so the problem is projected on a small space (Galerkin). K and C
+keep their symmetry and their signs, and no projected mode is beyond the true ones. Residuals of the
+limiting modes extend the space until the limit no longer changes. For an undamped cloth that is
+Lanczos' iteration, in general a residual Arnoldi iteration.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _incidence(i: npt.NDArray[np.int64], j: npt.NDArray[np.int64], points: int) 
 
 
 def stable_dt_at(integrator: str, scene: Scene, x: Floats, v: Floats) -> float:
-    """What `clothsim.max_stable_dt` gives with a state [s]."""
+    """Value of `clothsim.max_stable_dt` with a state [s]."""
     return _SAFETY * spectral_limit(integrator, scene, x, v)
 
 

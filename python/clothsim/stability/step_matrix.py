@@ -1,19 +1,20 @@
 """The time step at which a splitting method's own step matrix stops being stable.
 
-A step of dt = h maps a small perturbation (x, w = h v) of the state linearly, z' = S(h) z, with the tangent
-matrices K and C of `spectrum`: each stage evaluates a = -h^2 K x - h C w. Runge-Kutta methods are rational
-functions of the first-order system's matrix, so their modes are those of the equation. The splitting methods and
-velocity Verlet are not: where K and C do not commute, S mixes the modes, and its eigenvalues leave the unit circle
-before those of any single mode do.
+A step of dt = h maps a small perturbation z = (x, w = h v) of the state linearly, z' = S(h) z. K
+and C are the tangent matrices of `spectrum`: each stage evaluates a = -h^2 K x - h C w. Runge-Kutta
+methods are rational functions of the first-order system's matrix, so their modes are those of the
+equation. The splitting methods and velocity Verlet are not. Where K and C do not commute, S mixes
+the modes. Its eigenvalues then leave the unit circle before those of any single mode.
 
 S(h) is projected on a small space V: K and C are replaced by V K V^T and V C V^T. The space is extended by the
 accelerations that the stages of the full step give for the eigenvectors that leave the unit circle first. Once
 these lie in the space, the projected step of that eigenvector is the full step.
 
-A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without alternating.
-A step follows that growth, and that is no fault of the step. An eigenvector that grows so is taken for buckling
-where K is negative along its velocity and damping along it is within the limit of pure damping. Other growth is
-the equation's only as far as the equation has as many growing modes.
+A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without
+alternating. A step follows that growth, and that is no fault of the step. A growing eigenvector
+counts as buckling where K is negative along its velocity, and damping along it is within the limit
+of pure damping. Other growth is the equation's only as far as the equation has as many growing
+modes.
 """
 
 from __future__ import annotations

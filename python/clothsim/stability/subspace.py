@@ -86,7 +86,7 @@ def sums(weights: Floats, vectors: Floats) -> Floats:
 
 
 def orthonormal(vectors: Floats, basis: Floats) -> Floats:
-    """What `vectors` add to the span of the orthonormal rows of `basis`, as orthonormal rows."""
+    """Addition of `vectors` to the span of the orthonormal rows of `basis`, as orthonormal rows."""
     found = basis
     for vector in vectors:
         size = np.sqrt((vector**2).sum())

@@ -1,8 +1,8 @@
 """Whether a scene is stable at a time step, measured: real runs from a slightly disturbed state.
 
 Physics adds no energy to a cloth without moving spheres, so a run whose energy rises is one whose
-time step makes it. The free points get random velocities, far too slow to matter for the motion, which
-contain every mode; above the limit some grow by a part of themselves each step.
+time step makes it. The free points get random velocities, which contain every mode and are far too
+slow to matter for the motion. Above the limit some modes grow by a part of themselves each step.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class Plots:
         self._dataset = dataset
 
     def __call__(self, kind: str | None = None, **options: Any) -> Any:
-        """What fits best, or the named kind: "convergence", "stability" or "heatmap"."""
+        """Best fit, or the named kind: "convergence", "stability" or "heatmap"."""
         return _plots().plot(self._dataset, kind, **options)
 
     def convergence(self, **options: Any) -> Any:
@@ -45,7 +45,7 @@ class Plots:
 
 @xarray.register_dataset_accessor("clothsim")
 class ClothsimAccessor:
-    """What a sweep's Dataset can tell beyond its variables.
+    """Methods of a sweep's Dataset.
 
     Attributes
     ----------

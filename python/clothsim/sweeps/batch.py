@@ -39,7 +39,7 @@ def run_batch(
     ----------
     members : sequence of Member
     needs : frozenset of str
-        What is watched; see `Metric`.
+        Watched quantities; see `Metric`.
     every : int, float or None
         Frames, as for `simulate`; only the first and the last are kept unless `needs` has "frames".
     sampling : int

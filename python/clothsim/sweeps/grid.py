@@ -97,7 +97,7 @@ class Grid:
         return np.broadcast_to(whole, (self.size,))
 
     def coordinates(self) -> list[Coordinate]:
-        """What labels the dimensions, one per swept name and two more for a swept shape."""
+        """Labels of the dimensions, one per swept name and two more for a swept shape."""
         result = []
         for axis in self.axes:
             for name in axis.names:

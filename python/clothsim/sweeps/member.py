@@ -39,7 +39,7 @@ STATUS = ("pending", "done", "unstable", "failed")
 
 @dataclass(frozen=True)
 class Settings:
-    """What all members share, unless it is swept; see `sweep`."""
+    """Settings of all members, unless they are swept; see `sweep`."""
 
     duration: float
     dt: float | None
@@ -131,8 +131,8 @@ class Member:
 class Members:
     """The members of a sweep, made by their index; some are kept until they are asked for again.
 
-    A member is made when the sweep is checked, when it is weighed, and when it is run; in one
-    process, and while they are small, it is the same object.
+    A member is made for the check of the sweep, for its cost, and for its run. In one process,
+    small members are kept between these.
     """
 
     def __init__(self, scene: Scene, grid: Grid, settings: Settings) -> None:
@@ -172,7 +172,7 @@ def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | No
 
 @dataclass
 class Outcome:
-    """What a run of a member gave; a metric is a function of it."""
+    """Result of a member's run; a metric is a function of it."""
 
     member: Member
     steps: int = 0
@@ -221,7 +221,7 @@ class Outcome:
 
 @dataclass
 class Record:
-    """What is kept of a member: plain values, small enough to travel between machines."""
+    """Record of a member: plain values, small enough to travel between machines."""
 
     index: int
     status: int

@@ -1,4 +1,4 @@
-"""What is measured of every member: metrics by name, or any function of the run."""
+"""Measures of every member: metrics by name, or any function of the run."""
 
 from __future__ import annotations
 

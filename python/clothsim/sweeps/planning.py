@@ -28,8 +28,8 @@ _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 class Planner:
     """Cuts pending members into tasks, sized by what earlier ones took.
 
-    Members of one shape come together, and within them those of one physics, so that a task's
-    calls are shared and a reference serves all members that differ in numerics.
+    Members of one shape come together, so that a task shares its calls. Within a shape, members of
+    one physics come together, so that members that differ in numerics share a reference.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class Planner:
             yield indices, weight
 
     def _weight(self, index: int, new_physics: bool) -> float:
-        """What a member costs, in steps of a mass point."""
+        """Cost of a member, in steps of a mass point."""
         try:
             member = self.members.make(index)
         except (ValueError, TypeError):

@@ -1,14 +1,14 @@
 """The solution that the metric "error" compares with.
 
-`solve` is the one place that makes it: RK4 in double with equal steps of at most 1/32 of the
-guaranteed stable time step, and again with twice the step; the two are extrapolated as befits order
-4, x = fine + (fine - coarse) / 15. The bound of its error is the distance of the two. While
-truncation rules, that is 15 times the error of the finer alone; where rounding rules, it is the
-difference of two independent roundings. After a contact the motion is chaotic: trajectories of nearby
-states part, and there is no solution to compare with (`incomparable`).
+`solve` makes it alone: RK4 in double with equal steps, at most 1/32 of the guaranteed stable step,
+and again at twice that. Richardson extrapolation of order 4 gives x = fine + (fine - coarse) / 15.
+The bound of its error is the distance of the two. While truncation rules, that is 15 times the
+error of the finer alone; where rounding rules, it is the difference of two independent roundings.
+After a contact the motion is chaotic: trajectories of nearby states part, and there is no solution
+to compare with (`incomparable`).
 
-It depends on the cloth alone, never on which other members a sweep has; members that differ in
-numerics share it, and each process keeps the last ones.
+It depends on the cloth alone, never on other members of a sweep. Members that differ in numerics
+share it, and each process keeps the last references.
 """
 
 from __future__ import annotations

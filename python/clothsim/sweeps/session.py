@@ -185,7 +185,7 @@ def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
 
 
 def _identity(scene: Scene, grid: Grid, settings: Settings) -> dict[str, Any]:
-    """What tells this sweep from another, as JSON can hold it."""
+    """Identity of a sweep, as JSON can hold it."""
     return {
         "version": build_config()["version"],
         "scene": scene.to_dict(),

@@ -1,8 +1,8 @@
 """A sweep on disk: a zarr group that xarray opens, written by one process as members finish.
 
 Variables are arrays over the grid in chunks; a chunk is replaced as a whole and atomically (zarr
-writes a new file and renames it). `status` is written after everything else of the same members,
-so a process killed at any moment leaves members that are whole or pending, nothing between.
+writes a new file and renames it). `status` is written after everything else of its members. A
+process killed at any moment leaves members that are whole or pending.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ _SECONDS_BETWEEN_WRITES = 1.0
 class Store(Results):
     """Results that are also in a zarr group.
 
-    The group's attributes say which sweep it is and never change; the array "sessions" says where
-    its results come from, as text that is replaced with every write.
+    The group's attributes identify the sweep and never change. The array "sessions" says where its
+    results come from, as text that is replaced with every write.
 
     Parameters
     ----------
     path : path
         Folder of the group; made if missing.
     identity : dict
-        What makes this sweep this sweep: a store with another is refused.
+        Identity of the sweep: a store with another is refused.
     provenance : dict
         Where the results come from; written beside them.
     resume : bool
@@ -224,7 +224,7 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _check(path: Path, identity: dict[str, Any], resume: bool) -> dict[str, Any]:
-    """What the store at `path` says of itself, if it is of the sweep `identity`."""
+    """Attributes of the store at `path`, if it is of the sweep `identity`."""
     attrs = read_attrs(path)
     if not resume:
         raise ValueError(f"store {str(path)!r} exists; resume=True continues it")
@@ -236,7 +236,7 @@ def _check(path: Path, identity: dict[str, Any], resume: bool) -> dict[str, Any]
 
 
 def read_attrs(path: Path) -> dict[str, Any]:
-    """What the store at `path` says of itself; a ValueError if it is none.
+    """Attributes of the store at `path`; a ValueError if it is none.
 
     "schema", "identity" and "sessions", and "variables" unless it was stopped before it had any.
     """

@@ -48,8 +48,8 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     Parameters
     ----------
     dataset : xarray.Dataset
-        With "error" and the dimension "dt", or else "rtol" or "atol"; of any further dimension
-        that is longer than one, a value has to be selected.
+        With "error" and the dimension "dt", or else "rtol" or "atol". Select a value of any further
+        dimension that is longer than one.
     along : str, optional
         The dimension that makes the lines. Default: the one there is beside dt.
     ax : matplotlib.axes.Axes, optional
@@ -58,8 +58,8 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     Returns
     -------
     matplotlib.axes.Axes
-        Crosses at the top mark steps that diverged, the dotted line (over dt) is the slope of
-        order 4, and hollow circles are errors below the bound of the reference's own.
+        Crosses at the top mark steps that diverged. The dotted line over dt is the slope of order
+        4. Hollow circles are errors below the error bound of the reference.
     """
     by = _steered_by(dataset) or "dt"
     _require(dataset, "error", by)

@@ -43,7 +43,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What came out of a task, and where it was done."""
+    """Result of a task, and where it was done."""
 
     records: tuple[Record, ...]
     seconds: float

@@ -88,8 +88,8 @@ def run_all(
 
     `meanwhile` is called once, before that, when the first tasks are under way.
 
-    When anything ends this early (Ctrl-C, a broken pool), tasks that wait are cancelled, and what
-    has been finished by then is recorded before the error goes on.
+    If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are
+    recorded before the error goes on.
     """
     finished: queue.SimpleQueue[Future[TaskResult]] = queue.SimpleQueue()
     waiting: set[Future[TaskResult]] = set()

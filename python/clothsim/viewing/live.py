@@ -84,7 +84,7 @@ class Viewer:
             self._over.wait(max(0.0, 1 / FPS - (perf_counter() - now)))
 
     def recorded(self) -> Run:
-        """What was recorded, as a `Run` whose spheres travel as they were dragged."""
+        """The recording as a `Run` whose spheres travel as they were dragged."""
         return self.playground.recorded()
 
     def stop(self) -> None:

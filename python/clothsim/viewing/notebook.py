@@ -1,7 +1,7 @@
-"""What a notebook shows of a run, a scene or a stepper: its lines and a picture, or the page itself.
+"""Notebook output of a run, a scene or a stepper: its lines and a picture, or the page itself.
 
-Lines and picture are plain HTML with the picture inside: JupyterLab and nbviewer show both also
-where a notebook is not trusted, and no script has to run.
+Lines and picture are plain HTML with the picture inside, without a script. JupyterLab and nbviewer
+show both, also where a notebook is not trusted.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Frames of a run as few bytes: positions in 16 bits, stretch and speed in 8, deflated.
 
 Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
-axis, x = low + step q: they are right to step / 2, for a scene of 2 m 15 um. Second differences in
-time, q[k] - 2 q[k-1] + q[k-2], are small integers where a cloth moves smoothly. Their low bytes and
-high bytes are stored apart, which makes nearly all high bytes 0 and lets deflate remove them.
+axis: x = low + step q. They are right to step / 2, which is 15 um for a scene of 2 m. Second
+differences in time, q[k] - 2 q[k-1] + q[k-2], are small integers where a cloth moves smoothly.
+Their low bytes and high bytes are stored apart, which makes nearly all high bytes 0 and lets
+deflate remove them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A scene that is stepped in real time while it is changed: the live viewer without its browser.
 
-`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the
-stepper by as much simulated time, or by what the machine can do meanwhile. A dragged sphere travels to
-its new place during a tick, on a straight line at constant speed, so a contact sees the velocity of the
-drag. A dragged pin travels there too, in short pieces.
+`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances
+the stepper by as much simulated time, or by what the machine can do meanwhile. A dragged sphere
+travels to its new place during a tick, on a straight line at constant speed. A contact therefore
+takes the velocity of the drag. A dragged pin travels there too, in short pieces.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Playground:
     ----------
     scene : Scene
     dt : float, optional
-        Time step [s]. Default: the paper's 5 us where the machine keeps up with it, else the
-        smallest of 1, 2, 5, 10, ... us that it can, at most half the guaranteed stable one.
+        Time step [s]. Default: the paper's 5 us, or the smallest of 1, 2, 5, 10, ... us with which
+        the machine keeps up. It is at most half of the guaranteed stable step.
     integrator, precision
         As for `Stepper`.
     """
@@ -140,7 +140,7 @@ class Playground:
         """Change the scene and keep its state.
 
         `stiffness` has families and N/m, `damping` is that of every family, `gravity` pulls down
-        [m/s^2], other names are fields of all spheres. What a scene refuses raises its ValueError
+        [m/s^2], other names are fields of all spheres. A refused value raises its ValueError
         or TypeError, and nothing has changed then.
         """
         with self.lock:

@@ -32,9 +32,9 @@ def bench(
     ----------
     out : path or None, default "benchmarks/results"
         Folder of the files, made if missing; earlier ones of the same name are replaced. The name
-        is the machine's, with "-quick" or "-custom" after it for settings other than `NORMAL` and
-        `FULL`, and the sections unless they are all: those do not replace a whole run's. None
-        writes nothing.
+        is that of the machine. "-quick" or "-custom" follows for settings other than `NORMAL` and
+        `FULL`, and the sections follow unless all ran. These files do not replace a whole run's
+        files. None writes nothing.
     settings : Settings
         How much is measured: `QUICK`, `NORMAL`, `FULL` or one's own.
     sections : collection of str, default all

@@ -30,12 +30,12 @@ class Settings:
     large_windows : int
         The same on grids larger than `IN_TURN`, which are timed one after the other.
     error_steps : int
-        Steps of 5 us after which the error is taken of the paper's cloth in free fall; of grids
-        to 256 x 256 it is taken after 20.
+        Steps of 5 us after which the error of the paper's cloth in free fall is taken. For grids up
+        to 256 x 256 it is taken after 20 steps.
     sizes : tuple of int
         Rows (= columns) of the grids.
     numba_sizes : tuple of int
-        Those at which the strong numba kernel is timed too (each is a compilation).
+        Grids at which the strong numba kernel is timed too (each is a compilation).
     numba_parallel : bool
         Whether the strong numba kernel is timed on several threads and on the batch too (each is a
         compilation).

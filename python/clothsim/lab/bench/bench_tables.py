@@ -122,7 +122,7 @@ def others(figures: list[dict[str, Any]]) -> list[str]:
 
 
 def calls(figures: list[dict[str, Any]]) -> list[str]:
-    """What a step takes within a call of many, and what a call for each adds."""
+    """Time of a step within a call of many, and the addition of a call for each."""
     labels = ("by", "precision", "threads")
     times = {(f["work"], *(f[k] for k in labels)): 1e6 * f["minimum"] for f in figures}
     rows = []

@@ -22,7 +22,7 @@ DTYPES = {"single": np.float32, "double": np.float64}
 
 @dataclass(frozen=True)
 class Bench:
-    """What a run is made of: its size, the machine's choices, and where figures go."""
+    """Parts of a run: its size, the machine's choices, and where figures go."""
 
     settings: Settings
     figures: Figures

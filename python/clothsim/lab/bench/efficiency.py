@@ -1,4 +1,4 @@
-"""What a step computes and moves, beside the machine's limits."""
+"""Operations and traffic of a step, beside the machine's limits."""
 
 from __future__ import annotations
 

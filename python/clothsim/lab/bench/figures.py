@@ -1,4 +1,4 @@
-"""What was measured, and why something was not."""
+"""Measured figures, and reasons for missing figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Figure:
     Parameters
     ----------
     work : str
-        What is stepped, such as "swing+bend", "batch" or "grid 64".
+        Name of the stepped work, such as "swing+bend", "batch" or "grid 64".
     by : str
         Kernel of the core ("gather", "edge"), or "reference", "numpy", "numba gather",
         "numba strided".
@@ -117,7 +117,7 @@ class Figures:
 
 
 def attempt(function: Callable[[], Any], otherwise: Any, skipped: list[dict[str, Any]], **labels: str) -> Any:
-    """What `function` gives; if it fails `otherwise`, and `skipped` learns why.
+    """Result of `function`; if it fails `otherwise`, and `skipped` learns why.
 
     For what is made of figures: they took minutes, and are not lost for a plot or a target.
     """

@@ -26,11 +26,10 @@ def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]
     Returns
     -------
     dict
-        By `COLUMNS`: the peer's least time over the figure's. The peer has the same precision
-        (the reference, which has double only, stands beside both), as many mass points and
-        springs, and the thread count on which it is fastest. It steps the same grid or batch; for
-        the paper's cloth, with spheres or without, `swing`. None where there is no such peer, and
-        for figures of peers.
+        By `COLUMNS`: the peer's least time over the figure's. The peer has equal precision, mass
+        points and springs, and its fastest number of threads. The reference has double only and
+        stands beside both precisions. It steps the same grid or batch; for the paper's cloth, with
+        spheres or without, `swing`. None where there is no such peer, and for figures of peers.
     """
     others = list(figures)
     found = {peer: [f.minimum for f in others if _alike(figure, f, peer)] for peer in PEERS}

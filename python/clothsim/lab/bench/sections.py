@@ -1,4 +1,4 @@
-"""What the bench measures: each function times one group of works and adds its figures."""
+"""Sections of the bench: each function times one group of works and adds its figures."""
 
 from __future__ import annotations
 
@@ -136,8 +136,8 @@ def batch(bench: Bench) -> None:
 def grids(bench: Bench) -> None:
     """Square grids of growing size, one after the other to keep memory small.
 
-    A grid's works take turns, so that none is timed in one bad moment alone, unless the grid is
-    so large that their states may not all fit.
+    The works of a grid take turns, so that a slow spell affects all of them. Large grids go one by
+    one, because not all states may fit.
     """
     for rows in bench.settings.sizes:
         start = works.grid(rows)
@@ -185,7 +185,7 @@ def frames(bench: Bench) -> None:
 
 
 def calls(bench: Bench) -> None:
-    """What a call costs beside its steps, on the smallest cloth there is and on the paper's."""
+    """Cost of a call beside its steps, on the smallest cloth there is and on the paper's."""
     cloth = cs.Cloth((2, 2), (1 / 31, 1 / 31), mass=2.0)
     x = cloth.rest_positions
     smallest = Start("2 x 2", cs.Scene(cloth), x, np.zeros_like(x))

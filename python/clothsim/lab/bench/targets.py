@@ -14,7 +14,7 @@ LEFT_OUT = ("structural", "bend", "shear", "damping")
 
 @dataclass(frozen=True)
 class Measured:
-    """What targets are evaluated on."""
+    """Figures on which targets are evaluated."""
 
     figures: Figures
     settings: Settings

@@ -1,11 +1,10 @@
 """How fast a sweep is beside the bare batch: ``python -m clothsim.lab.bench.throughput``.
 
 The batch is that of ``clothsim bench --section batch``: 64 cloths of 32 x 32 mass points that
-differ in stiffness, in one call. The sweep runs the same cloths for the same steps from the same
-state, with the default metrics and a store, and counts everything from its call to its Dataset.
-Both take turns in windows of about a second and the fastest window of each counts, so that what
-else the machine does meets both. ``--plan`` adds what a plan for large sweeps needs: see
-docs/sweeps.md.
+differ in stiffness, in one call. The sweep runs equal cloths for equal steps from an equal state,
+with the default metrics and a store. Its time runs from the call to the Dataset. Both take turns in
+windows of about a second and the fastest window of each counts, so that what else the machine does
+meets both. ``--plan`` adds what a plan for large sweeps needs: see docs/sweeps.md.
 """
 
 from __future__ import annotations
@@ -122,15 +121,14 @@ def measure(precision: Precision, threads: int | None, steps: int, windows: int)
 
 
 def plan(members: int = 5_000) -> dict[str, float]:
-    """What a plan for large sweeps needs, measured with members that are nearly no work.
+    """Figures for a plan of large sweeps, measured with members that are nearly no work.
 
     Returns
     -------
     dict
-        Processor seconds per member, of all threads (a member's own overhead among it) and of the
-        calling one (checking, planning, recording, writing: what stays with it where an executor
-        does the rest), bytes per member in the store, and seconds per task of a Dask scheduler (NaN
-        without Dask).
+        Processor seconds per member of all threads, with the overhead of a member. Processor
+        seconds per member of the calling thread, for checking, planning, recording and writing.
+        Bytes per member in the store. Seconds per task of a Dask scheduler, NaN without Dask.
     """
     from clothsim.model.ready import oscillator
 

@@ -65,10 +65,10 @@ def measure(
 ) -> list[Timing]:
     """Time every work in `windows` windows of about `seconds`.
 
-    The works take turns, in another order in every round, so that a slow spell of the machine
-    meets all of them and none is always the one after the same other. Before a window is timed
-    a quarter of it is run, at least a step, which wakes threads and fills the caches; not so for a
-    work with `cold_steps`, whose windows have exactly those.
+    The works take turns, in another order in every round. A slow spell of the machine then affects
+    all of them, and no work always follows a certain other. Before each window an untimed quarter
+    of it runs, at least a step, which wakes threads and fills the caches. The exception is a work
+    with `cold_steps`, whose windows have exactly those.
 
     Parameters
     ----------

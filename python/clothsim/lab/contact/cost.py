@@ -1,4 +1,4 @@
-"""What a step costs with a sphere, against the step without."""
+"""Cost of a step with a sphere, against the step without."""
 
 from __future__ import annotations
 

@@ -51,11 +51,11 @@ def crossings(
 ) -> dict[str, Any]:
     """Fire free mass points at spheres that jump; count those that end inside or pass through.
 
-    Radii from 1e-2 to 10 m; points and spheres move up to 1e5 radii a step, each step anew in
-    random directions, half of them aimed to graze. What a step did is compared with the straight
-    way in the sphere's frame, in the extended precision of `numpy.longdouble`: a way that comes
-    nearer than the radius (by more than the inputs' own rounding) must have been answered, and
-    from where it met the sphere the new way must lead outside.
+    Radii go from 1e-2 to 10 m. Points and spheres move up to 1e5 radii per step, in new random
+    directions each step. Half of them are aimed to graze. Each step is compared with the straight
+    path in the sphere's frame, in the extended precision of `numpy.longdouble`. A path that enters
+    the radius by more than the rounding of the inputs must get a response. From the impact on, the
+    new path must lead outside.
 
     Parameters
     ----------

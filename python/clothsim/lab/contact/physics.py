@@ -86,9 +86,9 @@ def on_sphere(cloth: cs.Cloth, center: Any, radius: float, slope: float) -> np.n
 def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float = 1e-4) -> dict[str, Any]:
     """A block of cloth at rest on a slope that travels: does it slide?
 
-    The slope is the side of a sphere of 50 m that moves at 3 m/s, the block 0.1 m x 0.1 m of 36
-    mass points, the restitution 0. With friction mu it stays where mu > tan(slope), and slides
-    with g (sin(slope) - mu cos(slope)) where mu is less.
+    The slope is the side of a sphere of 50 m that moves at 3 m/s. The block is 0.1 m x 0.1 m with
+    36 mass points. The restitution is 0. With friction mu it stays where mu > tan(slope), and
+    slides with g (sin(slope) - mu cos(slope)) where mu is less.
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
     Returns
     -------
     dict
-        "slip", how far the block has moved down the slope against the sphere, "expected", what
-        the formula gives [m], and "spread", the difference between its points.
+        "slip": motion of the block down the slope against the sphere [m]; "expected": that of the
+        formula [m]; "spread": difference between its points [m].
     """
     motion = cs.Linear((3.0, 0.4, -1.0))
     sphere = cs.Sphere((0.0, -50.0, 0.0), 50.0, motion, "continuous", "none", restitution=0.0, friction=friction)
@@ -128,8 +128,8 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
 def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double") -> dict[str, Any]:
     """How quietly a cloth lies on a sphere at restitution 0.
 
-    A cloth of 0.1 m x 0.1 m, 8 x 8 mass points, lies on the top of the paper's sphere with
-    friction and is left alone for a second of settling, then for `steps` more.
+    A cloth of 0.1 m x 0.1 m with 8 x 8 mass points lies on top of the paper's sphere, with
+    friction. It settles for a second, then moves for `steps` more.
 
     Returns
     -------

@@ -84,10 +84,10 @@ def _passed(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) 
 def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     """Shoot spheres at sheets and judge every step.
 
-    Steps go up to 1,000 radii. Spheres are from a tenth of a cell to three sheets large, one to
-    three at a time, with the offsets "face", "edge" and "none", restitution and friction; some
-    corners are pinned. In each of four steps the oracle looks whether a sphere crossed a triangle
-    of free corners or left one inside.
+    Steps go up to 1,000 radii. One to three spheres have sizes from a tenth of a cell to three
+    sheets. Offsets are "face", "edge" and "none", with restitution and friction. Some corners are
+    pinned. In each of four steps the oracle looks whether a sphere crossed a triangle of free
+    corners or left one inside.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     Returns
     -------
     dict
-        "shots", "hits" (shots in which a sphere changed the sheet), "passed" (with a triangle or a
-        point crossed or inside) and "refused" (that ended with a `ContactError`).
+        "shots"; "hits": shots in which a sphere changed the sheet; "passed": with a triangle or a
+        point crossed or inside; "refused": ended with a `ContactError`.
     """
     rng = np.random.default_rng(seed)
     total = {"shots": 0, "hits": 0, "passed": 0, "refused": 0}
@@ -132,8 +132,8 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
 def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
     """Let two spheres close on a sheet until a gap of 1 mm to 0.01 mm is left between them.
 
-    The flat sheet between the two spheres is a place at any time, but for its slope against their
-    line, at which it can turn or bend. So no step may be refused.
+    The flat sheet between the two spheres always has a place. Its slope against their line is the
+    exception: there it can turn or bend. So no step may be refused.
 
     Parameters
     ----------

@@ -77,9 +77,9 @@ def distance(corners: np.ndarray) -> np.ndarray:
 def nearest_approach(p0: np.ndarray, p1: np.ndarray, radius: float) -> np.ndarray:
     """Least distance of moving triangles to the origin wherever it is below `radius`, exactly.
 
-    The distance to a triangle equals `radius` only where that to one of its corners, to the line
-    of a side or to its plane does: roots of polynomials in time of degree 2, 4 and 6. Between two
-    such times it is on one side of it, so that a look in the middle of each interval tells.
+    The distance to a triangle equals `radius` only where a distance to a corner, to the line of a
+    side, or to its plane does. These are roots of polynomials in time of degree 2, 4 and 6. Between
+    two such times it is on one side of it, so that a look in the middle of each interval tells.
     """
     moving = np.stack([p0, p1 - p0], axis=-1)  # (n, 3 corners, 3, coefficients)
     corner = [moving[:, k] for k in range(3)]

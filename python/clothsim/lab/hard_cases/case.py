@@ -1,4 +1,4 @@
-"""What a hard case is: a scene, how it is run, and the figures that its end must keep to."""
+"""A hard case: a scene, how it is run, and the figures that its end must keep to."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class End:
 
 @dataclass(frozen=True)
 class HardCaseResult:
-    """What `HardCase.run` returns.
+    """Result of `HardCase.run`.
 
     Attributes
     ----------
@@ -92,11 +92,11 @@ class HardCase:
     steps : int
         Number of steps.
     why : str
-        What is hard about it.
+        The difficulty.
     expected : str
         The outcome in words; `run` measures it.
     precisions : tuple of str
-        Those that the case is meant for.
+        Precisions that the case is meant for.
     unstable : bool
         Whether `UnstableError` is what is expected.
     """

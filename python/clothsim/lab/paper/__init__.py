@@ -53,9 +53,9 @@ def reproduce(
     settings : Settings, optional
         Sizes of the experiments, instead of those that `quick` chooses.
     experiments : collection of int, default (1, 2, 3, 4, 5)
-        Which to run: 1 static sphere, 2 moving sphere, 3 frame rate of the two methods,
-        4 the SIMD core and, where there is a graphics adapter, the compute shader against the
-        scalar reference, 5 every collision response side by side.
+        Numbers of experiments: 1 static sphere, 2 moving sphere, 3 frame rate, 4 speed against the
+        scalar reference, 5 every collision response. Experiment 4 compares the SIMD core and, with
+        a graphics adapter, the compute shader.
     threads : int, optional
         Threads to use, >= 1. Default: as many as the core would take.
     progress : bool, default False
@@ -65,8 +65,8 @@ def reproduce(
     -------
     dict
         The contents of report.json: "schema", "settings", "reductions", "provenance" and
-        "experiments", a mapping from "1" to "5"; and "folder", where report.txt, report.json,
-        index.html, the pictures and the pages that play Tables 3 and 4 are.
+        "experiments", a mapping from "1" to "5". "folder" holds report.txt, report.json,
+        index.html, the pictures and the pages of Tables 3 and 4.
 
     Raises
     ------

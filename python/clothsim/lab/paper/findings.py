@@ -94,7 +94,7 @@ def _static(entry: dict[str, Any]) -> list[str]:
 
 
 def _study(entry: dict[str, Any]) -> list[str]:
-    """What the coarsest step that both methods survive shows."""
+    """Findings at the coarsest step that both methods survive."""
     by_dt: dict[float, dict[int, list[dict[str, Any]]]] = {}
     for row in entry["step_study"]:
         by_dt.setdefault(row["dt"], {})[row["method"]] = row["penetration"]

@@ -1,4 +1,4 @@
-"""What a reproduction computes: steps, frames, repeats."""
+"""Settings of a reproduction: steps, frames, repeats."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Settings:
     speedup_seconds : float
         Wall time after which such a measurement ends early [s].
     gpu_sizes, gpu_batches : tuple of int
-        Where there is a graphics adapter: sides of the square cloths, and numbers of 32 x 32 cloths,
-        on which experiment 4 compares it with the CPU.
+        With a graphics adapter: sides of the square cloths, and numbers of 32 x 32 cloths, of
+        experiment 4.
     gpu_seconds : float
         Wall time after which such a measurement ends early [s].
     comparison_part : float

@@ -26,7 +26,7 @@ Measure = Callable[[], tuple[float, float]]  # set-up time [s] and steps/s
 
 
 def shader_name(adapter: Any) -> str:
-    """What the rows of a graphics adapter are called."""
+    """Name of the rows of a graphics adapter."""
     return f"{SHADER}, {adapter.name}{' [a CPU]' if adapter.software else ''}"
 
 
@@ -100,9 +100,9 @@ def speedup(
     Returns
     -------
     dict
-        "rows": one entry a variant with its rates, "speedup" over the reference, "setup_seconds"
-        (making the stepper and its first step) and "runs", steps/s of each run;
-        "agreement": largest difference of positions [m] to the reference after "agreement_steps".
+        "rows": one entry per variant with its rates, "speedup" over the reference, "setup_seconds"
+        (making the stepper and its first step) and "runs" (steps/s); "agreement": largest
+        difference of positions [m] to the reference after "agreement_steps".
     """
     scene = cs.scenes.paper_static(response="ray")
     stepper = cs.Stepper(scene, threads=1)

@@ -1,4 +1,4 @@
-"""What Kim et al. report, in our words, for the tables to stand beside."""
+"""Results of Kim et al. in our words, for the tables to stand beside."""
 
 from clothsim.typing import Response
 

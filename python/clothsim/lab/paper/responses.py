@@ -1,8 +1,8 @@
 """Experiments 1 and 2: what each response does to a cloth that meets a sphere.
 
-Every combination of method (1, 2) and variant (as printed, corrected) steps the same scene; at the
-paper's frames the state is kept and measured, and in between the deepest penetration of every
-frame is followed.
+Every combination of method (1, 2) and variant (as printed, corrected) steps one scene. At the
+paper's frames the state is kept and measured. Between them, the deepest penetration of every frame
+is recorded.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """At each error, which method is fastest: every method at its cheapest setting that reaches it.
 
-A setting is searched for by its error alone, which does not depend on how busy the machine is; only
-the settings found are timed, all in turns.
+The search for a setting uses its error alone, which does not depend on the load of the machine.
+Only the settings found are timed, all in turns.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Front:
-    """What `front` returns.
+    """Result of `front`.
 
     Attributes
     ----------
@@ -161,8 +161,8 @@ def front(
     errors : sequence of float
         Rms errors [m].
     longest : float, default 5.0
-        A method is not followed to settings at which a run takes longer [s], nor to ones with eight
-        times the force evaluations of a run already seen that reaches the error.
+        The search ends at settings at which a run takes longer [s]. It also ends at eight times the
+        force evaluations of a known run that reaches the error.
 
     Returns
     -------

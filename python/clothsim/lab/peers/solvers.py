@@ -1,11 +1,10 @@
-"""What else a user may have installed, measured on the same scene: numba, SciPy, diffrax.
+"""Solvers of other packages on the same scene: numba, SciPy, diffrax.
 
 - "rk4 (numba)": the strong, hand-strided kernel of `clothsim bench`.
 - "DOP853 (SciPy)", "RK45 (SciPy)": `scipy.integrate.solve_ivp` over that kernel's forces.
 - "Tsit5 (diffrax)", "Dopri8 (diffrax)": JAX on the processor, in double, compiled as a whole.
 
-All take uniform mass, spring damping and no spheres. What is compiled is compiled before the clock
-starts.
+All take uniform mass, spring damping and no spheres. Compilation ends before the clock starts.
 """
 
 from __future__ import annotations

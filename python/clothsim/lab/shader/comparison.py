@@ -1,4 +1,4 @@
-"""What experiment 4's measurements say: who is faster, from where on, and what was cut short."""
+"""Findings of experiment 4: the faster target, from where on, and what was cut short."""
 
 from __future__ import annotations
 

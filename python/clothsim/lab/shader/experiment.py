@@ -1,9 +1,10 @@
 """Experiment 4 of Kim et al. over sizes: the core against the compute shader.
 
-A run makes a stepper, times its first frames one by one (buffers and pipelines are made there: the
-paper's first measurement is slower for it), then takes the mean over a window of frames. A window
-that outlasts its limit ends early, and says after how many steps; a large cloth on a slow target
-does a step or two. `report.py` makes tables and plots of them; benchmarks/gpu.py is the command.
+A run makes a stepper, times its first frames one by one, then takes the mean over a window of
+frames. The first frames make buffers and pipelines, so the paper's first measurement is slower. A
+window that exceeds its limit ends early and says after how many steps. A large cloth on a slow
+target takes a step or two. `report.py` makes tables and plots of them; benchmarks/gpu.py is the
+command.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Settings:
     seconds : float
         Wall time after which a window ends early [s].
     paper_seconds : float
-        The same for the paper's own cloth of 32 x 32, whose frames are to be whole [s].
+        Limit for the paper's own cloth of 32 x 32, whose frames are to be whole [s].
     first_frames : int
         Frames of a run that are timed one by one.
     first_seconds : float
@@ -93,8 +94,8 @@ QUICK = Settings(
 def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
     """The paper's cloth, with more points, lying on its sphere; and a stable step [s].
 
-    The sheet is draped over the sphere's cap by lifting points straight up, so that about 7 % of
-    them are in contact from the first step on, at any size.
+    The sheet drapes over the sphere's cap, because points are moved straight up. About 7 % of them
+    are in contact from the first step on, at any size.
     """
     radius, below = 0.25, 0.2
     sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method])

@@ -14,7 +14,7 @@ SCALAR, SIMD, GPU = "scalar", "SIMD", "GPU"
 
 @dataclass(frozen=True)
 class Target:
-    """Who computes."""
+    """Name of the target."""
 
     kind: str
     name: str
@@ -29,7 +29,7 @@ class Target:
 
 @dataclass
 class Measurement:
-    """What one target did with one scene."""
+    """Result of one target with one scene."""
 
     target: Target
     method: int

@@ -24,7 +24,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 
 def _point_data(clip: Clip, frame: Frame, body: Body) -> dict[str, np.ndarray]:
-    """What every mass point carries; its depth is below the nearest sphere's true radius [m]."""
+    """Data of every mass point; its depth is below the nearest sphere's true radius [m]."""
     depth = np.zeros(len(body.positions))
     for sphere, center in zip(clip.spheres, frame.centers):
         distance = np.linalg.norm(body.positions - center, axis=-1)
