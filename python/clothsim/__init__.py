@@ -16,6 +16,7 @@ from . import errors as errors
 from . import scenes
 from . import typing as typing
 from .sweeps.registration import register as _register_accessor
+from .base.later import provide as _provide
 from .base.on_demand import on_demand as _on_demand
 from .engine.build import build_config
 from .model.cloth import Cloth
@@ -30,7 +31,8 @@ from .errors import (
 )
 from .model.mesh import thread_grid, triangles
 from .engine.integration import integrators
-from .measure.measures import energy, largest_stretch, max_stable_dt, penetration
+from .measure.measures import energy, largest_stretch, penetration
+from .stability.limit import max_stable_dt
 from .model.motion import Keyframes, Linear, Reciprocate
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
@@ -40,17 +42,35 @@ from .model.sphere import Sphere
 from .engine.snapshot import Snapshot
 from .engine.stepper import Stepper
 from .engine.stepping import acceleration, reference_step, step
-from .sweeps import sweep
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .stability.map import stability_map
-    from .sweeps import open_sweep
+    from .sweeps import open_sweep, sweep
     from .sweeps.fields import sweepable
-    from .viewing import view
+    from .viewing.window import view
     from .viewing.camera import Camera
     from .viewing.page import compare
     from .viewing.picture import Picture, picture
+
+_provide(
+    {
+        "bundle of a run": "clothsim.viewing.notebook:run_bundle",
+        "bundle of a scene": "clothsim.viewing.notebook:scene_bundle",
+        "bundle of a stepper": "clothsim.viewing.notebook:stepper_bundle",
+        "explain": "clothsim.engine.explain:explain",
+        "files of a run": "clothsim.viewing.exports:export",
+        "film of a run": "clothsim.viewing.animation:animate",
+        "frame of a run": "clothsim.viewing.page:run_to_frame",
+        "max_stable_dt": "clothsim.stability.limit:max_stable_dt",
+        "page of a run": "clothsim.viewing.page:run_to_html",
+        "peers": "clothsim.lab.peers.solvers:peers_for",
+        "picture of a run": "clothsim.viewing.picture:picture_of_run",
+        "plot of a run": "clothsim.viewing.chart:plot",
+        "run that goes on": "clothsim.run.simulate:resume",
+        "simulation on the GPU": "clothsim.gpu.simulation:Simulation",
+    }
+)
 
 __version__ = build_config()["version"]
 
@@ -115,12 +135,13 @@ __getattr__, __dir__ = _on_demand(
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
         "open_sweep": ".sweeps.dataset",
+        "sweep": ".sweeps.api",
         "sweepable": ".sweeps.fields",
         "Camera": ".viewing.camera",
         "Picture": ".viewing.picture",
         "picture": ".viewing.picture",
         "compare": ".viewing.page",
-        "view": ".viewing",
+        "view": ".viewing.window",
     },
     also=("errors", "typing"),
 )

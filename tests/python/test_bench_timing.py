@@ -13,8 +13,8 @@ import pytest
 from clothsim.lab.bench import QUICK, bench, candidates, sections, works
 from clothsim.lab.bench.bench_settings import PAPER_DT
 from clothsim.lab.bench.figures import Figures, Missing
-from clothsim.lab.bench.timing import Work, calibrate, measure
 from clothsim.lab.peers.numpy_peer import NumpyPeer
+from clothsim.lab.timing import Work, calibrate, measure
 
 
 class Fake(Work):

@@ -1,6 +1,8 @@
-"""Rooms of the package: names occur once, public names are the ones listed."""
+"""Rooms of the package: what imports what, names that occur once, and the public names. import-linter checks the order."""
 
+import ast
 from collections import Counter
+from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
 
@@ -8,6 +10,79 @@ import clothsim as cs
 
 PACKAGE = Path(cs.__file__).parent
 MODULES = [path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")]
+
+
+def name_of(path):
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+NAMES = {name_of(path): path for path in MODULES}
+
+
+def imports():
+    """(module, imported module or "", name, is inside a function) of every import of the package by itself when it runs."""
+    for module, path in NAMES.items():
+        tree = ast.parse((PACKAGE / path).read_text(encoding="utf-8"))
+        typing = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+            for inner in ast.walk(node)
+        }
+        functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        inside = {id(inner) for node in functions for inner in ast.walk(node)}
+        package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+        for node in ast.walk(tree):
+            if id(node) in typing:
+                continue
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    if alias.name.split(".")[0] == "clothsim":
+                        yield module, alias.name[9:], "", id(node) in inside
+            elif isinstance(node, ast.ImportFrom):
+                if node.level:
+                    base = [part for part in package if part][: len([part for part in package if part]) - node.level + 1]
+                    source = ".".join([*base, *([node.module] if node.module else [])])
+                elif (node.module or "").split(".")[0] == "clothsim":
+                    source = node.module[9:]
+                else:
+                    continue
+                for alias in node.names:
+                    whole = f"{source}.{alias.name}".strip(".")
+                    yield module, whole if whole in NAMES else source, alias.name, id(node) in inside
+
+
+IMPORTS = list(imports())
+
+
+def test_no_module_is_imported_inside_a_function():
+    """`numba_kernels` is compiled by an optional package; `base/later.py` imports what a table names."""
+    found = [(module, other) for module, other, _, inside in IMPORTS if inside]
+    assert len(IMPORTS) > 500 and found == [("lab.peers.numba_peer", "lab.peers.numba_kernels")]
+    by_name = [path.as_posix() for path in MODULES if "import_module" in (PACKAGE / path).read_text(encoding="utf-8")]
+    assert sorted(by_name) == ["base/extras.py", "base/later.py", "base/on_demand.py"]
+
+
+def test_no_circle_of_imports():
+    graph = {}
+    for module, other, _, _ in IMPORTS:
+        if other and module:
+            graph.setdefault(module, set()).add(other)
+    order = list(TopologicalSorter(graph).static_order())  # raises CycleError
+    assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
+
+
+def test_only_laboratory_and_command_line_import_the_front_door():
+    """Earlier rooms take the core from the root package, nothing else."""
+    for module, other, name, _ in IMPORTS:
+        if module not in ("", "__main__") and module.split(".")[0] not in ("lab", "cli") and other in ("", "scenes"):
+            assert name == "_core", (module, other, name)
+
+
+def test_nothing_but_the_command_line_imports_the_laboratory():
+    others = {module.split(".")[0] for module, other, _, _ in IMPORTS if other.split(".")[0] == "lab"}
+    assert others == {"lab", "cli"}
 
 
 def test_a_module_name_occurs_once():

@@ -11,7 +11,6 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed (extra view)")
 
-from clothsim.viewing import live
 
 pytestmark = pytest.mark.slow  # run by `make test-view`: the browser draws on the processor
 
@@ -321,4 +320,4 @@ def test_wrong_arguments_are_named(arguments, words):
 def test_a_missing_viser_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "viser", None)
     with pytest.raises(ImportError, match=r"the live viewer needs viser: .*pip install '\.\[view\]'"):
-        live.view(cs.scenes.paper_static())
+        cs.view(cs.scenes.paper_static())

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ..engine.bound import stable_dt
 from ..engine.stepper import Stepper
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
 
 # Of the time in which the cloth's size is crossed: how far apart the looks are at most.
@@ -30,7 +30,7 @@ def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
         return None
     free = ~scene.cloth.pinned
     stepper = Stepper(scene.replace(spheres=()), threads=1)
-    between = min(_MOST_BETWEEN, 0.5 * max_stable_dt(scene), duration)
+    between = min(_MOST_BETWEEN, 0.5 * stable_dt(scene), duration)
     count = math.ceil(duration / between)
     dt = duration / count
     for n in range(count + 1):

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
+from ..engine.bound import stable_dt
 from ..engine.integration import integrator_name, integrators
 from ..engine.plan import PRECISIONS
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Precision
@@ -107,7 +107,7 @@ class Own:
             return list(RTOLS)
         explicit = integrators()[self.integrator].explicit
         # A step that nothing limits: from well above what an explicit method could take.
-        largest = max_stable_dt(scene, self.integrator if explicit else "rk4")
+        largest = stable_dt(scene, self.integrator if explicit else "rk4")
         largest = min(_SAFETY * largest if explicit else 8 * largest, duration / 4)
         return [largest / 2**k for k in range(_HALVINGS)]
 

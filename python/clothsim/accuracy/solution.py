@@ -14,9 +14,9 @@ from .. import _core
 from ..base import check
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
+from ..engine.bound import stable_dt
 from ..engine.plan import choose_threads
 from ..engine.stepper import Stepper
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
 from . import cache as _cache
 from .first_contact import first_contact
@@ -289,7 +289,7 @@ def _double(scene: Scene, times: list[float], threads: int) -> tuple[Floats, int
     The step is halved until only rounding changes the result. No tolerance has to be chosen for a
     scene.
     """
-    largest = min(_COARSEST * max_stable_dt(scene), times[-1] / 8)
+    largest = min(_COARSEST * stable_dt(scene), times[-1] / 8)
     positions, evaluations = _dop853(scene, times, largest, threads)
     change = math.inf
     for _ in range(_MOST_HALVINGS):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ..base import check
 from ..base.extras import check_progress, needed
 from ..base.keywords import suggests
+from ..base.later import later
 from ..base.progress import ProgressBar
 from ..engine.plan import PRECISIONS
 from ..model.scene import Scene
@@ -136,11 +137,7 @@ def _methods(
     chosen: list[Method] = list(own_methods(names, precisions, threads))
     chosen += [m for m in methods or () if not isinstance(m, str)]
     if peers:
-        from ..lab.peers.solvers import installed_peers, refused
-
-        if reason := refused(scene):
-            raise ValueError(f"peers must be False for this scene: {reason}")
-        chosen += installed_peers(scene, threads)[0]
+        chosen += later("peers")(scene, threads)
     if not chosen:
         raise ValueError("methods must name at least one method, got none")
     return chosen

@@ -1,8 +1,8 @@
 """The `clothsim` command: one module per subcommand.
 
-A subcommand is a module with ``add_parser(subparsers)``, which sets its function ``run(args)`` as
-the parser's default. Exit codes: 0 done, 1 the computation failed or a part is not installed, 2
-wrong input, 130 interrupted. Every failure is one line on stderr.
+A subcommand is a line of `COMMANDS` and a module with ``add_parser(subparsers)``, which sets its
+function ``run(args)`` as the parser's default. Exit codes: 0 done, 1 the computation failed or a
+part is not installed, 2 wrong input, 130 interrupted. Every failure is one line on stderr.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from . import bench, contact, export, info, plot, reproduce, run, stability, sweep, view, work_precision
-
-SUBCOMMANDS = (info, run, view, export, sweep, plot, stability, work_precision, contact, reproduce, bench)
+from ..base.later import module_of
+from ._common import COMMANDS
 
 
 class _Parser(argparse.ArgumentParser):
@@ -26,13 +25,16 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
+def parser(chosen: str | None) -> argparse.ArgumentParser:
+    """The parser of the whole command line. Only the module of the chosen command is imported."""
     top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
-    for module in SUBCOMMANDS:
-        module.add_parser(subparsers)
+    for name, text in COMMANDS.items():
+        if name == chosen:
+            module_of("clothsim.cli." + name.replace("-", "_")).add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=text)
     return top
 
 
@@ -60,7 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["run", "paper_swing", "--duration", "-1"])
     2
     """
-    args = parser().parse_args(argv)
+    given = sys.argv[1:] if argv is None else list(argv)
+    args = parser(next((one for one in given if not one.startswith("-")), None)).parse_args(given)
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
         return _run(args)

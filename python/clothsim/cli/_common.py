@@ -10,15 +10,30 @@ from typing import Any
 from ..engine.integration import integrator_name
 from ..run.frames import EVERY_STEP, checked_every
 
+COMMANDS = {
+    "info": "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
+    "run": "Simulate a ready scene and print its report.",
+    "view": "Step a scene live, in the browser.",
+    "export": "Write a saved run as files for Blender, ParaView, browsers.",
+    "sweep": "Run a scene for every combination of values, and label the results.",
+    "plot": "Draw a stored sweep or a saved run.",
+    "stability": "Map which time steps are stable at which stiffness, predicted and measured, or run the hard cases.",
+    "work-precision": "Measure error against wall time for integrators, precisions and steps or tolerances.",
+    "contact": "Measure what is claimed of continuous contact.",
+    "reproduce": "Run the experiments of Kim et al. and write a report.",
+    "bench": "Measure speed beside the machine's limits and the targets.",
+}
+"""The help of every command, in the order of `clothsim --help`; each is a module of this package."""
+
 EVERY_HELP = (
     "store a frame every N steps (whole number from 2), every S seconds (with a point or "
     "exponent), or at each step (step); default: first and last only"
 )
 
 
-def add_command(subparsers: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
+def add_command(subparsers: Any, name: str, function: Any) -> argparse.ArgumentParser:
     """A subparser that calls `function` with the parsed arguments; it takes --json."""
-    command: argparse.ArgumentParser = subparsers.add_parser(name, help=text, description=text)
+    command: argparse.ArgumentParser = subparsers.add_parser(name, help=COMMANDS[name], description=COMMANDS[name])
     command.set_defaults(run=function, command=name, parser=command)
     command.add_argument("--json", action="store_true", help="print JSON instead of text")
     return command

@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench
+from clothsim.lab.bench.bench_report import text
+
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ._common import add_command
 
 
 def add_parser(subparsers: Any) -> None:
-    from clothsim.lab.bench import SECTIONS
-
-    command = add_command(subparsers, "bench", run, "Measure speed beside the machine's limits and the targets.")
+    command = add_command(subparsers, "bench", run)
     size = command.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="fewer and shorter windows: a minute or two")
     size.add_argument("--full", action="store_true", help="more windows, and 4096 x 4096 (takes 8 GB of memory)")
@@ -31,9 +32,6 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench
-    from clothsim.lab.bench.bench_report import text
-
     report = bench(
         args.out,
         settings=QUICK if args.quick else FULL if args.full else NORMAL,

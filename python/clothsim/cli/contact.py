@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from clothsim.lab import contact
+
 from ..base.plain_json import as_json
 from ..base.progress import ProgressBar, wanted_by_command
 from ._common import add_command, as_table, short
@@ -52,15 +54,13 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "contact", run, "Measure what is claimed of continuous contact.")
+    command = add_command(subparsers, "contact", run)
     command.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
     command.add_argument("--count", type=int, metavar="N", help="how many shots or squeezes, whatever the size")
     command.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
-    from clothsim.lab import contact
-
     return {
         "crossings": contact.crossings,
         "triangles": contact.triangle_cases,

@@ -14,7 +14,7 @@ from ._common import add_command, written
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "export", run, "Write a saved run as files for Blender, ParaView, browsers.")
+    command = add_command(subparsers, "export", run)
     command.add_argument("run_file", metavar="RUN.npz", help="what `clothsim run --out` has written")
     command.add_argument("file", metavar="FILE", help=f"file to write; its suffix is one of {', '.join(SUFFIXES)}")
     command.add_argument(

@@ -6,21 +6,18 @@ import argparse
 from typing import Any
 
 import clothsim as cs
+from clothsim.gpu import adapters
 
 from ..base.plain_json import as_json
 from ._common import add_command, as_text
 
 
 def add_parser(subparsers: Any) -> None:
-    add_command(
-        subparsers, "info", run, "Print version, compiler, instruction sets, threads, libraries and graphics adapters."
-    )
+    add_command(subparsers, "info", run)
 
 
 def _adapters() -> Any:
     """Adapters for the backend "gpu", or why there are none."""
-    from clothsim.gpu import adapters
-
     try:
         found = adapters()
     except ImportError as error:

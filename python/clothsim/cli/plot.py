@@ -20,7 +20,7 @@ KINDS_OF_RUN = ("curves", "picture")
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "plot", run, "Draw a stored sweep or a saved run.")
+    command = add_command(subparsers, "plot", run)
     command.add_argument(
         "store", metavar="STORE|RUN.npz", help="what `clothsim sweep --store` or `clothsim run --out` has written"
     )

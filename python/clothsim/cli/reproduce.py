@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from clothsim.lab.paper import reproduce, text
+
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ._common import add_command, count
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "reproduce", run, "Run the experiments of Kim et al. and write a report.")
+    command = add_command(subparsers, "reproduce", run)
     command.add_argument(
         "--quick", action="store_true", help="fewer and coarser steps: about a minute and a half on two cores"
     )
@@ -27,8 +29,6 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from clothsim.lab.paper import reproduce, text
-
     report = reproduce(
         args.out,
         quick=args.quick,

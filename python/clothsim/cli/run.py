@@ -65,7 +65,7 @@ def scene_of(text: str) -> cs.Scene:
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "run", run, "Simulate a ready scene and print its report.")
+    command = add_command(subparsers, "run", run)
     command.add_argument("scene", metavar="SCENE", help=_scene_help())
     command.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)")
     command.add_argument("--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)")

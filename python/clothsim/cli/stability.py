@@ -10,6 +10,9 @@ import numpy as np
 import clothsim as cs
 from clothsim.base import check
 from clothsim.engine.plan import INTEGRATORS, PRECISIONS
+from clothsim.lab.hard_cases.case_table import hard_case_table, run_hard_cases
+from clothsim.stability.map import measure_map
+from clothsim.stability.map_report import draw_map, map_table, need_matplotlib, write_csv
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
@@ -20,12 +23,7 @@ _OF_THE_MAP = ("--scene", "--stiffness", "--dt", "--cells", "--integrator", "--p
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers,
-        "stability",
-        run,
-        "Map which time steps are stable at which stiffness, predicted and measured, or run the hard cases.",
-    )
+    command = add_command(subparsers, "stability", run)
     command.add_argument("--hard-cases", action="store_true", help="run these instead of a map")
     command.add_argument(
         "--scene",
@@ -90,8 +88,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _hard_cases(args: argparse.Namespace) -> None:
-    from clothsim.stability.map_report import hard_case_table, run_hard_cases
-
     refuse_ignored(args, "--hard-cases", _OF_THE_MAP)
     results = run_hard_cases(cs.scenes.hard_cases(), progress=wanted_by_command())
     print(as_json(results) if args.json else hard_case_table(results))
@@ -101,9 +97,6 @@ def _hard_cases(args: argparse.Namespace) -> None:
 
 
 def _map(args: argparse.Namespace) -> None:
-    from clothsim.stability.map import measure_map
-    from clothsim.stability.map_report import draw_map, map_table, need_matplotlib, write_csv
-
     folder = check.folder("--out", args.out) if args.out else None
     if folder:
         need_matplotlib()

@@ -34,7 +34,7 @@ _BOOLEANS = ("strict", "sphere_literal")
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "sweep", run, "Run a scene for every combination of values, and label the results.")
+    command = add_command(subparsers, "sweep", run)
     command.allow_abbrev = False
     command.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes()))
     command.add_argument(

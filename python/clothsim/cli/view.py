@@ -6,14 +6,14 @@ import argparse
 from typing import Any
 
 import clothsim as cs
-from clothsim.viewing.live import view
+from clothsim.viewing.window import view
 
 from ._common import add_command
 from .run import scene_of
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "view", run, "Step a scene live, in the browser.")
+    command = add_command(subparsers, "view", run)
     command.add_argument(
         "scene",
         metavar="SCENE",

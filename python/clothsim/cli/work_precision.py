@@ -8,7 +8,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
+from clothsim.accuracy.work_plot import plot_work_precision
+from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
 from clothsim.base import check
+from clothsim.lab.peers.front import ERRORS, TARGETS, front, statement
+from clothsim.lab.peers.front_table import targets_of, text_of_front, text_of_targets
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
@@ -18,13 +22,7 @@ from .run import ready_scenes
 
 
 def add_parser(subparsers: Any) -> None:
-    command = add_command(
-        subparsers,
-        "work-precision",
-        run,
-        "Error against wall time, force evaluations and energy drift of every integrator x "
-        "precision x step or tolerance: a table, a CSV and a picture with the Pareto front.",
-    )
+    command = add_command(subparsers, "work-precision", run)
     command.add_argument(
         "scene",
         nargs="?",
@@ -77,9 +75,6 @@ def run(args: argparse.Namespace) -> None:
         return
     if args.errors is not None:
         raise ValueError("--errors needs --fastest")
-    from clothsim.accuracy.work_plot import plot_work_precision
-    from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
-
     folder = check.folder("--out", args.out)
     data = cs.work_precision(
         _scene(args),
@@ -126,9 +121,6 @@ def _errors(text: str) -> list[float]:
 
 
 def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
-    from clothsim.accuracy.work_table import targets_of, text_of_front, text_of_targets
-    from clothsim.lab.peers.front import ERRORS, TARGETS, front, statement
-
     if args.targets:
         refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--errors", "--out"])
     else:

@@ -1,4 +1,4 @@
-"""Arrays in, arrays out: the state of one cloth or a batch, and a core simulation around it."""
+"""The state of one cloth or a batch, and a core simulation around it."""
 
 from __future__ import annotations
 
@@ -9,111 +9,18 @@ from math import isfinite
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import _core
 from ..base import check
+from ..base.later import later
 from ..errors import ContactError, ContactWarning, LongRunWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
+from .arrays import FloatArray, checked_state, scenes_of, start_time
 from .bound import guaranteed_dt
 from .integration import integrators, warn_of_order
 from .limiting import limiting_term
-from .plan import check_backend, check_options, choose_kernel, choose_threads, core_cloth, core_plan, point_radius
-
-# float32 or float64, as the caller gave it: a state that is stepped stays of its type.
-FloatArray = npt.NDArray[Any]
-
-
-def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    """`scene` as a list of scenes of one shape."""
-    if isinstance(scene, Scene):
-        return [scene]
-    accepted = "a Scene or a non-empty sequence of Scene of one shape"
-    if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
-        raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
-    for k, one in enumerate(scene):
-        if not isinstance(one, Scene):
-            raise TypeError(f"scene must be {accepted}, got {type(one).__name__} at index {k}")
-    shapes = {one.cloth.shape for one in scene}
-    if len(shapes) != 1:
-        raise ValueError(f"scene must be {accepted}, got the shapes {sorted(shapes)}")
-    return list(scene)
-
-
-def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
-    """`value` as a finite float32 or float64 array, C-contiguous, not copied where it is one.
-
-    Its shape is (rows, columns, 3), or (B, rows, columns, 3). B is the number of scenes if they
-    came as a sequence (`batched`), else free.
-    """
-    shape = (*scenes[0].cloth.shape, 3)
-    if batched:
-        shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)"
-    else:
-        shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
-    accepted = f"an array of shape {shapes} of finite numbers"
-    given = check.as_array(name, value, accepted)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
-    fits = given.shape[-3:] == shape and (
-        given.ndim == 4 and given.shape[0] == len(scenes)
-        if batched
-        else given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
-    )
-    if not fits:
-        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    dtype = np.float32 if given.dtype == np.float32 else np.float64
-    result = np.require(given, dtype, ("C", "A"))
-    check.check_all(name, result, np.isfinite(result), accepted, points=True)
-    return result
-
-
-def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
-    """`x` and `v` checked, of one shape and dtype (the wider of the two)."""
-    x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
-    if x.shape != v.shape:
-        raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
-    dtype = np.result_type(x, v)
-    return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
-
-
-def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
-    """As `state_arrays`, and of numbers that the precision can hold."""
-    x, v = state_arrays(x, v, scenes, batched)
-    if precision == "single":
-        largest = float(np.finfo(np.float32).max)
-        for name, array in (("x", x), ("v", v)):
-            if max(array.max(), -array.min()) <= largest:
-                continue
-            accepted = f"at most {largest:.3g} in size with precision 'single'"
-            check.check_all(name, array, np.abs(array) <= largest, accepted)
-    return x, v
-
-
-def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[FloatArray, FloatArray]:
-    """`out` checked to be two arrays that can hold results; new ones where it is None."""
-    if out is None:
-        return np.empty(shape, dtype), np.empty(shape, dtype)
-    x, v = check.items("out", out, 2, "arrays (x, v)")
-    out_array("out[0]", x, shape, dtype)
-    out_array("out[1]", v, shape, dtype)
-    if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):
-        raise ValueError("out must be two arrays that share no memory")
-    return x, v
-
-
-def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Check that `array` can be written to in place of a new array."""
-    if type(array) is np.ndarray and array.dtype == dtype and array.shape == shape and array.flags.carray:
-        return
-    accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
-    if not isinstance(array, np.ndarray) or check.is_masked(array):
-        raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
-    if array.dtype != dtype or array.shape != shape:
-        raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
-    if not array.flags.carray:
-        raise ValueError(f"{name} must be {accepted}, got one that is not")
-
+from .plan import check_backend, check_options, choose_kernel, choose_threads, core_plan, point_radius
 
 MANY_STEPS = 1_000_000
 """A run of more steps is announced, with the time that it will take."""
@@ -131,20 +38,6 @@ def duration_text(seconds: float) -> str:
         if seconds >= 1.5 * size:
             return f"{seconds / size:.2g} {unit}"
     return f"{seconds:.2g} s"
-
-
-def start_time(t: Any, scenes: Sequence[Scene]) -> float:
-    """`t` checked; 0 where it is not given, which is refused where a sphere moves."""
-    if t is not None:
-        return check.number("t", t)
-    for scene in scenes:
-        for k, sphere in enumerate(scene.spheres):
-            if sphere.motion is not None:
-                raise ValueError(
-                    f"t must be given where a sphere moves, and spheres[{k}] has a motion: give "
-                    "the time of this state in seconds, t=0.0 if it is the start"
-                )
-    return 0.0
 
 
 class State:
@@ -266,9 +159,7 @@ class State:
             return None
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
-        from ..gpu.simulation import Simulation
-
-        simulation = Simulation(self.scenes, t, precision, strict)
+        simulation = later("simulation on the GPU")(self.scenes, t, precision, strict)
         self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         self.threads, self.kernel = 1, "gather"
         self.instruction_set = str(simulation.adapter)
@@ -329,14 +220,12 @@ class State:
     def _warn_of_growth(self, member: int, dt: float) -> None:
         if self.warned_of_growth:
             return
-        from ..measure.measures import max_stable_dt
-
         self.warned_of_growth = True
         x, v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(x, v)
         state = (x[member], v[member]) if self.batched else (x, v)
         try:
-            limit = max_stable_dt(self.scenes[member], self.integrator, *state)
+            limit = later("max_stable_dt")(self.scenes[member], self.integrator, *state)
         except ValueError:  # points too near for a direction; no reason to end the run
             limit = self.max_stable_dt[member]
         which = member if self.batched else None

@@ -10,12 +10,14 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggesting, suggests
+from ..base.later import later
 from ..base.record import frozen
 from ..model.scene import Scene
-from ..model.summary import stepper_lines, stepper_state_lines
+from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision
+from .arrays import FloatArray, checked_state, scenes_of
 from .snapshot import Snapshot, take
-from .state import FloatArray, State, checked_state, scenes_of
+from .state import State
 
 
 @suggesting
@@ -420,14 +422,22 @@ class Stepper:
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines, and a picture of the state for a notebook; of a batch, its first member."""
-        from ..viewing.notebook import state_bundle
-
-        scene = self.scene if isinstance(self.scene, Scene) else self.scene[0]
-        x = np.asarray(self.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
-        return state_bundle(stepper_state_lines(self), scene, x, self.time)
+        bundle: dict[str, Any] = later("bundle of a stepper")(self)
+        return bundle
 
     def __repr__(self) -> str:
-        return f"<{'; '.join(stepper_lines(self))}>"
+        return f"<{'; '.join(self._lines())}>"
+
+    def _lines(self) -> list[str]:
+        """The scene, the time, and how steps are computed."""
+        scenes, shape = self._state.scenes, self._state.shape
+        batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
+        how = f"{self._state.integrator} in {self._options['precision']}, kernel {self.kernel}"
+        return [
+            f"Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}",
+            f"t = {self.time:.6g} s",
+            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}",
+        ]
 
 
 class SilentStepper(Stepper):

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import check
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
+from .arrays import FloatArray, out_array, out_arrays, start_time, state_arrays
 from .calls import give_back, take, waiting_engines
-from .state import FloatArray, State, out_array, out_arrays, start_time, state_arrays
+from .plan import core_plan
+from .state import State
 
 
 @suggests
@@ -238,9 +241,6 @@ def reference_step(
     >>> float(abs(x - reference[0]).max()) < 1e-14
     True
     """
-    from .. import _core
-    from .plan import core_plan
-
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
     t = start_time(t, [scene])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import _core
-from ..engine.plan import core_cloth
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .planes import arrays_of
 

@@ -8,21 +8,12 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.keywords import suggests
-from ..engine.bound import guaranteed_dt
-from ..engine.integration import integrator_name
-from ..engine.plan import core_cloth
-from ..engine.state import state_array, state_arrays
+from ..engine.arrays import one_scene, state_arrays
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..model.sphere import Sphere
-from ..typing import Integrator
 
 Value = float | npt.NDArray[np.float64]
-
-
-def _one_scene(scene: Scene) -> Scene:
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
-    return scene
 
 
 def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
@@ -79,7 +70,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
     """
-    x, v = state_arrays(x, v, [_one_scene(scene)], False)
+    x, v = state_arrays(x, v, [one_scene(scene)], False)
     x, v = x.astype(np.float64), v.astype(np.float64)
     cloth = core_cloth(scene)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
@@ -204,7 +195,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1
     """
-    cloth = core_cloth(_one_scene(scene))
+    cloth = core_cloth(one_scene(scene))
     x, _ = state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
@@ -212,77 +203,3 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     values = np.array([_core.largest_stretch(cloth, one) for one in batch])
     _told("the largest stretch", values, x=batch)
     return values if x.ndim == 4 else float(values[0])
-
-
-@suggests
-def max_stable_dt(
-    scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
-) -> float:
-    """The largest time step that is stable: guaranteed for all states but extreme ones, or at one.
-
-    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
-    It does not grow where the integrator's amplification matrix of (omega dt, delta dt) has no
-    eigenvalue above 1 in size. RK4 allows omega dt <= 2.8284 without damping, 2.6155 for any
-    damping, and delta dt <= 2.7853 without a spring.
-
-    Without a state, omega^2 <= lambda and a largest delta bound all modes (docs/stability.md). A
-    uniform grid has lambda = kappa K / m, with kappa = 8 for structural springs, 12 with shear, and
-    16.33 with bend. That is the maximum of the grid's Fourier symbol, which also bounds families of
-    different stiffness, and delta from the damping. With mass per point, and in narrow cloths,
-    lambda is at most the maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point
-    has 1/m = 0. The step is stable for every pair up to these bounds.
-
-    The guarantee holds where no spring is shorter than half its rest length. With spring damping,
-    no spring may turn or shorten so fast that damping across it exceeds its stiffness. In other
-    states a mode may be faster than lambda allows, and a run at this step may be unstable.
-    Compressed springs buckle at any step: the equation itself lets them grow.
-
-    With a state, the step is that of the forces linearised there. For Runge-Kutta methods the
-    modes decide. Of "semi_implicit_euler", "velocity_verlet" and "pefrl" the eigenvalues of the
-    step matrix decide, for the step mixes modes where stiffness and damping do not commute. Both
-    are found by projection on a space that grows until the limit stays (numpy only). The value is
-    3 % below that limit. A cloth that moves on has other modes, in the paper's swing limits 11 %
-    lower than at rest.
-
-    Parameters
-    ----------
-    scene : Scene
-    integrator : str, default "rk4"
-        A name of `integrators`.
-    x : array_like, optional
-        Positions [m], shape (rows, columns, 3).
-    v : array_like, optional
-        With `x`: velocities [m/s], same shape. Default: at rest.
-
-    Returns
-    -------
-    float
-        Time step [s]; infinite where nothing limits it.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its
-        rest length, but not of length 0; the message names its ends.
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> scene = cs.scenes.paper_swing(bend=True)
-    >>> f"{cs.max_stable_dt(scene):.3e}"
-    '8.526e-04'
-    >>> f"{cs.max_stable_dt(scene, x=scene.initial_position):.2e}"
-    '1.73e-03'
-    """
-    integrator = integrator_name(integrator)
-    if x is None:
-        if v is not None:
-            raise ValueError("v must be None without x, got velocities alone")
-        return guaranteed_dt(core_cloth(_one_scene(scene)), integrator)
-    x = state_array("x", x, [_one_scene(scene)], False)
-    x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
-    if x.ndim != 3:
-        raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
-    from ..stability.spectrum import stable_dt_at
-
-    return stable_dt_at(integrator, scene, x.astype(np.float64), v.astype(np.float64))

@@ -27,7 +27,7 @@ import math
 from dataclasses import dataclass
 
 from ..base import check
-from ..engine.plan import core_cloth
+from .as_core import core_cloth
 from .cloth import Cloth
 from .scene import Scene
 

@@ -16,6 +16,7 @@ from ..base import check
 from ..base.keywords import suggests
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import FAMILIES, Cloth
+from .fabrics import FABRICS, fabric_scene
 from .motion import Reciprocate
 from .scene import Scene
 from .sphere import Sphere
@@ -307,8 +308,6 @@ def cotton(
     >>> round(cloth.mass, 3), {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
     (0.069, {'structural': 56.4, 'shear': 41.6, 'bend': 2.5})
     """
-    from .fabrics import FABRICS, fabric_scene
-
     return fabric_scene(FABRICS["cotton"], shape, size, damping_ratio, fold)
 
 
@@ -341,6 +340,4 @@ def denim(
     >>> {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
     {'structural': 1187.4, 'shear': 26.7, 'bend': 1.3}
     """
-    from .fabrics import FABRICS, fabric_scene
-
     return fabric_scene(FABRICS["denim"], shape, size, damping_ratio, fold)

@@ -33,8 +33,8 @@ import numpy as np
 
 from ..engine.bound import guaranteed_dt
 from ..engine.integration import integrators
-from ..engine.plan import core_cloth
 from ..errors import UnstableError
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .fixed_steps import Options, Solution, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, Floats, Schedule

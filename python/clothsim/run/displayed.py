@@ -1,12 +1,11 @@
-"""Pictures and pages of a run; the room `viewing` draws them, and is imported when it is used."""
+"""Pictures and pages of a run; the room `viewing` draws them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
-if TYPE_CHECKING:
-    from .result import Run
+from ..base.later import later
 
 
 class DisplayedRun:
@@ -52,9 +51,7 @@ class DisplayedRun:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 141 pixels>
         """
-        from ..viewing.picture import picture_of_run
-
-        return picture_of_run(self, frame, t, path, camera, width)
+        return later("picture of a run")(self, frame, t, path, camera, width)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -86,9 +83,7 @@ class DisplayedRun:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        from ..viewing.chart import plot
-
-        return plot(self, path)
+        return later("plot of a run")(self, path)
 
     def animate(
         self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, camera: Any = None, width: int = 640
@@ -132,9 +127,8 @@ class DisplayedRun:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        from ..viewing.animation import animate
-
-        return animate(self, path, fps, speed, camera, width)
+        film: Path = later("film of a run")(self, path, fps, speed, camera, width)
+        return film
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser.
@@ -173,9 +167,8 @@ class DisplayedRun:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        from ..viewing.page import run_to_html
-
-        return run_to_html(cast("Run", self), path, title)
+        page: Path = later("page of a run")(self, path, title)
+        return page
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
@@ -203,12 +196,9 @@ class DisplayedRun:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        from ..viewing.page import run_to_frame
-
-        return run_to_frame(cast("Run", self), height)
+        return later("frame of a run")(self, height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-        from ..viewing.notebook import WIDTH, bundle
-
-        return bundle(str(self), self.picture(width=WIDTH))
+        bundle: dict[str, Any] = later("bundle of a run")(self)
+        return bundle

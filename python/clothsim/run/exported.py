@@ -1,9 +1,11 @@
-"""A run as files of other programs; the room `viewing` writes them, and is imported when it is used."""
+"""A run as files of other programs; the room `viewing` writes them."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+
+from ..base.later import later
 
 
 class ExportedRun:
@@ -81,6 +83,5 @@ class ExportedRun:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        from ..viewing.exports import export
-
-        return export(self, path, fps, z_up)
+        files: list[Path] = later("files of a run")(self, path, fps, z_up)
+        return files

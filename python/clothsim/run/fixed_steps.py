@@ -13,9 +13,9 @@ import numpy as np
 
 from .. import _core
 from ..engine.bound import guaranteed_dt
-from ..engine.plan import core_cloth
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .frames import NEGLIGIBLE, Floats, Schedule
 from .recording import Continuation, Control, Recording, Watch

@@ -16,14 +16,15 @@ from ..base import check
 from ..base import files as _files
 from ..base.extras import needed
 from ..base.keywords import suggests
+from ..base.later import later
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
 from ..model.scene import Scene
-from ..model.summary import run_lines
 from ..typing import Every, Report
 from .displayed import DisplayedRun
 from .exported import ExportedRun
+from .lines import run_lines
 from .recording import Continuation
 
 if TYPE_CHECKING:
@@ -140,9 +141,8 @@ class Run(DisplayedRun, ExportedRun):
         >>> bool((more.x[-1] == whole.x[-1]).all())
         True
         """
-        from .simulate import resume
-
-        return resume(self, duration, every, times, fps, callback, progress)
+        more: Run = later("run that goes on")(self, duration, every, times, fps, callback, progress)
+        return more
 
     def energy(self) -> dict[str, Floats]:
         """Energies of the frames.

@@ -15,9 +15,9 @@ from ..base.extras import check_installed, check_progress, needed
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.plan import check_options
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
 from ..typing import Integrator, Precision
+from .limit import max_stable_dt
 from .spectrum import spectral_limit
 from .trial import STEPS, is_stable
 

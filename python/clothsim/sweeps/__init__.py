@@ -10,12 +10,12 @@ one is; `batch` runs those that share a call, `task` those that one worker does 
 from typing import TYPE_CHECKING
 
 from ..base.on_demand import on_demand
-from .api import sweep
 
 if TYPE_CHECKING:
+    from .api import sweep
     from .dataset import open_sweep
     from .metrics import METRICS
 
 __all__ = ["METRICS", "open_sweep", "sweep"]
 
-__getattr__, __dir__ = on_demand(globals(), {"METRICS": ".metrics", "open_sweep": ".dataset"})
+__getattr__, __dir__ = on_demand(globals(), {"METRICS": ".metrics", "open_sweep": ".dataset", "sweep": ".api"})

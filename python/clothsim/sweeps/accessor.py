@@ -10,14 +10,9 @@ import xarray
 from ..model.scene import Scene
 from ..run.result import Run
 from ..typing import Every
+from . import sweep_plots
+from .again import member_run
 from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
-
-
-def _plots() -> Any:
-    # Here, so that `import xarray` waits for no more than the accessor.
-    from . import sweep_plots as plots
-
-    return plots
 
 
 class Plots:
@@ -28,19 +23,19 @@ class Plots:
 
     def __call__(self, kind: str | None = None, **options: Any) -> Any:
         """Best fit, or the named kind: "convergence", "stability" or "heatmap"."""
-        return _plots().plot(self._dataset, kind, **options)
+        return sweep_plots.plot(self._dataset, kind, **options)
 
     def convergence(self, **options: Any) -> Any:
         """Error over dt, a line for each value of another dimension."""
-        return _plots().convergence(self._dataset, **options)
+        return sweep_plots.convergence(self._dataset, **options)
 
     def stability(self, **options: Any) -> Any:
         """Which members came to their end, with the guaranteed stable time step."""
-        return _plots().stability(self._dataset, **options)
+        return sweep_plots.stability(self._dataset, **options)
 
     def heatmap(self, variable: str | None = None, **options: Any) -> Any:
         """A metric over two dimensions."""
-        return _plots().heatmap(self._dataset, variable, **options)
+        return sweep_plots.heatmap(self._dataset, variable, **options)
 
 
 @xarray.register_dataset_accessor("clothsim")
@@ -102,8 +97,6 @@ class ClothsimAccessor:
         >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()
         (4.0, [0.0, 0.05, 0.1])
         """
-        from .again import member_run
-
         return member_run(self._dataset, self.provenance["identity"], selection, every)
 
     @property

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
+from .session import run_sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -130,8 +131,6 @@ def sweep(
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
     ('N/m', 2)
     """
-    from .session import run_sweep  # here, so that importing clothsim does without
-
     return run_sweep(
         scene,
         over,

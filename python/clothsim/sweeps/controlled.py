@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable
 
 from ..errors import ContactError, UnstableError
-from ..measure.measures import max_stable_dt
 from ..run.frames import as_every
 from ..run.simulate import simulate
+from ..stability.limit import max_stable_dt
 from .batch import Stopped
 from .member import Member, Outcome
 

@@ -14,11 +14,11 @@ from ..base import check
 from ..engine.integration import integrator_name
 from ..engine.plan import check_options
 from ..errors import ContactError, UnstableError
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
 from ..run.fixed_steps import Options, Solution
 from ..run.result import Run
+from ..stability.limit import max_stable_dt
 from .fields import change_scene, split
 from .grid import Grid
 

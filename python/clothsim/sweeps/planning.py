@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.stepper import SilentStepper
-from ..measure.measures import max_stable_dt
+from ..stability.limit import max_stable_dt
 from .grid import Grid
 from .member import Members
 from .reference import reference_steps

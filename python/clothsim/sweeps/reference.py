@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from ..engine.stepper import SilentStepper
 from ..errors import UnstableError
-from ..measure.measures import max_stable_dt
 from ..model.scene import Scene
+from ..stability.limit import max_stable_dt
 from .batch import Stopped
 from .member import Floats, Member, Outcome
 from .plain import digest

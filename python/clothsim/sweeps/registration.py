@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
+
+from ..base.later import module_of
 
 
 def register() -> None:
@@ -19,7 +20,7 @@ def register() -> None:
 
 
 def _register() -> None:
-    import_module("clothsim.sweeps.accessor")
+    module_of("clothsim.sweeps.accessor")
 
 
 class _AfterXarray(MetaPathFinder):

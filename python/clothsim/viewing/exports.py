@@ -7,12 +7,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ..base import check
 from ..base.extras import needed
+from ..base.later import module_of
 from ..base.progress import ProgressBar
 from .clip import Clip
 
@@ -67,7 +67,7 @@ class Target:
         module, package = _FORMATS[suffix]
         if package is not None:
             needed(package, f"export to {suffix}", "export")
-        return cls(path, import_module(f".formats.{module}", __package__), z_up, fps)
+        return cls(path, module_of(f"clothsim.viewing.formats.{module}"), z_up, fps)
 
 
 def export(

@@ -13,9 +13,7 @@ from collections.abc import Callable
 from threading import Event, Thread
 from time import perf_counter
 
-from ..base import check
 from ..base.extras import needed
-from ..model.scene import Scene
 from ..run.result import Run
 from .controls import Controls
 from .playground import Playground
@@ -98,31 +96,3 @@ class Viewer:
 
     def __repr__(self) -> str:
         return f"<Viewer at {self.url}>"
-
-
-def view(
-    scene: Scene,
-    block: bool = True,
-    *,
-    dt: float | None = None,
-    integrator: str = "rk4",
-    precision: str = "double",
-    host: str = "127.0.0.1",
-    port: int = 8080,
-) -> Viewer | None:
-    """Open the live viewer; see `clothsim.view`."""
-    block = check.boolean("block", block)
-    port = check.integer("port", port, minimum=1, maximum=65535)
-    if not isinstance(host, str):
-        raise TypeError(f"host must be a name or address, got {host!r} ({type(host).__name__})")
-    needed("viser", "the live viewer", "view")
-    viewer = Viewer(Playground(scene, dt, integrator, precision), host, port)
-    if not block:
-        return viewer
-    print(f"Live at {viewer.url} - Ctrl-C ends it")
-    try:
-        while True:
-            viewer._over.wait(3600.0)
-    except KeyboardInterrupt:
-        viewer.stop()
-    return None

@@ -7,14 +7,15 @@ show both, also where a notebook is not trusted.
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.stepper import Stepper
+from ..measure.summary import scene_lines, stepper_state_lines
 from ..model.scene import Scene
+from ..run.result import Run
 from .picture import Picture, picture
 
 WIDTH = 400  # pixels; beside six lines in a notebook
@@ -31,9 +32,21 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
     return {"text/html": html, "image/png": png}
 
 
-def state_bundle(lines: Sequence[str], scene: Scene, x: npt.NDArray[np.float64], t: float) -> dict[str, Any]:
-    """`bundle` of the lines and a picture of the scene with positions x."""
-    return bundle("\n".join(lines), picture(scene, x, t, width=WIDTH))
+def run_bundle(run: Run) -> dict[str, Any]:
+    """`bundle` of the lines of a run and its last frame."""
+    return bundle(str(run), run.picture(width=WIDTH))
+
+
+def scene_bundle(scene: Scene) -> dict[str, Any]:
+    """`bundle` of the lines of a scene and its initial state."""
+    return bundle("\n".join(scene_lines(scene)), picture(scene, scene.initial_position, 0.0, width=WIDTH))
+
+
+def stepper_bundle(stepper: Stepper) -> dict[str, Any]:
+    """`bundle` of the lines of a stepper and its state, of a batch the first member."""
+    scene = stepper.scene if isinstance(stepper.scene, Scene) else stepper.scene[0]
+    x = np.asarray(stepper.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
+    return bundle("\n".join(stepper_state_lines(stepper)), picture(scene, x, stepper.time, width=WIDTH))
 
 
 class Frame:

@@ -21,10 +21,11 @@ import numpy.typing as npt
 from ..base import check
 from ..engine.stepper import Stepper
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError
-from ..measure.measures import energy, max_stable_dt, penetration
+from ..measure.measures import energy, penetration
 from ..model.motion import Keyframes
 from ..model.scene import Scene
 from ..run.result import Run
+from ..stability.limit import max_stable_dt
 from ..typing import Report
 
 PAPER_DT = 5e-6  # s; taken where the machine keeps up with it

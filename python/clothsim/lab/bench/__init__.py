@@ -14,7 +14,12 @@ from typing import Any
 from clothsim.base import check
 from clothsim.base.progress import ProgressBar
 
+from . import candidates, efficiency, machine, targets
+from . import saved as files
+from . import sections as parts
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
+from .figures import Figures, attempt
+from .ratios import ratios
 
 __all__ = ["FULL", "NORMAL", "QUICK", "SECTIONS", "Settings", "bench"]
 
@@ -66,12 +71,6 @@ def bench(
     >>> {figure["work"] for figure in report["figures"]} >= {"2 x 2", "32 x 32, a step a call"}
     True
     """
-    from . import candidates, efficiency, machine, targets
-    from . import saved as files
-    from . import sections as parts
-    from .figures import Figures, attempt
-    from .ratios import ratios
-
     chosen = check.choices("sections", sections, SECTIONS)
     folder = None if out is None else check.folder("out", out)
     about = machine.describe()

@@ -11,10 +11,12 @@ import numpy as np
 
 import clothsim as cs
 
+from ..peers import numba_peer
+from ..peers.numba_peer import most_threads
+from ..timing import Work, measure
 from . import works
 from .bench_settings import PAPER_DT, Settings
 from .figures import Figure, Figures
-from .timing import Work, measure
 from .works import Start
 
 DTYPES = {"single": np.float32, "double": np.float64}
@@ -135,8 +137,6 @@ def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -
     """A kernel for numba as the only candidate, or none where numba may not use the threads."""
     if threads > bench.numba_threads:
         return []
-    from ..peers import numba_peer
-
     work: Callable[..., Work] = numba_peer.NumbaGather if kind == "numba gather" else numba_peer.NumbaStrided
     make = partial(work, start.scene, start.x, start.v, PAPER_DT, DTYPES[precision], threads)
     return [bench.peer(start, make, by=kind, precision=precision, threads=threads)]
@@ -144,8 +144,6 @@ def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -
 
 def numba_threads(settings: Settings, counts: Sequence[int], figures: Figures) -> int:
     """The most threads that numba may use, 0 without it; `figures` learns what is left out."""
-    from ..peers.numba_peer import most_threads
-
     kinds = ("numba gather", "numba strided")
     try:
         most = most_threads()

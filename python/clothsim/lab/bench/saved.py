@@ -12,6 +12,7 @@ from typing import Any
 from clothsim.base.extras import how_to_install
 from clothsim.base.plain_json import as_json
 
+from . import bench_plots as plots
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 from .figures import attempt
 from .machine import slug
@@ -52,8 +53,6 @@ def write(report: dict[str, Any], folder: Path) -> None:
 
 
 def _draw(report: dict[str, Any], start: str) -> None:
-    from . import bench_plots as plots
-
     if find_spec("matplotlib") is None:
         reason = f"matplotlib is not installed: {how_to_install('bench')}"
         report["skipped"].append({"plot": "all", "reason": reason})

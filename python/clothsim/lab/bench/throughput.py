@@ -22,6 +22,7 @@ import numpy as np
 
 from clothsim.engine.stepper import SilentStepper
 from clothsim.engine.stepping import step
+from clothsim.model.ready import oscillator
 from clothsim.model.scene import Scene
 from clothsim.sweeps.api import sweep
 from clothsim.typing import Precision
@@ -130,8 +131,6 @@ def plan(members: int = 5_000) -> dict[str, float]:
         seconds per member of the calling thread, for checking, planning, recording and writing.
         Bytes per member in the store. Seconds per task of a Dask scheduler, NaN without Dask.
     """
-    from clothsim.model.ready import oscillator
-
     scene, over = oscillator(), {"stiffness": np.linspace(1.0, 2.0, members)}
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder) / "s.zarr"

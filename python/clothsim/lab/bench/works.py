@@ -12,9 +12,9 @@ import numpy as np
 
 import clothsim as cs
 
+from ..timing import Work
 from . import machine
 from .bench_settings import BATCH, CONTACT_TIME, PAPER_DT, STATE_DT, STATE_TIME
-from .timing import Work
 
 _HORIZON = 0.02  # s that a figure's cloth may move on before it is put back
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothsim.measure.measures import max_stable_dt
 from clothsim.model.motion import Linear
 from clothsim.model.scene import Scene
 from clothsim.model.sphere import Sphere
+from clothsim.stability.limit import max_stable_dt
 
 from .case import NO_GRAVITY, End, Figure, Floats, HardCase, Judge, ends_at, moves_like_the_reference, sheet
 

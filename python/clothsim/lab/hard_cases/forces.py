@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from clothsim.engine.stepping import step
-from clothsim.measure.measures import max_stable_dt
 from clothsim.model.scene import Scene
+from clothsim.stability.limit import max_stable_dt
 from clothsim.stability.spectrum import spectral_limit
 from clothsim.typing import Precision
 

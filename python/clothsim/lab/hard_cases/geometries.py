@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from clothsim.engine.stepping import step
-from clothsim.measure.measures import max_stable_dt
 from clothsim.model.scene import Scene
 from clothsim.model.sphere import Sphere
+from clothsim.stability.limit import max_stable_dt
 
 from .case import NO_GRAVITY, Floats, HardCase, ends_at, gains_energy, moves_like_the_reference, noise, sheet
 

@@ -17,6 +17,8 @@ from clothsim.base.extras import needed
 from clothsim.base.progress import ProgressBar
 from clothsim.engine.provenance import provenance
 
+from ..contact import comparison
+from ..contact.scene_table import RESPONSES, SCENES
 from ..shader import experiment
 from . import findings, performance, pictures
 from . import paper_page as page
@@ -150,9 +152,6 @@ def _contact(
 
 
 def _comparison(settings: Settings, progress: bool) -> dict[str, Any]:
-    from ..contact import comparison
-    from ..contact.scene_table import RESPONSES, SCENES
-
     part = settings.comparison_part
     with _bar(progress, "5", len(SCENES) * len(RESPONSES), "row") as bar:
         rows = comparison(part=part, advance=bar.advance)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.gpu.device import using
 from clothsim.typing import Backend, Precision
 
-from ..bench.step_timer import StepTimer
+from ..step_timer import StepTimer
 from .paper_settings import PAPER_DT, Settings
 from .published import METHODS
 
@@ -126,8 +127,6 @@ def speedup(
 
     def shader(precision: Precision, adapter: Any) -> Measure:
         def measure() -> tuple[float, float]:
-            from clothsim.gpu.device import using
-
             with using(adapter):
                 return core(precision, None, backend="gpu")()
 

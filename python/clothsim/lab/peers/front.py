@@ -21,6 +21,8 @@ from clothsim.base.progress import ProgressBar
 from clothsim.model.scene import Scene
 from clothsim.typing import Precision
 
+from .solvers import installed_peers, refused
+
 ERRORS = tuple(10.0**-k for k in range(4, 13))
 """Errors [m] that are asked for by default."""
 
@@ -184,8 +186,6 @@ def front(
     missing: list[str] = []
     chosen: list[Method] = list(own_methods(methods, precisions, threads))
     if peers:
-        from .solvers import installed_peers, refused
-
         if reason := refused(scene):
             missing = [reason]
         else:

@@ -11,7 +11,7 @@ import numpy as np
 from clothsim.base.extras import how_to_install
 from clothsim.model.scene import Scene
 
-from ..bench.timing import Work
+from ..timing import Work
 from .numpy_peer import OFFSETS, spring_kinds
 
 _FAR = 1e3  # m; where border points are, out of reach and finite when squared

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from clothsim.model.scene import Scene
 from clothsim.typing import Family
 
-from ..bench.timing import Work
+from ..timing import Work
 
 Slices = tuple[slice, slice, slice]
 

@@ -19,9 +19,13 @@ from typing import Any
 import numpy as np
 
 from clothsim.accuracy.methods import RTOLS, Outcome, extent
-from clothsim.measure.measures import max_stable_dt
 from clothsim.model.scene import Scene
+from clothsim.stability.limit import max_stable_dt
 from clothsim.typing import Precision
+
+from ..timing import measure
+from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
+from .numpy_peer import spring_ends, spring_kinds
 
 _SAFETY = 0.95
 _HALVINGS = 7
@@ -42,8 +46,6 @@ class NumbaRK4:
         return [largest / 2**k for k in range(_HALVINGS)]
 
     def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
-        from .numba_peer import NumbaStrided
-
         steps = max(1, int(np.ceil(duration / setting - 1e-9)))
         dtype = np.float64 if self.precision == "double" else np.float32
         state = scene.initial_position, scene.initial_velocity
@@ -75,8 +77,6 @@ class SciPy:
 
     def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
         from scipy.integrate import solve_ivp
-
-        from .numba_peer import NumbaSlopes, set_threads
 
         set_threads(self.threads)
         slopes = NumbaSlopes(scene, self.threads)
@@ -147,8 +147,6 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
     import diffrax
     import jax
     import jax.numpy as jnp
-
-    from .numpy_peer import spring_ends, spring_kinds
 
     scene = key.scene
     kinds = [(*spring_ends(r, c), k, rest, c_) for r, c, k, rest, c_ in spring_kinds(scene)]
@@ -227,11 +225,15 @@ def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer
     return peers, missing
 
 
+def peers_for(scene: Scene, threads: int | None) -> list[Any]:
+    """The peers of `work_precision`: installed ones, of a scene that they can step."""
+    if reason := refused(scene):
+        raise ValueError(f"peers must be False for this scene: {reason}")
+    return installed_peers(scene, threads)[0]
+
+
 def parallel_pays(scene: Scene, threads: int) -> bool:
     """Whether numba's parallel kernel steps this scene faster than its serial one, right now."""
-    from ..bench.timing import measure
-    from .numba_peer import NumbaStrided
-
     state = scene.initial_position, scene.initial_velocity
     dt = 0.5 * max_stable_dt(scene)
     works = [NumbaStrided(scene, *state, dt, np.float64, n) for n in (1, threads)]

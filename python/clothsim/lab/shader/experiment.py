@@ -21,7 +21,7 @@ import clothsim as cs
 from clothsim.gpu.device import Adapter, adapters, using
 from clothsim.typing import Precision, Response
 
-from ..bench.step_timer import StepTimer
+from ..step_timer import StepTimer
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}

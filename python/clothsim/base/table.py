@@ -1,0 +1,18 @@
+"""Tables of text."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+
+def aligned(header: Sequence[str], lines: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "") -> str:
+    """Columns as wide as their widest cell, two blanks apart; those in `left` are aligned left, others right."""
+    table = [header, *lines] if header else list(lines)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return "\n".join(
+        indent
+        + "  ".join(
+            f"{cell:<{width}}" if k in left else f"{cell:>{width}}" for k, (cell, width) in enumerate(zip(row, widths))
+        ).rstrip()
+        for row in table
+    )

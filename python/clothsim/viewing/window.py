@@ -1,0 +1,81 @@
+"""The live viewer, opened."""
+
+from __future__ import annotations
+
+from ..base import check
+from ..base.extras import needed
+from ..base.keywords import suggests
+from ..model.scene import Scene
+from .live import Viewer
+from .playground import Playground
+
+
+@suggests
+def view(
+    scene: Scene,
+    block: bool = True,
+    *,
+    dt: float | None = None,
+    integrator: str = "rk4",
+    precision: str = "double",
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> Viewer | None:
+    """Step a scene live, in the browser, while you change it.
+
+    The core steps in real time; the page shows how much of it the machine holds. Sliders set the
+    stiffness of each family, damping, gravity, the time step, and response, offset, restitution,
+    friction and radius of the spheres. Spheres and pins can be dragged: a contact sees the velocity
+    of the drag. The page tells the guaranteed stable step and the term that limits it. A run that
+    becomes unstable says so and stops.
+
+    Parameters
+    ----------
+    scene : Scene
+    block : bool, default True
+        Serve until Ctrl-C. False returns the viewer at once.
+    dt : float, optional
+        Time step [s]. Default: the paper's 5 us, or the smallest of 10, 20, 50, ... us with which
+        the machine keeps up. It is at most half of the guaranteed stable step.
+    integrator, precision : str
+        As for `clothsim.Stepper`.
+    host : str, default "127.0.0.1"
+        Address to serve at: this machine alone. "0.0.0.0" serves to every machine that can reach it;
+        each of them can then change the scene.
+    port : int, default 8080
+        Port to serve at; the next free one if it is taken.
+
+    Returns
+    -------
+    Viewer or None
+        With `block` False: ``.url``, ``.recorded()`` (a `Run` of what was recorded) and ``.stop()``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+    ImportError
+        Without viser (extra "view").
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> viewer = cs.view(cs.scenes.paper_static(), block=False)  # doctest: +SKIP
+    >>> run = viewer.recorded()  # doctest: +SKIP
+    >>> viewer.stop()  # doctest: +SKIP
+    """
+    block = check.boolean("block", block)
+    port = check.integer("port", port, minimum=1, maximum=65535)
+    if not isinstance(host, str):
+        raise TypeError(f"host must be a name or address, got {host!r} ({type(host).__name__})")
+    needed("viser", "the live viewer", "view")
+    viewer = Viewer(Playground(scene, dt, integrator, precision), host, port)
+    if not block:
+        return viewer
+    print(f"Live at {viewer.url} - Ctrl-C ends it")
+    try:
+        while True:
+            viewer._over.wait(3600.0)
+    except KeyboardInterrupt:
+        viewer.stop()
+    return None
