@@ -16,6 +16,7 @@ from clothsim.accuracy.labelled import pareto
 from clothsim.accuracy.measured import Measured
 from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
+from clothsim.lab.peers import front_table
 from clothsim.lab.peers import solvers as peers
 from clothsim.lab.peers.front import TARGETS, Front, Row, Target, cheapest, front, statement
 
@@ -203,7 +204,7 @@ def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
     assert one["wall_time"] == pytest.approx(0.008, rel=1e-12, abs=0)
     assert one["next_ratio"] == pytest.approx(2.5, rel=1e-12, abs=0)
     assert one["peer"] == "rk4 double" and one["peer_ratio"] == pytest.approx(7.5, rel=1e-12, abs=0)
-    text = tables.text_of_front(found)
+    text = front_table.text_of_front(found)
     assert "dop853 double" in text and "7.50x" in text and "diffrax is not installed" in text
 
 
@@ -214,10 +215,10 @@ def test_the_targets_are_said_to_be_reached_or_not():
         entries.append((target.error, "dop853", "clothsim", seconds))
         entries.append((target.error, "rk4", "numba", peer * seconds))
     found = _front_of(*entries)
-    verdicts = [(one["reached"], one["beaten"]) for one in tables.targets_of(found)]
+    verdicts = [(one["reached"], one["beaten"]) for one in front_table.targets_of(found)]
     assert verdicts == [(True, True), (False, True), (True, False)]
     assert (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06)) == TARGETS
-    lines = tables.text_of_targets(found).splitlines()
+    lines = front_table.text_of_targets(found).splitlines()
     assert lines[1].split()[:4] == ["4e-07", "0.011", "0.0099", "yes"]
     assert lines[2].split()[3] == "no" and lines[3].split()[-1] == "no"
 
