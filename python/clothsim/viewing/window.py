@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..base import check
 from ..base.extras import needed
 from ..base.keywords import suggests
@@ -20,7 +22,7 @@ def view(
     precision: str = "double",
     host: str = "127.0.0.1",
     port: int = 8080,
-) -> Viewer | None:
+) -> Any:
     """Step a scene live, in the browser, while you change it.
 
     The core steps in real time; the page shows how much of it the machine holds. Sliders set the
