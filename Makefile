@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo lint test test-export test-gpu test-slow test-view bench wheel clean
+.PHONY: demo lint test test-export test-gpu test-peers test-slow test-view bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -28,7 +28,11 @@ test: $(VENV)/.built-test
 
 # Tests that take minutes; those of pages want Chromium and are skipped without.
 test-slow: $(VENV)/.built-test
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m "slow and not peers"
+
+# Other programs' cloths and solvers, with numba, SciPy and diffrax installed; one that is missing fails.
+test-peers: $(VENV)/.built-test $(VENV)/.built-peers
+	$(BIN)/python -m pytest -m peers tests
 
 # VTK reads the exports for ParaView; at 140 MB it is no part of the extra "test".
 test-export: $(VENV)/.built-test

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 
 import clothsim as cs
 import numpy as np
@@ -334,17 +333,14 @@ def _close(method, setting, scene, solution, bound):
     assert abs(outcome.v - solution.v[-1]).max() < 1e4 * bound
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not find_spec("numba"), reason="numba (extra bench) is not installed")
+@pytest.mark.peers
 def test_numba_peers_solve_the_scene(scene, solution):
-    pytest.importorskip("scipy")
     _close(peers.NumbaRK4(), 5e-4, scene, solution, 2e-10)
     _close(peers.SciPy("DOP853"), 1e-9, scene, solution, 1e-9)
     _close(peers.SciPy("RK45"), 1e-7, scene, solution, 1e-7)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not find_spec("diffrax"), reason="diffrax is not installed")
+@pytest.mark.peers
 def test_diffrax_peers_solve_the_scene(scene, solution):
     _close(peers.Diffrax("Tsit5", 6), 1e-7, scene, solution, 1e-7)
     _close(peers.Diffrax("Dopri8", 13), 1e-9, scene, solution, 1e-9)

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pytest_benchmark")
-
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.peers
 def test_a_saved_run_names_neither_host_nor_branch(tmp_path):
     done = subprocess.run(
         [

@@ -172,9 +172,9 @@ def test_numpy_peer_computes_the_same_cloth():
     check_peer(NumpyPeer)
 
 
+@pytest.mark.peers
 @pytest.mark.parametrize("name", ("NumbaGather", "NumbaStrided"))
 def test_numba_peers_compute_the_same_cloth(name):
-    pytest.importorskip("numba")
     from clothsim.lab.peers import numba_peer
 
     check_peer(getattr(numba_peer, name), threads=1)
