@@ -1,8 +1,9 @@
 """The live viewer: a `Playground` in the browser, by viser (extra "view").
 
-viser serves the page and keeps it in step over a websocket. One thread here steps and draws 30 times a
-second; what a reader moves arrives on other threads and waits for the playground's lock. viser keeps
-the newest value of each thing for a client that reads slowly: old pictures are dropped, none queues up.
+viser serves the page and keeps it in step over a websocket. One thread here steps and draws 30
+times a second. Moves of a reader arrive on other threads and wait for the playground's lock. viser
+keeps the newest value of each thing for a client that reads slowly: old pictures are dropped, none
+queues up.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the live viewer shows in space: cloth, spheres, pins, and the arrows that drag them."""
+"""Objects of the live viewer in space: cloth, spheres, pins, and the arrows that drag them."""
 
 from __future__ import annotations
 
