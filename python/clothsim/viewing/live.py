@@ -1,9 +1,8 @@
 """The live viewer: a `Playground` in the browser, by viser (extra "view").
 
 viser serves the page and keeps it in step over a websocket. One thread here steps and draws 30
-times a second. Moves of a reader arrive on other threads and wait for the playground's lock. viser
-keeps the newest value of each thing for a client that reads slowly: old pictures are dropped, none
-queues up.
+times a second. Moves of a reader arrive on other threads and wait for the playground's lock. For
+a client that reads slowly, viser keeps the newest value of each thing and drops old pictures.
 """
 
 from __future__ import annotations
