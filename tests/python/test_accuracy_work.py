@@ -17,7 +17,7 @@ from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
 from clothsim.lab.peers import front_table
 from clothsim.lab.peers import solvers as peers
-from clothsim.lab.peers.front import TARGETS, Front, Row, Target, cheapest, front, statement
+from clothsim.lab.peers.front import Front, Row, cheapest, front, statement
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 
@@ -207,21 +207,6 @@ def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
     assert "dop853 double" in text and "7.50x" in text and "diffrax is not installed" in text
 
 
-def test_the_targets_are_said_to_be_reached_or_not():
-    entries = []
-    for target, part, peer in zip(TARGETS, (0.9, 1.1, 0.5), (6.0, 6.0, 4.0), strict=True):
-        seconds = 0.5 * part * target.wall_time
-        entries.append((target.error, "dop853", "clothsim", seconds))
-        entries.append((target.error, "rk4", "numba", peer * seconds))
-    found = _front_of(*entries)
-    verdicts = [(one["reached"], one["beaten"]) for one in front_table.targets_of(found)]
-    assert verdicts == [(True, True), (False, True), (True, False)]
-    assert (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06)) == TARGETS
-    lines = front_table.text_of_targets(found).splitlines()
-    assert lines[1].split()[:4] == ["4e-07", "0.011", "0.0099", "yes"]
-    assert lines[2].split()[3] == "no" and lines[3].split()[-1] == "no"
-
-
 def test_csv_and_picture(data, tmp_path):
     tables.write_csv(data, tmp_path / "runs.csv")
     lines = (tmp_path / "runs.csv").read_text().splitlines()
@@ -274,22 +259,10 @@ def test_the_command(tmp_path, capsys):
     assert "chaotic" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "arguments, option",
-    [
-        ("--fastest --out x", "--out"),
-        ("--targets --out x", "--out"),
-        ("--targets --bend", "--bend"),
-        ("oscillator --targets", "SCENE"),
-        ("--targets --duration 0.2", "--duration"),
-        ("--targets --peers", "--peers"),
-        ("--targets --errors 1e-3", "--errors"),
-    ],
-)
+@pytest.mark.parametrize("arguments, option", [("--fastest --out x", "--out")])
 def test_the_command_ignores_no_option(capsys, arguments, option):
     assert main(["work-precision", *arguments.split()]) == 2
-    said = f"{option} does not go with {'--fastest' if 'fast' in arguments else '--targets'}"
-    assert said in capsys.readouterr().err
+    assert f"{option} does not go with --fastest" in capsys.readouterr().err
 
 
 def test_bad_arguments(scene, solution):

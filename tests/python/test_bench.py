@@ -1,14 +1,11 @@
 """A run of the bench: its report, its files, and what it refuses."""
 
-import csv
 import itertools
 import re
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import pytest
-from clothsim.base.plain_json import as_json
-from clothsim.lab.bench import Settings, bench, machine, targets, works
+from clothsim.lab.bench import Settings, bench, machine, saved, works
 from clothsim.lab.bench.bench_report import text
 
 BRIEF = Settings(
@@ -63,19 +60,9 @@ def lines_with(printed, *words):
     return [line for line, cells in lines if set(map(str, words)) <= set(cells)]
 
 
-def test_report_prints_every_target_and_why_one_has_no_value(report):
+def test_report_says_why_a_peer_is_missing(report):
     result, _ = report
     lines = text(result).splitlines()
-    assert [one["target"] for one in result["targets"]] == [t.name for t in targets.TARGETS]
-    for one in result["targets"]:
-        (line,) = (line for line in lines if line.startswith(one["target"] + "  "))
-        if one["missing"]:
-            assert one["missing"] in line
-        else:
-            bound, value, met = re.split(r" {2,}", line[len(one["target"]) :].strip())[:3]
-            assert bound.endswith(one["unit"])
-            assert float(value) == pytest.approx(one["value"], rel=5e-3)
-            assert met == ("met" if one["met"] else "MISSED")
     reason = "numba is not installed: run pip install '.[bench]' in a clone of clothsim"
     assert f"Left out (by numba strided): {reason}" in lines
 
@@ -201,38 +188,48 @@ def test_report_tells_windows_and_steps_of_errors(report):
     assert with_error == {"swing", "swing+bend", "static", "static+bend", "grid 8", "grid 16"}
 
 
-@pytest.mark.parametrize("instruction_set", ["avx512", "avx2", "sse2"])
-def test_report_tells_that_targets_are_those_of_avx512(report, instruction_set):
-    result, _ = report
-    machine = result["machine"]
-    build = {**machine["build"], "instruction_set": instruction_set}
-    printed = text({**result, "machine": {**machine, "build": build}})
-    assert ("two cores with AVX-512" in printed) == (instruction_set != "avx512")
-
-
-def test_csv_holds_every_figure(report):
+def test_csv_is_read_as_it_was_written(report):
+    """Numbers have four digits, errors two; limits and accuracy are read as well."""
     result, folder = report
-    files = [path for path in folder.glob("*.csv") if not path.stem.endswith("-targets")]
-    (path,) = files
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(result["figures"])
-    assert [float(r["minimum"]) for r in rows] == [f["minimum"] for f in result["figures"]]
-    assert all(r["cpu"] and r["created"] and r["instruction_set"] != "None" for r in rows)
-    for column in ("x_reference", "x_numpy", "x_numba_gather", "x_numba_strided"):
-        written = [float(r[column]) if r[column] else None for r in rows]
-        assert written == [f[column] for f in result["figures"]]
-    with_peers = [r for r in rows if r["work"] in ("static", "contact+bend", "feature: no bend")]
-    assert with_peers and all(r["x_reference"] and r["x_numpy"] for r in with_peers)
-    assert not any(r["x_numba_strided"] for r in rows)
-
-
-def test_json_holds_everything_that_is_printed_as_such(report):
-    result, folder = report
-    (path,) = folder.glob("*.json")
-    names = [Path(file).name for file in result["files"]]
-    assert path.read_text() == as_json({**result, "files": names}) + "\n"
+    (path,) = folder.glob("*.csv")
+    assert path.stat().st_size < 30_000
+    read = saved.read(path)
+    figures = list(read.figures)
+    assert len(figures) == len(result["figures"]) > 100
+    for one, written in zip(figures, result["figures"], strict=True):
+        labels = (
+            "work",
+            "by",
+            "precision",
+            "threads",
+            "instruction_set",
+            "strict",
+            "points",
+            "springs",
+            "flops",
+            "error_steps",
+        )
+        assert [getattr(one, label) for label in labels] == [written[label] for label in labels]
+        assert (one.minimum, one.median) == pytest.approx((written["minimum"], written["median"]), rel=1e-3)
+        assert (one.error is None) == (written["error"] is None)
+        assert one.error is None or one.error == pytest.approx(written["error"], rel=0.05)
+    first, threads = result["machine"]["build"]["instruction_set"], result["limits"]["peak"][0]["threads"]
+    peak = next(p for p in result["limits"]["peak"] if (p["instruction_set"], p["precision"]) == (first, "double"))
+    assert read.limits["peak"][first, "double", threads] == pytest.approx(peak["flops_per_second"], rel=1e-3)
+    assert read.instruction_sets[0] == first and set(read.sizes) == {8, 16}
+    assert read.accuracy["edge"] == pytest.approx(result["accuracy"]["edge"], rel=1e-3)
     assert sorted(result["files"]) == sorted(map(str, folder.iterdir()))
+
+
+def test_a_run_is_compared_with_the_file_that_was_there(report, tmp_path):
+    result, _ = report
+    path = tmp_path / "earlier.csv"
+    assert saved.compare(result, path) is None
+    slower = [{**f, "minimum": 1.25 * f["minimum"]} for f in result["figures"]]
+    saved.write_csv(result, path)
+    told = saved.compare({**result, "figures": slower}, path)
+    assert "median 1.250" in told and f"({len(slower)} figures)" in told
+    assert told in text({**result, "before": told})
 
 
 @pytest.mark.parametrize("out, error", [(__file__, ValueError), (7, TypeError)])

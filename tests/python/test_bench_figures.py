@@ -1,12 +1,17 @@
 """What the bench makes of its figures: targets, ratios to peers, shares of the limits."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from clothsim.lab.bench import QUICK, targets
+from clothsim.lab.bench import measured_run
 from clothsim.lab.bench.efficiency import efficiency, traffic
 from clothsim.lab.bench.figures import Figure, Figures, Missing
 from clothsim.lab.bench.ratios import ratios
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import targets
 
 
 def figure(**changes):
@@ -33,14 +38,13 @@ def measured(*figures, kernels=("gather", "edge"), threads=(1, 2), **changes):
     store.add(figures)
     values = {
         "figures": store,
-        "settings": QUICK,
         "kernels": kernels,
         "instruction_sets": ("avx512", "avx2", "sse2"),
         "threads": threads,
         "limits": {},
         "accuracy": None,
     }
-    return targets.Measured(**{**values, **changes})
+    return measured_run.Measured(**{**values, **changes})
 
 
 def row(name, given):
@@ -148,7 +152,7 @@ def test_traffic_of_the_gather_kernel_is_that_of_its_four_sweeps():
 
 @pytest.mark.parametrize("what", ["structural", "shear", "bend", "damping"])
 def test_what_is_left_out_saves_its_share(what):
-    every = figure(work=targets.ALL_SPRINGS, threads=1, minimum=10e-6, flops=1000)
+    every = figure(work=measured_run.ALL_SPRINGS, threads=1, minimum=10e-6, flops=1000)
     less = figure(work=f"feature: no {what}", threads=1, minimum=8.5e-6, flops=800)
     saved = f"time saved without {what} / its share of the flops, single"
     assert row(saved, measured(every, less))["value"] == pytest.approx(0.75)
@@ -156,7 +160,7 @@ def test_what_is_left_out_saves_its_share(what):
 
 @pytest.mark.parametrize("kind", ["", "continuous ", "continuous face "])
 def test_price_of_a_far_sphere_is_what_it_adds(kind):
-    without = figure(work=targets.ALL_SPRINGS, threads=1, minimum=10e-6)
+    without = figure(work=measured_run.ALL_SPRINGS, threads=1, minimum=10e-6)
     far = figure(work=f"feature: {kind or '1 '}sphere, far", threads=1, minimum=10.3e-6)
     price = f"price of a {kind}sphere out of reach, single"
     assert row(price, measured(without, far))["value"] == pytest.approx(3)
@@ -169,7 +173,6 @@ def test_chosen_threads_are_judged_on_the_paper_s_cloth_and_small_grids():
         for threads, seconds in zip((1, 2, 8), (on["one"], on["two"], on["eight"]), strict=True):
             yield figure(**labels, threads=threads, minimum=seconds)
 
-    settings = replace(QUICK, sizes=(8, 128, 256))
     given = [
         *times("grid 8", "single", 2.02, one=2, two=3, eight=9),
         *times("grid 8", "double", 2.02, one=2, two=3, eight=9),
@@ -179,7 +182,7 @@ def test_chosen_threads_are_judged_on_the_paper_s_cloth_and_small_grids():
         *times("swing+bend", "single", 4.04, one=9, two=4, eight=5),
     ]
     name = "threads=None / the best thread count, worst of 32 x 32 and the grids to 128 x 128"
-    counts = {"threads": (1, 2, 8), "settings": settings}
+    counts = {"threads": (1, 2, 8)}
     for slow, value in ((4.12, 1.03), (4.0, 1.025)):
         cloth = times("swing+bend", "double", slow, one=9, two=4, eight=5)
         assert row(name, measured(*given, *cloth, **counts))["value"] == pytest.approx(value)

@@ -1,10 +1,9 @@
 """The bench's files: their names, and what is written when something fails."""
 
-import json
 from dataclasses import asdict, replace
 
 import pytest
-from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench, machine, targets, works
+from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench, machine, works
 from clothsim.lab.bench import bench_plots as plots
 from clothsim.lab.bench import saved as files
 from clothsim.lab.bench.bench_report import text
@@ -29,25 +28,21 @@ def test_files_say_what_a_run_lacks(settings, sections, lacks):
     assert files.name(run) == machine.slug(about) + lacks
 
 
-def test_sections_are_named_in_one_order_and_tables_of_nothing_are_not_written(tmp_path, monkeypatch):
+def test_sections_are_named_in_one_order_and_a_table_of_nothing_is_not_written(tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "limits", lambda *arguments: {})
     start = files.slug(machine.describe())
     bench(tmp_path, settings=BRIEF, sections=["limits"])
     bench(tmp_path, settings=BRIEF, sections=["calls", "limits"])
-    endings = ("", ".json"), ("-calls", ".json"), ("-calls", ".csv"), ("-calls", "-targets.csv")
-    expected = {f"{start}-custom-limits{more}{kind}" for more, kind in endings}
+    expected = {f"{start}-custom-limits-calls.csv"}
     assert {path.name for path in tmp_path.iterdir()} == expected
 
 
-def test_a_target_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch):
+def test_a_table_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch):
     """Nor does a grid of the size that the frames have."""
 
     def broken(*arguments):
         raise ZeroDivisionError("by hand")
 
-    chosen, other = (t.name for t in targets.TARGETS[-2:])
-    last = replace(targets.TARGETS[-1], value=broken)
-    monkeypatch.setattr(targets, "TARGETS", (*targets.TARGETS[:-1], last))
     monkeypatch.setattr("clothsim.lab.bench.efficiency.efficiency", broken)
     monkeypatch.setitem(plots.ALL, "grids", broken)
     grid = works.grid
@@ -55,12 +50,7 @@ def test_a_target_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch)
     settings = replace(BRIEF, sizes=(8, 800))
     result = bench(tmp_path, settings=settings, sections=["features", "grids", "frames", "calls"])
     reason = "ZeroDivisionError: by hand"
-    for label in ({"target": other}, {"plot": "grids"}, {"table": "efficiency"}):
+    for label in ({"plot": "grids"}, {"table": "efficiency"}):
         assert {**label, "reason": reason} in result["skipped"]
-    rows = {one["target"]: one for one in result["targets"]}
-    assert rows[other]["missing"] == "failed" and rows[chosen]["value"] is not None
-    assert rows["800 x 800, single, 2 threads, a step a frame"]["value"] is not None or (result["machine"]["cores"] == 1)
-    (written,) = tmp_path.glob("*.json")
-    assert json.loads(written.read_text())["skipped"] == result["skipped"]
     assert [p.stem.rsplit("-")[-1] for p in tmp_path.glob("*.png")] == ["features"]
-    assert all(f"Left out ({k} {v}): {reason}" in text(result) for k, v in (("target", other), ("plot", "grids")))
+    assert f"Left out (plot grids): {reason}" in text(result)

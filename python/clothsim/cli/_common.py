@@ -21,7 +21,7 @@ COMMANDS = {
     "work-precision": "Measure error against wall time for integrators, precisions and steps or tolerances.",
     "contact": "Measure what is claimed of continuous contact.",
     "reproduce": "Run the experiments of Kim et al. and write a report.",
-    "bench": "Measure speed beside the machine's limits and the targets.",
+    "bench": "Measure speed beside the machine's limits and other codes.",
 }
 """The help of every command, in the order of `clothsim --help`; each is a module of this package."""
 

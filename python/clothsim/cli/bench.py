@@ -1,4 +1,4 @@
-"""`clothsim bench`: measure speed beside the machine's limits, other codes and the targets."""
+"""`clothsim bench`: measure speed beside the machine's limits and other codes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
         "--out",
         default="benchmarks/results",
         metavar="DIR",
-        help="folder of the files (default: benchmarks/results): CSV, JSON and plots, named after "
+        help="folder of the files (default: benchmarks/results): a CSV and plots, named after "
         "the machine, and after --quick and the sections where those are given, so that they "
         "do not replace the files of a whole run",
     )

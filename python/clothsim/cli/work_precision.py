@@ -11,8 +11,8 @@ import clothsim as cs
 from clothsim.accuracy.work_plot import plot_work_precision
 from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
 from clothsim.base import check
-from clothsim.lab.peers.front import ERRORS, TARGETS, front, statement
-from clothsim.lab.peers.front_table import targets_of, text_of_front, text_of_targets
+from clothsim.lab.peers.front import ERRORS, front, statement
+from clothsim.lab.peers.front_table import text_of_front
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
@@ -44,20 +44,13 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument("--peers", action="store_true", help="also what is installed of numba, SciPy and diffrax")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
     command.add_argument("--windows", type=count, default=5, metavar="N", help="timed runs of each (default 5)")
-    what = command.add_mutually_exclusive_group()
-    what.add_argument(
+    command.add_argument(
         "--fastest",
         action="store_true",
         help="instead: at each error the fastest method, at the cheapest setting that reaches it",
     )
     command.add_argument(
         "--errors", metavar="E,E,...", help="rms errors [m] of --fastest, with commas between them (default: 1e-4 to 1e-12)"
-    )
-    what.add_argument(
-        "--targets",
-        action="store_true",
-        help="instead: the front to reach, beside what is measured and the best peer (paper_swing "
-        "with bend springs, 0.5 s, 2 threads unless given)",
     )
     command.add_argument(
         "--out",
@@ -70,7 +63,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     precisions = args.precision or PRECISIONS
     progress = wanted_by_command()
-    if args.targets or args.fastest:
+    if args.fastest:
         _fastest(args, precisions, progress)
         return
     if args.errors is not None:
@@ -121,17 +114,8 @@ def _errors(text: str) -> list[float]:
 
 
 def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
-    if args.targets:
-        refuse_ignored(args, "--targets", ["SCENE", "--bend", "--duration", "--peers", "--errors", "--out"])
-    else:
-        refuse_ignored(args, "--fastest", ["--out"])
+    refuse_ignored(args, "--fastest", ["--out"])
     options = {"methods": args.method, "precisions": precisions, "windows": args.windows, "progress": progress}
-    if args.targets:
-        scene, threads = cs.scenes.paper_swing(bend=True), args.threads or 2
-        errors = [target.error for target in TARGETS]
-        found = front(scene, 0.5, errors, peers=True, threads=threads, **options)
-        print(as_json(targets_of(found)) if args.json else text_of_targets(found))
-        return
     wanted = ERRORS if args.errors is None else _errors(args.errors)
     found = front(_scene(args), args.duration, wanted, peers=args.peers, threads=args.threads, **options)
     print(as_json(statement(found)) if args.json else text_of_front(found))

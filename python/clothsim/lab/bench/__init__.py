@@ -1,4 +1,4 @@
-"""The bench: how fast this machine steps, beside its limits, other implementations and the targets.
+"""The bench: how fast this machine steps, beside its limits and other implementations.
 
 `docs/benchmarks.md` says how the figures are taken; `clothsim bench` is the command.
 """
@@ -14,7 +14,7 @@ from typing import Any
 from clothsim.base import check
 from clothsim.base.progress import ProgressBar
 
-from . import candidates, efficiency, machine, targets
+from . import candidates, efficiency, machine, measured_run
 from . import saved as files
 from . import sections as parts
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
@@ -31,7 +31,7 @@ def bench(
     sections: Collection[str] = SECTIONS,
     progress: bool = False,
 ) -> dict[str, Any]:
-    """Measure, compare with the targets, and write the figures as CSV, JSON and plots.
+    """Measure, compare with the run saved before, and write the figures as CSV and plots.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def bench(
         "limits": peak arithmetic [flop/s], bandwidth [B/s] and the cores' round trip [s];
         "figures": one entry a measured time (see `clothsim.lab.bench.figures.Figure`) with how
         many times faster it is than each peer (`clothsim.lab.bench.ratios.ratios`); "accuracy";
-        "targets": one entry a target with its value, or why it has none; "skipped": what was left
-        out or failed, and why; "files": those written.
+        "before": the comparison with the run that was saved before, or None; "efficiency";
+        "skipped": measurements left out or failed, and why; "files": the files written.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def bench(
             begin("accuracy")
             accuracy = parts.accuracy(plan)
 
-    measured = targets.Measured(figures, settings, kernels, instruction_sets, counts, limits, accuracy)
+    measured = measured_run.Measured(figures, kernels, instruction_sets, counts, limits, accuracy)
     skipped = figures.skipped
     result: dict[str, Any] = {
         "schema": 1,
@@ -112,11 +112,8 @@ def bench(
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
         "efficiency": attempt(partial(efficiency.efficiency, measured), [], skipped, table="efficiency"),
-        "targets": [
-            attempt(partial(target.evaluate, measured), target.row(missing="failed"), skipped, target=target.name)
-            for target in targets.TARGETS
-        ],
         "skipped": skipped,
+        "before": None,
         "files": [],
     }
     if folder is not None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .efficiency import STATE_TRAFFIC
 from .figures import FEATURE
-from .targets import ALL_SPRINGS
+from .measured_run import ALL_SPRINGS
 
 _COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}
 # By the rank of a thread count among those measured, which are three at most.

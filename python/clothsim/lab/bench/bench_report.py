@@ -7,7 +7,7 @@ from typing import Any
 from . import bench_tables as tables
 from .bench_settings import BATCH_LONGER, IN_TURN
 from .figures import A_STEP_A_CALL, CS_STEP, FEATURE, PAPER_WORKS
-from .targets import ALL_SPRINGS
+from .measured_run import ALL_SPRINGS
 
 
 def text(report: dict[str, Any]) -> str:
@@ -16,7 +16,6 @@ def text(report: dict[str, Any]) -> str:
     parts = [_machine(report)]
     if report["limits"]:
         parts.append(_limits(report["limits"]))
-    parts.append(_targets(report["targets"], report["machine"]["build"]["instruction_set"]))
     steps = [f for f in figures if f["work"].startswith(PAPER_WORKS)]
     if steps:
         parts.append(tables.steps(steps))
@@ -31,6 +30,8 @@ def text(report: dict[str, Any]) -> str:
         parts.append(tables.efficiency(report["efficiency"]))
     if report["accuracy"]:
         parts.append(tables.accuracy(report["accuracy"]))
+    if report["before"]:
+        parts.append([report["before"]])
     for one in report["skipped"]:
         labels = ", ".join(f"{key} {value}" for key, value in one.items() if key != "reason")
         parts.append([f"Left out ({labels}): {one['reason']}"])
@@ -94,27 +95,5 @@ def _limits(limits: dict[str, Any]) -> list[str]:
         lines.append(
             f"{threads} threads reached {ratio:.2f} times the peak of one: their processors shared "
             "a core, at least at that time. Figures on several threads may be too high."
-        )
-    return lines
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}" if value and not 1e-3 <= abs(value) < 1e6 else f"{value:.4g}"
-
-
-def _targets(targets: list[dict[str, Any]], instruction_set: str) -> list[str]:
-    rows = []
-    for one in targets:
-        bound = f"{'<=' if one['at_most'] else '>='} {_number(one['bound'])} {one['unit']}"
-        if one["missing"]:
-            value, met = one["missing"], ""
-        else:
-            value, met = _number(one["value"]), "met" if one["met"] else "MISSED"
-        rows.append((one["target"], bound, value, met, one["prototype"]))
-    head = ("Target", "bound", "measured", "", "prototype")
-    lines = [*tables.table(head, rows), "* without compensation"]
-    if instruction_set != "avx512":
-        lines.append(
-            f"The targets are those of two cores with AVX-512. Here it is {instruction_set}, which has fewer lanes."
         )
     return lines

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
+from .measured_run import ALL_SPRINGS
 from .ratios import COLUMNS
-from .targets import ALL_SPRINGS
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

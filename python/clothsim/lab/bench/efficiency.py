@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .figures import Missing
-from .targets import Measured, share_of_peak
+from .measured_run import Measured, share_of_peak
 
 STATE_TRAFFIC = 96
 """Bytes of a point-step that reads and writes the state once: six components of 8 bytes or, in

@@ -1,25 +1,47 @@
-"""The bench's files: tables as CSV, everything as JSON, plots."""
+"""The bench's files: one small CSV of a run, written and read, and plots."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import json
+import statistics
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from clothsim.base.extras import how_to_install
-from clothsim.base.plain_json import as_json
 
 from . import bench_plots as plots
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
-from .figures import attempt
+from .figures import Figure, Figures, attempt
 from .machine import slug
+from .measured_run import Measured
+
+COLUMNS = (
+    "work",
+    "by",
+    "precision",
+    "threads",
+    "instruction_set",
+    "strict",
+    "points",
+    "springs",
+    "minimum_us",
+    "median_us",
+    "error",
+    "error_steps",
+    "flops",
+)
+"""Times are microseconds per step in four digits, errors have two; an empty cell is None or False."""
+
+_ABOUT = ("cpu", "family", "model", "stepping", "cores", "system", "load_average", "created")
+_OF_BUILD = ("version", "compiler", "instruction_set", "instruction_sets_supported")
+_LABELS = ("work", "by", "precision", "threads", "instruction_set", "strict", "points", "springs")
 
 
 def name(report: dict[str, Any]) -> str:
-    """How the files of this run begin: the machine, and what the run lacks of a whole one.
+    """Start of the names of a run's files: the machine, and the parts of a whole run that are missing.
 
     A whole run has all sections and the settings `NORMAL` or `FULL`. Another has "-quick" or, with
     settings of one's own, "-custom" after the machine, and its sections if it has not all.
@@ -32,24 +54,132 @@ def name(report: dict[str, Any]) -> str:
 
 
 def write(report: dict[str, Any], folder: Path) -> None:
-    """Write `report` into `folder` as CSV, JSON and, where matplotlib is there, plots.
+    """Write `report` into `folder` as CSV and, where matplotlib is there, plots.
 
-    The paths go to report["files"], and to report["skipped"] why a plot is missing. Plots come
-    last: one that fails loses nothing that was measured.
+    The paths go to report["files"]. The comparison with an earlier file of the same name goes to
+    report["before"], and the reason of a missing plot to report["skipped"]. Plots come last: one
+    that fails loses no measurement.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    start, files = str(folder / name(report)), report["files"]
+    start = str(folder / name(report))
     if report["figures"]:
-        files.append(f"{start}.csv")
-        _table(files[-1], [{**figure, **_origin(report)} for figure in report["figures"]])
-    if any(target["value"] is not None for target in report["targets"]):
-        files.append(f"{start}-targets.csv")
-        _table(files[-1], report["targets"])
-    files.append(f"{start}.json")
-    everything = Path(files[-1])
-    _write_all(everything, report)
+        path = Path(f"{start}.csv")
+        report["before"] = attempt(partial(compare, report, path), None, report["skipped"], file=path.name)
+        write_csv(report, path)
+        report["files"].append(str(path))
     _draw(report, start)
-    _write_all(everything, report)
+
+
+def write_csv(report: dict[str, Any], path: Path) -> None:
+    """The figures of `report`, after machine, settings and limits as lines of JSON that begin with #."""
+    about = report["machine"]
+    head = {
+        "machine": {
+            **{key: about[key] for key in _ABOUT if key in about},
+            "build": {key: about["build"][key] for key in _OF_BUILD if key in about["build"]},
+        },
+        "settings": report["settings"],
+        "sections": report["sections"],
+        "limits": report["limits"],
+        "accuracy": report["accuracy"],
+    }
+    with path.open("w", newline="", encoding="utf-8") as file:
+        for key, value in head.items():
+            file.write(f"# {key}: {json.dumps(_short(value), separators=(',', ':'))}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(_cells(figure) for figure in report["figures"])
+
+
+def read(path: Path) -> Measured:
+    """The run of a file that `write_csv` has written."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    head = {}
+    for line in lines:
+        if line.startswith("# "):
+            key, _, value = line[2:].partition(": ")
+            head[key] = json.loads(value)
+    figures = Figures()
+    figures.add(_figure(row) for row in csv.DictReader(line for line in lines if not line.startswith("#")))
+    core = [f for f in figures if f.instruction_set]
+    first = head["machine"]["build"]["instruction_set"]
+    return Measured(
+        figures,
+        kernels=tuple(dict.fromkeys(f.by for f in core)),
+        instruction_sets=tuple(dict.fromkeys([first, *(f.instruction_set for f in core)])),
+        threads=tuple(sorted({f.threads for f in figures if f.threads})),
+        limits=_limits(head["limits"]),
+        accuracy=head["accuracy"],
+    )
+
+
+def compare(report: dict[str, Any], path: Path) -> str | None:
+    """How many times longer steps take than in the run of the file; None where there is none."""
+    if not path.exists():
+        return None
+    earlier = {tuple(getattr(f, key) for key in _LABELS): f.minimum for f in read(path).figures}
+    times = [(f["minimum"], earlier.get(tuple(f[key] for key in _LABELS))) for f in report["figures"]]
+    ratios = sorted(now / before for now, before in times if before)
+    if not ratios:
+        return None
+    return (
+        f"Least times over those that {path.name} had: median {statistics.median(ratios):.3f}, "
+        f"from {ratios[0]:.3f} to {ratios[-1]:.3f} ({len(ratios)} figures)"
+    )
+
+
+def _cells(figure: dict[str, Any]) -> list[Any]:
+    error = None if figure["error"] is None else float(f"{figure['error']:.2g}")
+    row = {**figure, "error": error, "minimum_us": 1e6 * figure["minimum"], "median_us": 1e6 * figure["median"]}
+    return [_cell(row[column]) for column in COLUMNS]
+
+
+def _cell(value: Any) -> Any:
+    return "" if value is None or value is False else 1 if value is True else _short(value)
+
+
+def _short(value: Any) -> Any:
+    """The same with numbers of four digits."""
+    if isinstance(value, dict):
+        return {key: _short(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_short(one) for one in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def _figure(row: dict[str, str]) -> Figure:
+    def whole(column: str) -> int | None:
+        return int(row[column]) if row[column] else None
+
+    return Figure(
+        work=row["work"],
+        by=row["by"],
+        precision=row["precision"],
+        threads=whole("threads"),
+        instruction_set=row["instruction_set"],
+        strict=bool(row["strict"]),
+        points=int(row["points"]),
+        springs=int(row["springs"]),
+        minimum=1e-6 * float(row["minimum_us"]),
+        median=1e-6 * float(row["median_us"]),
+        windows=0,
+        steps=0,
+        error=float(row["error"]) if row["error"] else None,
+        error_steps=whole("error_steps"),
+        flops=whole("flops"),
+    )
+
+
+def _limits(plain: dict[str, Any]) -> dict[str, Any]:
+    """The limits as `machine.limits` gives them: keys of JSON are texts."""
+    if not plain:
+        return {}
+    peak = {(p["instruction_set"], p["precision"], p["threads"]): p["flops_per_second"] for p in plain["peak"]}
+    rest = {
+        key: {int(n): rate for n, rate in value.items()} if isinstance(value, dict) else value
+        for key, value in plain.items()
+    }
+    return {**rest, "peak": peak}
 
 
 def _draw(report: dict[str, Any], start: str) -> None:
@@ -66,26 +196,3 @@ def _draw(report: dict[str, Any], start: str) -> None:
 
     for what in plots.ALL:
         attempt(partial(save, what), None, report["skipped"], plot=what)
-
-
-def _origin(report: dict[str, Any]) -> dict[str, Any]:
-    about = report["machine"]
-    return {
-        **{key: about[key] for key in ("cpu", "family", "model", "stepping")},
-        "load": (about["load_average"] or [None])[0],
-        "created": about["created"],
-        "version": about["build"]["version"],
-    }
-
-
-def _table(path: str, rows: Sequence[dict[str, Any]]) -> None:
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def _write_all(path: Path, report: dict[str, Any]) -> None:
-    """As JSON; the files by their names, as they lie side by side wherever they are moved."""
-    names = [Path(file).name for file in report["files"]]
-    path.write_text(as_json({**report, "files": names}) + "\n", encoding="utf-8")

@@ -20,9 +20,9 @@ from clothsim.engine.provenance import provenance
 from ..contact import comparison
 from ..contact.scene_table import RESPONSES, SCENES
 from ..shader import experiment
-from . import findings, performance, pictures
 from . import paper_page as page
 from . import paper_plots as plots
+from . import paper_tables, performance, pictures
 from . import published as paper
 from . import responses as contact
 from . import shader_runs as gpu
@@ -106,7 +106,7 @@ def reproduce(
             entry = _comparison(settings, progress)
         else:
             entry = _performance(number, settings, threads, progress, folder)
-        entry["findings"] = findings.of(number, entry)
+        entry["notes"] = _notes(entry)
         report["experiments"][number] = entry
     overview = pictures.draw_overview(drawn, folder)
     if overview:
@@ -127,8 +127,7 @@ def _contact(
     pictures.draw_cells(experiment, cases, settings, folder)
     study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
-    scene = contact.scene_of(experiment, 2, "corrected")
-    radius, spacing = scene.spheres[0].radius, max(scene.cloth.spacing)
+    radius = contact.scene_of(experiment, 2, "corrected").spheres[0].radius
     entry = {
         "title": experiment.title,
         "paper": paper.CLAIMS[number],
@@ -137,9 +136,6 @@ def _contact(
         "frame_dt": settings.frame_dt,
         "frames": list(experiment.frames),
         "radius": radius,
-        "impact_speed": contact.impact_speed(scene),
-        # What eq 13 lacks at the middle of a cell's diagonal, to first order in spacing/radius.
-        "diagonal_shortfall": spacing**2 / (8 * radius),
         "cells": [cell for case in cases for cell in case.cells],
         "histories": [{"method": c.method, "variant": c.variant, "failure": c.failure, **c.history} for c in cases],
         "step_study": study,
@@ -149,6 +145,23 @@ def _contact(
         "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
     }
     return (experiment, cases), entry
+
+
+def _notes(entry: dict[str, Any]) -> list[str]:
+    """Lines below the tables: runs that ended early, agreement of the steppers, and the shader over sizes."""
+    notes = [
+        f"Method {h['method']}, {h['variant']}, ended early: {h['failure']}."
+        for h in entry.get("histories", ())
+        if h["failure"]
+    ]
+    if "agreement" in entry:
+        agreement = paper_tables.number(entry["agreement"])
+        notes.append(
+            f"After {entry['agreement_steps']} steps, positions of core and reference differ by at most {agreement} m."
+        )
+    if "gpu" in entry:
+        notes += [*entry["gpu"]["warnings"], *entry["gpu"]["crossovers"]]
+    return notes
 
 
 def _comparison(settings: Settings, progress: bool) -> dict[str, Any]:

@@ -32,9 +32,9 @@ img { max-width: 100%; display: block; }
 .overview img { width: 100%; }
 .claim { border-left: 4px solid #c9a24b; background: #fbf7ec; padding: .6rem 1rem;
          max-width: 50rem; }
-.findings { border-left: 4px solid #2f6db3; background: #eef4fb; padding: .6rem 1rem;
+.notes { border-left: 4px solid #2f6db3; background: #eef4fb; padding: .6rem 1rem;
             max-width: 50rem; }
-.findings ul { margin: .3rem 0; padding-left: 1.2rem; }
+.notes ul { margin: .3rem 0; padding-left: 1.2rem; }
 .red { color: #db1419; font-weight: 600; }
 """
 
@@ -70,10 +70,9 @@ def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]
         f"<h2>Experiment {key}: {escape(experiment['title'])}</h2>",
         f"<p>{escape(experiment['setting'])}</p>",
         f'<div class="claim"><strong>The paper:</strong> {escape(experiment["paper"])}</div>',
-        '<div class="findings"><strong>Measured:</strong>',
-        _list(experiment["findings"]),
-        "</div>",
     ]
+    if experiment["notes"]:
+        parts += ['<div class="notes">', _list(experiment["notes"]), "</div>"]
     if "cells" in experiment:
         parts.append(
             "<p>Blue: the cloth's upper face as it starts; sand: its lower face. "

@@ -38,8 +38,7 @@ def text(report: dict[str, Any]) -> str:
         for table in tables(number, experiment):
             lines += ["", *([table.caption] if table.caption else []), *_aligned(table)]
         lines.append("")
-        lines += [*_wrapped(f"The paper: {experiment['paper']}"), "Measured:"]
-        lines += _items(experiment["findings"])
+        lines += [*_wrapped(f"The paper: {experiment['paper']}"), *_items(experiment["notes"])]
     return "\n".join(lines) + "\n"
 
 

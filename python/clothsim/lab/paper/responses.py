@@ -181,13 +181,6 @@ def _touching(positions: np.ndarray, scene: cs.Scene, time: float) -> int:
     return int(np.sum(distance < sphere.contact_radius(scene.cloth) + NEAR))
 
 
-def impact_speed(scene: cs.Scene) -> float:
-    """Speed of a point that has fallen freely from the level cloth to the sphere's top [m/s]."""
-    sphere = scene.spheres[0]
-    height = max(0.0, -(sphere.center[1] + sphere.radius))
-    return float(np.sqrt(2 * np.linalg.norm(scene.gravity) * height))
-
-
 def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) -> list[dict[str, Any]]:
     """Both methods as printed, at each of `settings.study_dts`; "penetration" frame by frame."""
     rows = []

@@ -38,21 +38,6 @@ _FINEST_RTOL = 1e-14
 _SKIP = 8.0
 
 
-@dataclass(frozen=True)
-class Target:
-    """A wall time per simulated second to reach at an error."""
-
-    error: float
-    wall_time: float
-
-
-TARGETS = (Target(4e-7, 0.011), Target(2e-8, 0.015), Target(1e-12, 0.06))
-"""The front to reach on ``paper_swing(bend=True)`` over 0.5 s with two threads."""
-
-PEER_FACTOR = 5.0
-"""How many times faster than the best peer at each of `TARGETS`."""
-
-
 def cheapest(
     error_of: Callable[[float], float], coarsest: float, finest: float, wanted: float, factor: float = 2.0
 ) -> float | None:

@@ -1,12 +1,10 @@
-"""The fastest method at each error, and its targets, as text."""
+"""The fastest method at each error, as text."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from clothsim.base.table import aligned
 
-from .front import PEER_FACTOR, TARGETS, Front, statement
+from .front import Front, statement
 
 
 def text_of_front(found: Front) -> str:
@@ -40,52 +38,6 @@ def text_of_front(found: Front) -> str:
             )
         )
     text = aligned(header, lines, left=(0, 1, 5, 7))
-    return text + "".join(f"\nNot measured: {reason}" for reason in found.missing)
-
-
-def targets_of(found: Front) -> list[dict[str, Any]]:
-    """`TARGETS` beside what `found`, made at their errors, has."""
-    measured = {one["error"]: one for one in statement(found)}
-    result = []
-    for target in TARGETS:
-        one = measured[target.error]
-        reached = one["wall_time"] is not None and one["wall_time"] <= target.wall_time
-        beaten = None if one["peer_ratio"] is None else one["peer_ratio"] >= PEER_FACTOR
-        result.append({"target": target.wall_time, "reached": reached, "beaten": beaten, **one})
-    return result
-
-
-def text_of_targets(found: Front) -> str:
-    """Each target, what was measured and how much slower the best peer is."""
-    header = (
-        "rms error [m]",
-        "target s/s",
-        "measured s/s",
-        "reached",
-        "by",
-        "setting",
-        "best peer",
-        "s/s",
-        "slower",
-        f">= {PEER_FACTOR:g}x",
-    )
-    words = {True: "yes", False: "no", None: "-"}
-    lines = [
-        (
-            f"{one['error']:.0e}",
-            f"{one['target']:.3f}",
-            _number(one["wall_time"], ".4f"),
-            words[one["reached"]],
-            one["fastest"] or "none",
-            _number(one["setting"], ".2e"),
-            one["peer"] or "none",
-            _number(one["peer_wall_time"], ".4f"),
-            _number(one["peer_ratio"], ".2f", "x"),
-            words[one["beaten"]],
-        )
-        for one in targets_of(found)
-    ]
-    text = aligned(header, lines, left=(0, 3, 4, 6, 9))
     return text + "".join(f"\nNot measured: {reason}" for reason in found.missing)
 
 

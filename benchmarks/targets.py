@@ -1,50 +1,26 @@
-"""The targets, each with how its value follows from the figures."""
+"""Acceptance targets of speed, judged on a saved run of the bench.
+
+    clothsim bench && python benchmarks/targets.py benchmarks/results/*.csv
+
+Targets at errors are those of `ERRORS`; `clothsim work-precision` measures them:
+
+    clothsim work-precision paper_swing --bend --threads 2 --peers --fastest --errors 4e-7,2e-8,1e-12
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import argparse
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from .bench_settings import Settings
-from .figures import A_STEP_A_CALL, CONTINUOUS, FEATURE, Figure, Figures, Missing
+from clothsim.base.table import aligned
+from clothsim.lab.bench.figures import A_STEP_A_CALL, CONTINUOUS, FEATURE, Missing
+from clothsim.lab.bench.measured_run import ALL_SPRINGS, Measured, share_of_peak
+from clothsim.lab.bench.saved import read
 
 LEFT_OUT = ("structural", "bend", "shear", "damping")
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Figures on which targets are evaluated."""
-
-    figures: Figures
-    settings: Settings
-    kernels: tuple[str, ...]
-    instruction_sets: tuple[str, ...]
-    threads: tuple[int, ...]
-    limits: dict[str, Any]
-    accuracy: dict[str, Any] | None
-
-    def seconds(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> float:
-        """Least time of a step [s]; raises as `figure` does."""
-        return self.figure(work, by, precision, threads, **labels).minimum
-
-    def figure(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> Figure:
-        """The figure with these labels; of the core on the best instruction set by default.
-
-        Raises
-        ------
-        Missing
-            If this run has not measured it.
-        """
-        if by in ("gather", "edge"):
-            if by not in self.kernels:
-                raise Missing("not built yet")
-            labels = {"instruction_set": self.instruction_sets[0], "strict": False, **labels}
-            if labels["instruction_set"] not in self.instruction_sets:
-                raise Missing(f"no {labels['instruction_set']} here")
-        if threads is not None and threads > max(self.threads):
-            raise Missing(f"needs {threads} cores")
-        return self.figures.get(work=work, by=by, precision=precision, threads=threads, **labels)
 
 
 @dataclass(frozen=True)
@@ -182,13 +158,13 @@ def _throughput() -> Iterator[Target]:
 
 
 def _point_seconds(m: Measured, rows: int) -> float:
-    if rows not in m.settings.sizes:
+    if rows not in m.sizes:
         raise Missing("measured by --full" if rows > 2048 else "not in this run")
     return m.seconds(f"grid {rows}", "edge", "single", 2) / rows**2
 
 
 def _flatness(m: Measured) -> float:
-    times = [_point_seconds(m, rows) for rows in m.settings.sizes if rows >= 64]
+    times = [_point_seconds(m, rows) for rows in m.sizes if rows >= 64]
     if len(times) < 2:
         raise Missing("not in this run")
     return max(times) / min(times)
@@ -217,15 +193,6 @@ def _machine() -> Iterator[Target]:
         )
 
 
-def share_of_peak(m: Measured, by: str, precision: str, work: str = "swing+bend", threads: int = 1) -> float:
-    """Flops of a step, as `Scene.explain` counts them, over what the peak allows in its time."""
-    if not m.limits:
-        raise Missing("limits not measured in this run")
-    figure = m.figure(work, by, precision, threads)
-    peak = m.limits["peak"][m.instruction_sets[0], precision, threads]
-    return figure.flops / figure.minimum / peak
-
-
 def _features() -> Iterator[Target]:
     for what in LEFT_OUT:
         yield Target(
@@ -248,9 +215,6 @@ def _features() -> Iterator[Target]:
                 )
             ),
         )
-
-
-ALL_SPRINGS = f"{FEATURE}all springs, damped"
 
 
 def _saving(m: Measured, what: str) -> float:
@@ -287,7 +251,7 @@ def _accuracy(m: Measured) -> float:
 
 
 def _chosen(m: Measured) -> float:
-    works = ["swing+bend", *(f"grid {rows}" for rows in m.settings.sizes if rows <= 128)]
+    works = ["swing+bend", *(f"grid {rows}" for rows in m.sizes if rows <= 128)]
     return max(
         m.seconds(work, "edge", precision, None) / min(m.seconds(work, "edge", precision, n) for n in m.threads)
         for work in works
@@ -296,3 +260,31 @@ def _chosen(m: Measured) -> float:
 
 
 TARGETS = tuple(target for part in (_steps, _peers, _throughput, _machine, _features, _use) for target in part())
+
+ERRORS = {4e-7: 0.011, 2e-8: 0.015, 1e-12: 0.06}
+"""Wall seconds per simulated second to reach at each rms error [m].
+
+The scene is ``paper_swing(bend=True)`` over 0.5 s with two threads. The best peer shall take at least five times as long.
+"""
+
+
+def text(measured: Measured) -> str:
+    """Each target with its bound, and its value or why there is none."""
+    lines = []
+    for one in (target.evaluate(measured) for target in TARGETS):
+        bound = f"{'<=' if one['at_most'] else '>='} {one['bound']:.4g} {one['unit']}"
+        value = one["missing"] or f"{one['value']:.4g}"
+        met = {True: "met", False: "MISSED", None: ""}[one["met"]]
+        lines.append((one["target"], bound, value, met, one["prototype"]))
+    return aligned(("target", "bound", "measured", "", "prototype"), lines, left=range(5))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description="Judge saved runs of `clothsim bench` by the targets.")
+    parser.add_argument("files", nargs="+", type=Path, metavar="CSV", help="runs that the bench has saved")
+    for path in parser.parse_args(arguments).files:
+        print(f"{path.name}\n{text(read(path))}\n")
+
+
+if __name__ == "__main__":
+    main()
