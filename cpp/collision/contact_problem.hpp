@@ -66,10 +66,10 @@ inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std
     for (const std::size_t k : begun) rows[k].push(z, (rows[k].*side).impulse);
 }
 
-// One row; by how much its place or its velocity changed.
-inline double solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side) {
+// One row; by how much its impulse changed.
+inline Vec3 solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side) {
     ContactRow::Side& s = row.*side;
-    Vec3 next = s.impulse + (s.target - row.at(z)) / row.mobility;
+    Vec3 next = s.impulse + (1 / row.mobility) * (s.target - row.at(z));
     const double along = next.dot(row.normal);
     if (along <= 0) {
         next.setZero();
@@ -77,48 +77,81 @@ inline double solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide sid
         next = along * row.normal;
     } else {
         const Vec3 across = next - along * row.normal;
-        const double most = row.friction * along, length = across.norm();
-        if (length > most) next = along * row.normal + (most / length) * across;
+        const double most = row.friction * along, length2 = across.squaredNorm();
+        if (length2 > most * most) next = along * row.normal + (most / std::sqrt(length2)) * across;
     }
     const Vec3 change = next - s.impulse;
-    const double size = change.cwiseAbs().maxCoeff() * row.mobility;
-    if (size == 0) return 0;
     s.impulse = next;
     row.push(z, change);
-    return size;
+    return change;
 }
 
-// Sweeps to and fro until none changes more than `tolerance`, at most so many; how many it took. Between two sweeps the
-// impulses go on along the directions of earlier sweeps, as those of conjugate gradients: the change by a sweep stands for the
-// negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010, nonsmooth nonlinear conjugate gradients after Fletcher and
-// Reeves). Every result is that of a sweep, and so in the cones.
-inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side, double tolerance, int most) {
-    std::vector<Vec3> before(rows.size()), direction(rows.size(), Vec3::Zero());
-    double last = 0;  // squared size of the change by the last sweep, in the norm of energy
+// What a solver keeps beside rows and points.
+struct SolverMemory {
+    std::vector<Vec3> change, direction;  // of the impulses, by the newest sweep; by all before
+    std::vector<int> swept;               // rows: in which sweep last
+    std::vector<int> moved;               // points: in which sweep last
+};
+
+// Sweeps to and fro over the rows until none changes its place by more than `tolerance`, at most so many; how many it took.
+// The rows before `first` are solved for already: they join in once a point of theirs moves by more than `quiet`.
+//
+// Between two sweeps the impulses go on along the directions of earlier sweeps, as those of conjugate gradients: the change by
+// a sweep stands for the negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010, nonsmooth nonlinear conjugate gradients
+// after Fletcher and Reeves). Every result is that of a sweep, and so in the cones.
+inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side, double tolerance, int most,
+                          SolverMemory& memory, std::size_t first = 0, double quiet = 0) {
+    const std::size_t count = rows.size();
+    memory.change.resize(count);
+    memory.direction.resize(count);
+    memory.swept.assign(count, -1);
+    memory.moved.resize(z.size());
+    if (first > 0)
+        for (const ContactRow& row : rows)
+            for (const int i : row.corner) memory.moved[std::size_t(i)] = -1;
+    const auto note = [&](const ContactRow& row, double size, int sweep) {
+        if (first > 0 && size > quiet)
+            for (const int i : row.corner) memory.moved[std::size_t(i)] = sweep;
+    };
+    double changed = 0, squares = 0;  // squares: in the norm of energy
+    const auto visit = [&](std::size_t k, int sweep) {
+        ContactRow& row = rows[k];
+        if (k < first) {
+            int moved = -1;
+            for (const int i : row.corner) moved = std::max(moved, memory.moved[std::size_t(i)]);
+            if (moved < std::max(sweep - 1, 0)) return;
+        }
+        const Vec3 change = solve_block(row, z, side);
+        const double size = change.cwiseAbs().maxCoeff() * row.mobility;
+        if (memory.swept[k] < sweep - 1 || sweep == 0) memory.direction[k].setZero();
+        memory.swept[k] = sweep;
+        memory.change[k] = change;
+        changed = std::max(changed, size);
+        squares += row.mobility * change.squaredNorm();
+        note(row, size, sweep);
+    };
+    double last = 0;
     for (int sweep = 0; sweep < most; ++sweep) {
-        for (std::size_t k = 0; k < rows.size(); ++k) before[k] = (rows[k].*side).impulse;
-        double changed = 0;
+        changed = squares = 0;
         if (sweep % 2 == 0)
-            for (auto row = rows.begin(); row != rows.end(); ++row) changed = std::max(changed, solve_block(*row, z, side));
+            for (std::size_t k = count; k-- > 0;) visit(k, sweep);
         else
-            for (auto row = rows.rbegin(); row != rows.rend(); ++row) changed = std::max(changed, solve_block(*row, z, side));
+            for (std::size_t k = 0; k < count; ++k) visit(k, sweep);
         if (changed <= tolerance) return sweep + 1;
         if (sweep + 1 == most) break;
-        double size = 0;
-        for (std::size_t k = 0; k < rows.size(); ++k) size += rows[k].mobility * ((rows[k].*side).impulse - before[k]).squaredNorm();
-        const double ratio = last > 0 ? size / last : 0;
-        const bool goes_on = ratio <= 1;
-        last = size;
-        for (std::size_t k = 0; k < rows.size(); ++k) {
-            const Vec3 change = (rows[k].*side).impulse - before[k];
-            if (!goes_on) {
-                direction[k] = change;
+        const double ratio = last > 0 && squares <= last ? squares / last : 0;
+        last = squares;
+        for (std::size_t k = 0; k < count; ++k) {
+            if (memory.swept[k] != sweep) continue;
+            if (ratio == 0) {
+                memory.direction[k] = memory.change[k];
                 continue;
             }
-            const Vec3 further = ratio * direction[k];
+            const Vec3 further = ratio * memory.direction[k];
             (rows[k].*side).impulse += further;
             rows[k].push(z, further);
-            direction[k] = further + change;
+            note(rows[k], further.cwiseAbs().maxCoeff() * rows[k].mobility, sweep);
+            memory.direction[k] = further + memory.change[k];
         }
     }
     return most;

@@ -25,32 +25,38 @@ struct Foot {
     std::array<double, 3> weight;
 };
 
-// The nearest of the sides, or the foot of the perpendicular if it lies inside. Every candidate is a point of
-// the triangle, so that a thin or collapsed one gives its nearest side and nothing worse.
+// The foot of the perpendicular if it lies inside, else the nearest place of the sides that it lies beyond. In a thin or
+// collapsed triangle rounding hides which these are: then all sides count. Every candidate is a point of the triangle.
 inline Foot nearest_to_origin(const Corners& c) {
+    constexpr double thin = 1e-8;  // squared sine of the angle at the first corner
+    const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
+    const Vec3 normal = ab.cross(ac);
+    const double area2 = normal.squaredNorm();
+    const bool flat = !(area2 > thin * ab.squaredNorm() * ac.squaredNorm());
+    std::array<double, 3> inner{-1, -1, -1};
+    if (!flat) {
+        const Vec3 across = c[0].cross(normal);
+        inner[1] = across.dot(ac) / area2;
+        inner[2] = -across.dot(ab) / area2;
+        inner[0] = 1 - inner[1] - inner[2];
+        if (inner[0] >= 0 && inner[1] >= 0 && inner[2] >= 0) return {c[0] + inner[1] * ab + inner[2] * ac, inner};
+    }
     Foot best{c[0], {1, 0, 0}};
     double least = c[0].squaredNorm();
-    for (int i = 0; i < 3; ++i) {
-        const int j = (i + 1) % 3;
-        const Vec3 side = c[std::size_t(j)] - c[std::size_t(i)];
+    for (std::size_t i = 0; i < 3; ++i) {
+        const std::size_t j = (i + 1) % 3;
+        if (inner[3 - i - j] >= 0) continue;
+        const Vec3 side = c[j] - c[i];
         const double length2 = side.squaredNorm();
-        const double s = length2 > 0 ? std::clamp(-side.dot(c[std::size_t(i)]) / length2, 0.0, 1.0) : 0.0;
-        const Vec3 point = c[std::size_t(i)] + s * side;
+        const double s = length2 > 0 ? std::clamp(-side.dot(c[i]) / length2, 0.0, 1.0) : 0.0;
+        const Vec3 point = c[i] + s * side;
         const double distance2 = point.squaredNorm();
         if (distance2 >= least) continue;
         least = distance2;
         best = {point, {0, 0, 0}};
-        best.weight[std::size_t(i)] = 1 - s;
-        best.weight[std::size_t(j)] = s;
+        best.weight[i] = 1 - s;
+        best.weight[j] = s;
     }
-    const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
-    const Vec3 normal = ab.cross(ac);
-    const double area2 = normal.squaredNorm();
-    if (!(area2 > 0)) return best;
-    const double b = -c[0].cross(ac).dot(normal) / area2, d = -ab.cross(c[0]).dot(normal) / area2;
-    if (b < 0 || d < 0 || b + d > 1) return best;
-    const Vec3 point = c[0] + b * ab + d * ac;
-    if (point.squaredNorm() < least) best = {point, {1 - b - d, b, d}};
     return best;
 }
 
@@ -68,7 +74,16 @@ struct TriangleTouch {
     double time = 0;  // part of the way
     Foot foot;
     Vec3 normal = Vec3::Zero();
+    Vec3 first_normal = Vec3::Zero();  // when the way begins
 };
+
+// Whether the triangle keeps beyond `reach` of a plane that turns from the direction n0 to n1, both at most of length 1.
+inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec3& n0, const Vec3& n1, double reach) {
+    double least = reach + 1;
+    for (std::size_t i = 0; i < 3; ++i)
+        least = std::min({least, n0.dot(p0[i]), n1.dot(p1[i]), (n0.dot(p1[i]) + n1.dot(p0[i])) / 2});
+    return least > reach;
+}
 
 // The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
 //
@@ -92,7 +107,19 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
         const double distance = t.foot.point.norm();
         t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
         t.hit = distance <= reach + tolerance;
+        if (k == 0) t.first_normal = t.normal;
         if (t.hit) return t;
+        if (k == 0) {  // most ways touch nothing at all
+            const Foot last = nearest_to_origin(p1);
+            const double far = last.point.norm();
+            const Vec3 normal = last.point / (far > 0 ? far : 1);
+            if (far > reach + tolerance && beyond_turning_plane(p0, p1, t.normal, normal, reach)) {
+                t.time = 1;
+                t.foot = last;
+                t.normal = normal;
+                return t;
+            }
+        }
         double advance = 2;
         for (std::size_t i = 0; i < 3; ++i) {
             const double rate = t.normal.dot(p1[i] - p0[i]);

@@ -48,11 +48,15 @@ double FaceWork::energy_lacking() const {
     return lacks;
 }
 
+bool FaceWork::bounced() const {
+    return std::any_of(origins_.begin(), origins_.end(), [this](const Origin& origin) {
+        return origin.arrival > 0 && (*spheres_)[at(origin.sphere)].restitution > 0;
+    });
+}
+
 // The normal impulses of what bounced are made as much larger or smaller as the energy asks for. False: they cannot be.
 bool FaceWork::restore_speeds() {
-    bool bounced = false;
-    for (const Origin& origin : origins_) bounced |= origin.arrival > 0 && (*spheres_)[at(origin.sphere)].restitution > 0;
-    if (!bounced) return true;
+    if (!bounced()) return true;
     note_changed();
     std::vector<Vec3>& change = end_;  // of velocities, by those impulses
     std::fill(change.begin(), change.end(), Vec3(0, 0, 0));
@@ -94,7 +98,8 @@ void FaceWork::ground() {
         row.push(x, row.place.impulse);
         row.push(v, row.speed.impulse);
     }
-    solve(rows_.size());
+    solve(0, &ContactRow::place);
+    solve(0, &ContactRow::speed);
 }
 
 }  // namespace clothsim

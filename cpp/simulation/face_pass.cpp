@@ -12,7 +12,17 @@ using exact::vec;
 namespace {
 
 constexpr int most_rounds = 24, most_projections = 30;
-constexpr int most_sweeps = 100;
+constexpr int most_sweeps = 100;  // of a projection
+// Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as many as make so
+// many blocks. A small problem is solved in full, a large one goes on from its impulses in the next step. Half the blocks make
+// more rounds, twice the blocks cost up to 1.5 times in folds.
+struct Effort {
+    double part;
+    std::size_t blocks;
+    int least, most;
+};
+constexpr Effort resting{1e-5, 2000, 10, 100};
+constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer than a step: rare
 
 }  // namespace
 
@@ -21,10 +31,12 @@ FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bo
     const std::size_t n = at(cloth.points());
     for (auto* a : {&x0, &v0, &x, &v, &start_, &end_}) a->resize(n);
     changed.resize(n);
+    moved_.resize(n);
     sum_.resize(n);
     seen_.resize(6 * n * faces.size(), 0);
     lasted_.resize(seen_.size(), 0);
-    planes_.assign(faces.size(), std::vector<Vec3>(2 * n, Vec3(0, 1, 0)));
+    planes_.assign(faces.size(), {2 * n, {Vec3(0, 1, 0), Vec3(0, 1, 0)}});
+    reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
     inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
 }
 
@@ -41,24 +53,30 @@ void FaceWork::place_in_frame(int sphere) {
     }
 }
 
-void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double smallest) {
+void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet, int most) {
     guess_impulses(rows_, first, z, sum_, side);
-    solve_contacts(rows_, z, side, smallest, most_sweeps);
+    solve_contacts(rows_, z, side, tolerance, most, memory_, first, quiet);
 }
 
-void FaceWork::solve(std::size_t first) {
-    double far = 0, fast = 0, lacks = 0, slow = 0;
+// Positions or velocities. The rows before `first` are solved for already.
+void FaceWork::solve(std::size_t first, ContactSide side) {
+    const bool places = side == &ContactRow::place;
+    const std::vector<Vec3>& free = places ? free_x_ : free_v_;
+    double largest = 0, lacks = 0;
     for (std::size_t k = first; k < rows_.size(); ++k) {
-        const ContactRow& row = rows_[k];
-        const Vec3 place = row.at(free_x_), speed = row.at(free_v_);
-        far = std::max(far, place.cwiseAbs().maxCoeff());
-        fast = std::max(fast, speed.cwiseAbs().maxCoeff());
-        lacks = std::max(lacks, row.normal.dot(row.place.target - place));
-        slow = std::max(slow, row.normal.dot(row.speed.target - speed));
+        const Vec3 is = rows_[k].at(free);
+        largest = std::max(largest, is.cwiseAbs().maxCoeff());
+        lacks = std::max(lacks, rows_[k].normal.dot((rows_[k].*side).target - is));
     }
-    constexpr double part = 1e-5, rounding = 0x1p-51;
-    solve_side(first, x, &ContactRow::place, part * lacks + rounding * far);
-    solve_side(first, v, &ContactRow::speed, part * slow + rounding * fast);
+    constexpr double rounding = 0x1p-51;
+    const bool flies = std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
+    const Effort& effort = flies ? bouncing : resting;
+    double tolerance = effort.part * lacks + rounding * largest;
+    // In later rounds, places need no more than the margin.
+    const double quiet = places ? std::max(tolerance, (shells_[0].middle - shells_[0].inside) / 16) : tolerance;
+    if (first > 0 && !flies) tolerance = quiet;
+    const int most = std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
+    solve_side(first, places ? x : v, side, tolerance, quiet, most);
 }
 
 // Where the rows of the ways do not end it: rows at the places that are nearest at the end, again and again.
@@ -93,13 +111,13 @@ bool FaceWork::project() {
             }
         }
         if (!low) {
-            solve_side(kept, v, &ContactRow::speed, 1e-12);
+            solve_side(kept, v, &ContactRow::speed, 1e-12, 0, most_sweeps);
             return true;
         }
         std::vector<ContactRow> rows(rows_.begin() + std::ptrdiff_t(kept), rows_.end());
         for (ContactRow& row : rows) row.friction = 0;
         guess_impulses(rows, 0, x, sum_, &ContactRow::place);
-        solve_contacts(rows, x, &ContactRow::place, 1e-3 * (shells_[0].surface - shells_[0].inside), most_sweeps);
+        solve_contacts(rows, x, &ContactRow::place, 1e-3 * (shells_[0].surface - shells_[0].inside), most_sweeps, memory_);
     }
     return false;
 }
@@ -111,7 +129,7 @@ void FaceWork::recall(double dt) {
     for (std::size_t k = 0; k < lasting.size(); ++k) lasted_[lasting[k].feature] = std::uint32_t(k + 1);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const std::uint32_t last = lasted_[origins_[k].feature];
-        if (last == 0 || !origins_[k].lies) continue;
+        if (last == 0) continue;
         ContactRow& row = rows_[k];
         row.place.impulse = dt * dt * lasting[last - 1].place;
         row.speed.impulse = dt * lasting[last - 1].speed;
@@ -123,9 +141,18 @@ void FaceWork::recall(double dt) {
 
 void FaceWork::remember(double dt) {
     lasting.clear();
-    for (std::size_t k = 0; k < rows_.size(); ++k)
-        if (origins_[k].lies)
-            lasting.push_back({origins_[k].feature, rows_[k].place.impulse / (dt * dt), rows_[k].speed.impulse / dt});
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const ContactRow& row = rows_[k];
+        if ((row.place.impulse.array() == 0).all() && (row.speed.impulse.array() == 0).all()) continue;
+        std::uint32_t& last = lasted_[origins_[k].feature];
+        if (last == 0) {
+            lasting.push_back({origins_[k].feature, Vec3::Zero(), Vec3::Zero()});
+            last = std::uint32_t(lasting.size());
+        }
+        lasting[last - 1].place += row.place.impulse / (dt * dt);
+        lasting[last - 1].speed += row.speed.impulse / dt;
+    }
+    for (const Lasting& l : lasting) lasted_[l.feature] = 0;
 }
 
 // What was inside when the step began goes outwards by no more than the push of its sphere, and not inwards.
@@ -218,15 +245,25 @@ void FaceWork::note_changed() {
             if (row.share[i] != 0) changed[at(row.corner[i])] = 1;
 }
 
-// Rows for what the ways reach, until they reach nothing.
+// Rows for what the ways reach, until they reach nothing. A bounce asks for the speed of arrival, so that velocities are
+// solved for too before the next round; else once at the end.
 bool FaceWork::follow_ways(int first_round) {
-    for (int round = first_round; round < most_rounds; ++round) {
+    std::size_t slow = first_round > 0 ? rows_.size() : 0;  // rows whose velocities are solved for
+    bool clear = false;
+    for (int round = first_round; round < most_rounds && !clear; ++round) {
         const std::size_t before = rows_.size();
-        if (!find_rows(round)) return true;
+        clear = !find_rows(round);
+        if (clear) break;
         if (round == 0) recall((*spheres_)[0].dt);
-        solve(before);
+        solve(before, &ContactRow::place);
+        bool bounces = false;
+        for (std::size_t k = before; k < rows_.size(); ++k) bounces |= (*spheres_)[at(origins_[k].sphere)].restitution > 0;
+        if (!bounces) continue;
+        solve(slow, &ContactRow::speed);
+        slow = rows_.size();
     }
-    return false;
+    if (slow < rows_.size()) solve(slow, &ContactRow::speed);
+    return clear;
 }
 
 ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {

@@ -21,12 +21,10 @@ Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * 
 
 }  // namespace
 
-// Whether the triangle keeps beyond a plane at that distance throughout.
+// Whether the triangle keeps beyond its plane at that distance throughout.
 bool FaceWork::separated(int sphere, const Triangle& triangle, double reach) const {
-    const Vec3& n = planes_[at(sphere)][triangle.number];
-    double least = std::numeric_limits<double>::infinity();
-    for (const int i : triangle.corner) least = std::min({least, n.dot(start_[at(i)]), n.dot(end_[at(i)])});
-    return least > reach;
+    const auto& [n0, n1] = planes_[at(sphere)][triangle.number];
+    return beyond_turning_plane(corners(start_, triangle.corner), corners(end_, triangle.corner), n0, n1, reach);
 }
 
 // A row for the first place of the triangle that the way to the end leads below the surface. After the first round it has to
@@ -39,8 +37,8 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     if (inside_[at(sphere)][triangle.number] || separated(sphere, triangle, reach + tolerance)) return false;
     const Corners p0 = corners(start_, triangle.corner), p1 = corners(end_, triangle.corner);
     const TriangleTouch touch = triangle_touch(p0, p1, reach, tolerance);
-    Vec3& plane = planes_[at(sphere)][triangle.number];
-    plane = touch.normal;
+    auto& plane = planes_[at(sphere)][triangle.number];
+    plane = {touch.first_normal, touch.normal};
     if (!touch.hit) return false;
     touched = true;
     const double distance = touch.foot.point.norm();
@@ -59,7 +57,7 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     const double room = deeper - shell.inside;
     const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop, finer = std::max(room, slop) / 16;
     const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
-    plane = next.normal;
+    plane = {next.first_normal, next.normal};
     if (!next.hit || next.time == 0) return added;
     return add_row(sphere, triangle.corner, next.foot, next.normal, next.time, round) || added;
 }
@@ -92,13 +90,39 @@ bool FaceWork::look_at_point(int sphere, int i, int round) {
     return add_row(sphere, {i, i, i}, foot, outward_normal(place), time, round);
 }
 
+// Which points have left the places that the look before saw: by more than a part of the smallest margin that a clear way
+// keeps to spare.
+void FaceWork::note_moves(int round) {
+    if (round == 0) {
+        looked_x_ = x;
+        std::fill(moved_.begin(), moved_.end(), std::uint8_t(1));
+        return;
+    }
+    double slack = std::numeric_limits<double>::infinity();
+    for (const Shell& shell : shells_) slack = std::min(slack, (shell.middle - shell.inside) / 16);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        moved_[i] = (x[i] - looked_x_[i]).squaredNorm() > slack * slack;
+        if (moved_[i]) looked_x_[i] = x[i];
+    }
+}
+
+bool FaceWork::has_moved(const Triangle& t, int sphere) const {
+    return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] | reached_[at(sphere)][t.number];
+}
+
 bool FaceWork::find_rows(int round) {
     bool found = false;
     ++look_;
+    note_moves(round);
     for (int s = 0; s < int(spheres_->size()); ++s) {
         place_in_frame(s);
         if (faces_[at(s)])
-            each_near_triangle(s, [&](const Triangle& t) { found |= look_along(s, t, round); });
+            each_near_triangle(s, [&](const Triangle& t) {
+                if (!has_moved(t, s)) return;
+                const bool reached = look_along(s, t, round);
+                reached_[at(s)][t.number] = reached;
+                found |= reached;
+            });
         else
             for (int i = 0; i < cloth_.points(); ++i) found |= look_at_point(s, i, round);
     }
@@ -148,7 +172,7 @@ bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot&
     std::uint32_t& seen = seen_[number];
     if (seen == look_) return false;
     seen = look_;
-    Origin origin{sphere, number, time == 0 && round == 0};
+    Origin origin{sphere, number};
     row.place.target = vec(s.end) + level * normal;
     row.speed.target = vec(s.velocity);
     aim(row, origin, level - after, time, round);

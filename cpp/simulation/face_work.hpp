@@ -36,7 +36,6 @@ private:
     struct Origin {
         int sphere;
         std::size_t feature;
-        bool lies;           // on the surface when the step begins
         double arrival = 0;  // normal speed with which it comes to the surface [m/s]
         double height = 0;   // above the surface that it reaches by the end of the step [m]
     };
@@ -45,6 +44,8 @@ private:
     template <class Visit>
     void each_near_triangle(int sphere, Visit visit);
     void place_in_frame(int sphere);
+    void note_moves(int round);
+    bool has_moved(const Triangle& triangle, int sphere) const;
     bool find_rows(int round);
     bool look_along(int sphere, const Triangle& triangle, int round);
     bool look_at_point(int sphere, int i, int round);
@@ -52,14 +53,15 @@ private:
     void aim(ContactRow& row, Origin& origin, double depth, double time, int round);
     std::size_t feature(int sphere, const std::array<int, 3>& corner, const std::array<double, 3>& weight) const;
     bool separated(int sphere, const Triangle& triangle, double reach) const;
-    void solve(std::size_t first);
-    void solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double smallest);
+    void solve(std::size_t first, ContactSide side);
+    void solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet, int most);
     void recall(double dt);
     void remember(double dt);
     bool project();
     void ground();
     bool follow_ways(int first_round);
     bool restore_speeds();
+    bool bounced() const;
     double energy_lacking() const;
     double elastic_change() const;
     void push_out_all();
@@ -77,9 +79,14 @@ private:
     std::vector<Vec3> free_x_, free_v_;    // where the free step ended
     std::vector<ContactRow> rows_;
     std::vector<Origin> origins_;
+    std::vector<Vec3> looked_x_;                         // x as it was when a point's triangles were looked at
+    std::vector<std::uint8_t> moved_;                    // points that have left it
+    std::vector<std::vector<std::uint8_t>> reached_;     // triangles for which the look before found something
+    SolverMemory memory_;
     std::vector<double> sum_;
     std::vector<double> pushed_;
-    std::vector<std::vector<Vec3>> planes_;              // a direction along which triangle and sphere were apart
+    // Directions of a plane between triangle and sphere, as the way begins and ends.
+    std::vector<std::vector<std::array<Vec3, 2>>> planes_;
     std::vector<std::vector<std::uint8_t>> inside_;      // triangles, points that were inside when the step began
     std::vector<std::pair<int, Triangle>> starts_inside_;
     std::vector<std::uint32_t> seen_;                    // features: in which look they got a row
