@@ -66,6 +66,6 @@ def test_a_snapshot_of_a_sheet_in_contact_goes_on_bit_for_bit(same_bits):
 
 
 def test_a_sheet_lies_quietly():
-    """Sweeps without conjugate directions leave 3.6e-5 m/s."""
+    """Where velocities do not start from all impulses of the step before, 7e-6 m/s remain."""
     found = lying(steps=500)
-    assert found["depth"] == 0 and found["speed"] < 2e-5
+    assert found["depth"] == 0 and found["speed"] < 1e-6
