@@ -313,6 +313,25 @@ def test_a_notebook_plays_the_run_in_a_frame(runs, tmp_path, opened):
     assert page.said == []
 
 
+@pytest.mark.slow
+def test_a_cell_that_is_shown_late_is_drawn_then(runs, tmp_path, opened):
+    """A notebook lays out a cell after its scripts have run, and hides cells."""
+    cell = f"<!DOCTYPE html><meta charset=utf-8><div hidden>{runs['method 2'].show()._repr_html_()}</div>"
+    (tmp_path / "cell.html").write_text(cell)
+    page = opened(tmp_path / "cell.html")
+    frame = page.tab.frame_locator("iframe")
+    page.tab.wait_for_timeout(1000)
+    page.tab.evaluate("document.querySelector('div').hidden = false")
+    frame.locator("body[data-ready]").wait_for(timeout=30_000)
+    frame.locator("#forth").click()
+    assert frame.locator("#problem").is_hidden()
+    for canvas in (frame.locator("#runs canvas"), frame.locator("#curves canvas").first):
+        script = "(c) => [c.width, c.getContext('2d')?.getImageData(9, 9, 200, 90).data.some((v) => v) ?? true]"
+        width, drawn = canvas.evaluate(script)
+        assert width > 200 and drawn
+    assert page.said == []
+
+
 @pytest.mark.parametrize(
     ("given", "error", "words"),
     [

@@ -276,6 +276,7 @@ function drawCurves(runs, meta, seek) {
   function paint(chart, t) {
     const { canvas, lines, factor, low, high } = chart, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight, c = canvas.getContext("2d");
+    if (!width || !height) return;  // not laid out yet, as in a hidden cell of a notebook; drawn when it is shown
     if (!chart.kept || chart.kept.width !== Math.round(width * ratio)) {
       canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
       c.scale(ratio, ratio);
