@@ -8,7 +8,9 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
+from clothsim.viewing.curves import PARTS
 from clothsim.viewing.packing import pack, point_stretch
+from clothsim.viewing.page import _page
 
 FRAMES = 300
 
@@ -344,6 +346,13 @@ def test_a_cell_that_is_shown_late_is_drawn_then(runs, tmp_path, opened):
 def test_what_cannot_be_compared_is_named(given, error, words):
     with pytest.raises(error, match=words):
         cs.compare(given)
+
+
+def test_progress_counts_all_frames(runs):
+    counted = []
+    _page("both", runs, counted.append)
+    assert sum(counted) == (PARTS + 2) * sum(len(run.t) for run in runs.values())
+    assert counted.count(1) == sum(len(run.t) for run in runs.values())  # the longest part, frame by frame
 
 
 def test_a_page_goes_where_there_is_a_folder(runs):

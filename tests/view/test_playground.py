@@ -174,6 +174,11 @@ def test_a_recording_is_a_run_whose_spheres_were_dragged(tmp_path):
     sphere = run.scene.spheres[0]
     assert sphere.center_at(run.t[0])[1] == -0.5 and sphere.center_at(run.t[-1])[1] == pytest.approx(-0.1)
     assert run.x[-1, 4, 4, 1] > 0.05
+    lines = str(run).splitlines()
+    assert lines[2] == "200 steps of 0.001 s by rk4 in double" and lines[5] == "recorded in the live viewer"
+    energy = cs.energy(run.scene, run.x[-1], run.v[-1])["total"]
+    assert run.report["energy"]["end"]["total"] == energy and f"{energy:.4g} J at the end" in lines[3]
+    assert run.report["penetration"]["triangles"] == run.penetration()["triangles"].max()
     assert run.to_html(tmp_path / "run.html").stat().st_size > 10_000
     assert cs.load_run(run.save(tmp_path / "run.npz")).scene == run.scene
 

@@ -13,6 +13,8 @@ from clothsim.sweeps.sweep_plots import KINDS
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ..viewing.animation import FORMATS, animate
+from ..viewing.chart import plot
+from ..viewing.page import run_to_html
 from ._common import add_command
 from .sweep import save_plot
 
@@ -66,13 +68,13 @@ def _plot_run(args: argparse.Namespace) -> None:
         if args.kind:
             raise ValueError(f"--kind does not go with {path.suffix}, which plays the run")
         if path.suffix.lower() == ".html":
-            result.to_html(path)
+            run_to_html(result, path, progress=wanted_by_command())
         else:
             animate(result, path, progress=wanted_by_command())
     elif args.kind == "picture":
         result.picture(path=path)
     else:
-        result.plot(path)
+        plot(result, path, progress=wanted_by_command())
     print(as_json({"picture": str(path)}) if args.json else f"Picture: {path}")
 
 

@@ -20,6 +20,7 @@ from ..engine.plan import KERNELS
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
 from ..viewing.exports import Target, export
+from ..viewing.page import run_to_html
 from ..viewing.picture import file_path
 from ._common import EVERY_HELP, add_command, as_table, count, every, integrator, written
 
@@ -164,7 +165,7 @@ def _write_films(args: argparse.Namespace, result: cs.Run) -> list[list[Path]]:
     """Files of --html, --gif and --export."""
     shown, groups = wanted_by_command(), []
     if args.html:
-        groups.append([result.to_html(args.html)])
+        groups.append([run_to_html(result, args.html, progress=shown)])
         if args.view and not webbrowser.open(groups[-1][0].resolve().as_uri()):
             raise RuntimeError(f"no web browser was found: open {args.html} in one")
     if args.gif:

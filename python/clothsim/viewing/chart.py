@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..base.extras import needed
-from .curves import curves
+from ..base.progress import ProgressBar
+from .curves import PARTS, curves
 from .picture import file_path
 
 # Okabe and Ito's palette, which readers with any colour vision tell apart; dashes repeat the message.
@@ -32,8 +33,11 @@ PANELS = (
 LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 
-def plot(run: Any, path: str | Path | None = None) -> Any:
-    """`Run.plot`: the figure, shown by a notebook and written to `path` if that is given."""
+def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> Any:
+    """`Run.plot`: the figure, shown by a notebook and written to `path` if that is given.
+
+    With `progress`, a bar counts frames.
+    """
     what = "run.plot"
     base = needed("matplotlib.figure", what, "plot").Figure
     canvas = needed("matplotlib.backends.backend_agg", what, "plot").FigureCanvasAgg
@@ -47,7 +51,8 @@ def plot(run: Any, path: str | Path | None = None) -> Any:
             self.savefig(file, dpi=100)
             return file.getvalue()
 
-    found = curves(run)
+    with ProgressBar(progress, total=PARTS * len(run.t), unit="frame", desc="curves") as bar:
+        found = curves(run, bar.advance)
     panels = [panel for panel in PANELS if panel[2][0] in found]
     figure = Plot(figsize=(8, 0.8 + 1.6 * len(panels)), layout="constrained")
     canvas(figure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from ..model.scene import Scene
 
 Curves = dict[str, npt.NDArray[np.float64]]
+
+PARTS = 4  # kinds of measures, each of all frames
 
 TOUCH = 1 / 32
 """A mass point touches a sphere if it is closer to it than the contact radius and this part of the
@@ -27,16 +30,22 @@ def touching(scene: Scene, x: npt.NDArray[np.float64], t: float) -> int:
     return int(touched.sum())
 
 
-def curves(run: Any) -> Curves:
-    """Each curve, shape (frames,).
+def curves(run: Any, advance: Callable[[int], object] = lambda _: None) -> Curves:
+    """Each curve, shape (frames,). `advance` is told of `PARTS` times as many frames as there are.
 
     "kinetic", "elastic", "gravity" and "total" [J]; "stretch" of the most stretched spring, l/L - 1;
     "points" and "triangles", the deepest of each below the true radius of any sphere [m]; "contacts",
     the number of mass points that touch a sphere. Without a sphere the last three are missing.
     """
-    found: Curves = {**run.energy(), "stretch": run.stretch()["largest"]}
+    found: Curves = dict(run.energy())
+    advance(len(run.t))
+    found["stretch"] = run.stretch()["largest"]
+    advance(len(run.t))
     if run.scene.spheres:
         found |= run.penetration()
+    advance(len(run.t))
+    if run.scene.spheres:
         pairs = zip(run.x, run.t, strict=True)
         found["contacts"] = np.array([touching(run.scene, x, float(t)) for x, t in pairs], float)
+    advance(len(run.t))
     return found

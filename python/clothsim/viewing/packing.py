@@ -10,6 +10,7 @@ deflate remove them.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +56,13 @@ def pack(x: npt.NDArray[np.float64], scalars: list[npt.NDArray[np.float64]], top
     return Packed(zlib.compress(b"".join(part.tobytes() for part in parts), 6), low, step)
 
 
-def point_stretch(scene: Scene, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0."""
+def point_stretch(
+    scene: Scene, x: npt.NDArray[np.float64], advance: Callable[[int], object] = lambda _: None
+) -> npt.NDArray[np.float64]:
+    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0.
+
+    `advance` is called with 1 after each frame.
+    """
     table = scene.cloth.spring_table()
     i, j, rest = table["i"], table["j"], table["rest_length"]
     found = np.zeros((len(x), x.shape[1] * x.shape[2]))
@@ -64,6 +70,7 @@ def point_stretch(scene: Scene, x: npt.NDArray[np.float64]) -> npt.NDArray[np.fl
         stretch = np.linalg.norm(points[j] - points[i], axis=-1) / rest - 1
         np.maximum.at(values, i, stretch)
         np.maximum.at(values, j, stretch)
+        advance(1)
     return found
 
 

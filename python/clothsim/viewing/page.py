@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -20,12 +20,15 @@ import numpy as np
 
 from ..base import check
 from ..base.keywords import suggests
+from ..base.progress import ProgressBar
 from ..run.result import Run
 from .camera import DIRECTIONS, Camera, camera_for
-from .curves import curves
+from .curves import PARTS, curves
 from .notebook import Frame
 from .packing import pack, point_stretch, top_of
 from .picture import PIN_SIZE, draw, file_path
+
+Advance = Callable[[int], object]
 
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
@@ -76,7 +79,14 @@ class Comparison:
         """
         path = file_path("path", path)
         title = " and ".join(self.runs) if title is None else str(title)
-        path.write_text(_page(title, self.runs), encoding="utf-8")
+        return self._write(path, title)
+
+    def _write(self, path: Path, title: str, progress: bool = False) -> Path:
+        """Write the page; with `progress`, a bar counts frames."""
+        # Every frame is measured, its springs are, and it is packed.
+        frames = sum(len(run.t) for run in self.runs.values())
+        with ProgressBar(progress, total=(PARTS + 2) * frames, unit="frame", desc="page") as bar:
+            path.write_text(_page(title, self.runs, bar.advance), encoding="utf-8")
         return path
 
     def __repr__(self) -> str:
@@ -134,10 +144,10 @@ def _title_of(run: Run) -> str:
     return f"Cloth of {rows} x {columns} points{meets}"
 
 
-def run_to_html(run: Run, path: str | Path, title: str | None) -> Path:
-    """`Run.to_html`."""
+def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
+    """`Run.to_html`; with `progress`, a bar counts frames."""
     title = _title_of(run) if title is None else str(title)
-    return Comparison({title: run}).to_html(path)
+    return Comparison({title: run})._write(file_path("path", path), title, progress)
 
 
 def run_to_frame(run: Run, height: int) -> Frame:
@@ -147,9 +157,9 @@ def run_to_frame(run: Run, height: int) -> Frame:
     return Frame(_page(title, {title: run}), f"<{title}, to be played in a notebook>", height)
 
 
-def _page(title: str, runs: Mapping[str, Run]) -> str:
+def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None) -> str:
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
-    meta, data = _contents(runs, cameras)
+    meta, data = _contents(runs, cameras, advance)
     panels = "".join(
         f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
         f'<span id="says-{k}"></span>'
@@ -174,18 +184,19 @@ def _page(title: str, runs: Mapping[str, Run]) -> str:
     )
 
 
-def _contents(runs: Mapping[str, Run], cameras: list[Camera]) -> tuple[dict[str, Any], str]:
+def _contents(runs: Mapping[str, Run], cameras: list[Camera], advance: Advance) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
-    stretch = [point_stretch(run.scene, run.x) for run in runs.values()]
+    stretch = [point_stretch(run.scene, run.x, advance) for run in runs.values()]
     speed = [np.linalg.norm(run.v, axis=-1).reshape(len(run.t), -1) for run in runs.values()]
     tops = {"stretch": top_of(stretch), "speed": top_of(speed)}
-    lines = [curves(run) for run in runs.values()]
+    lines = [curves(run, advance) for run in runs.values()]
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
         deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
         tops["depth"] = deepest or 1e-3
     entries, data = [], ""
     for k, (label, run) in enumerate(runs.items()):
         packed = pack(run.x, [stretch[k], speed[k]], [tops["stretch"], tops["speed"]])
+        advance(len(run.t))
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
         entries.append(

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Mapping
 from threading import RLock
 from time import perf_counter
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,16 @@ LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause 
 RECORDED = 500_000_000  # bytes of a recording; it stops there
 
 Floats = npt.NDArray[np.float64]
+
+
+class _Frame(NamedTuple):
+    """A recorded state."""
+
+    t: float  # [s]
+    x: Floats
+    v: Floats
+    centers: Floats
+    steps: int  # since the last reset
 
 
 class Playground:
@@ -76,7 +86,8 @@ class Playground:
             self._sphere_targets: dict[int, Floats] = {}
             self._pin_targets: dict[tuple[int, int], Floats] = {}
             self._owed = 0.0
-            self.frames: list[tuple[float, Floats, Floats, Floats]] = []
+            self._steps = 0
+            self.frames: list[_Frame] = []
             self.recording = False
 
     def _measured_cost(self) -> float:
@@ -237,6 +248,7 @@ class Playground:
                 return done
             self.cost = 0.8 * self.cost + 0.2 * (perf_counter() - before) / piece
             done += piece
+            self._steps += piece
         return done
 
     def _aim_spheres(self, span: float) -> None:
@@ -287,7 +299,7 @@ class Playground:
 
     def _record(self) -> None:
         x, v = self.positions(), np.array(self.stepper.velocities, np.float64)
-        self.frames.append((self.time, x, v, self.centers()))
+        self.frames.append(_Frame(self.time, x, v, self.centers(), self._steps))
         if len(self.frames) * 2 * x.nbytes > RECORDED:
             self.recording = False
 
@@ -302,14 +314,32 @@ class Playground:
         with self.lock:
             if len(self.frames) < 2:
                 raise ValueError(f"a run needs 2 recorded frames, got {len(self.frames)}")
-            t, x, v, centers = (np.array(part) for part in zip(*self.frames))
+            t, x, v, centers = (np.array(part) for part in list(zip(*self.frames))[:4])
             spheres = [
                 sphere.replace(center=tuple(centers[0, k]), motion=Keyframes(t, centers[:, k]))
                 for k, sphere in enumerate(self.scene.spheres)
             ]
             scene = self.scene.replace(spheres=spheres)
-            report = {"dt": self.dt, **self.options, "recorded": True}
-            return Run(scene, t, x, v, cast(Report, report))
+            return Run(scene, t, x, v, self._report(scene, t, x, v))
+
+    def _report(self, scene: Scene, t: Floats, x: Floats, v: Floats) -> Report:
+        """What can be told of a recording: measures of its frames, and how it was stepped."""
+        depths: dict[str, Any] = {"points": 0.0, "triangles": 0.0, "reason": ""}
+        for sphere in scene.spheres:
+            for name, depth in penetration(x, sphere, t).items():
+                depths[name] = max(depths[name], float(np.max(depth)))
+        ends = {moment: energy(scene, x[k], v[k]) for moment, k in (("start", 0), ("end", -1))}
+        gained = {"gained": math.nan, "reason": "the scene was changed while it was recorded"}
+        report = {
+            **self.options,
+            "steps": self.frames[-1].steps - self.frames[0].steps,
+            "dt": self.dt,
+            "stopped": "",
+            "energy": {**ends, **gained},
+            "penetration": depths,
+            "recorded": True,
+        }
+        return cast(Report, report)
 
 
 def _towards(here: Floats, target: Floats, distance: float) -> Floats:
