@@ -1,5 +1,6 @@
 # Everything happens in a virtual environment of this folder; only Python 3.10+, a C++20 compiler, make and
 # git have to be there.
+SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,6 +15,8 @@ demo: $(VENV)/.built-demo
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror $$(find cpp -name '*.[ch]pp')
+	$(BIN)/python tools/check_core.py
 	PYTHONPATH=python $(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/python tools/check_examples.py
@@ -71,8 +74,11 @@ wheel: $(BIN)/python
 	ls -l dist
 
 # One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.
+# Shows the compiler's progress; the whole output stays in build/install.log.
 $(VENV)/.built: $(SOURCES) | $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check .
+	mkdir -p build
+	@set -o pipefail; $(BIN)/pip install --verbose --disable-pip-version-check . 2>&1 | tee build/install.log | \
+	  awk '/^ *\[[0-9]+\/[0-9]+\] / { print; fflush() }' || { tail -n 60 build/install.log; exit 1; }
 	touch $@
 
 $(VENV)/.built-%: $(VENV)/.built

@@ -1,11 +1,18 @@
+// Scenes, measures of a state, and the reference.
+#include <pybind11/eigen.h>
 #include <algorithm>
 #include <map>
-#include <pybind11/eigen.h>
 
 #include "bindings/bindings.hpp"
-#include "collision/offset.hpp"
-#include "simulation/engine.hpp"
-#include "simulation/stability.hpp"
+#include "contact/offset.hpp"
+#include "contact/triangle.hpp"
+#include "engines/plan.hpp"
+#include "integrators/engine.hpp"
+#include "measure/diagnostics.hpp"
+#include "measure/mode_bounds.hpp"
+#include "model/thread_grid.hpp"
+#include "reference/extrapolation.hpp"
+#include "reference/reference.hpp"
 
 namespace clothsim {
 namespace {
@@ -70,7 +77,8 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
     s.center = center;
     s.radius = radius;
     s.contact_radius = contact_radius;
-    s.response = response == "reflect" ? Response::reflect : response == "ray" ? Response::ray : Response::continuous;
+    s.response = response == "reflect" ? Response::reflect : response == "ray" ? Response::ray
+                                                                               : Response::continuous;
     s.faces = faces;
     s.push_out_speed = push_out_speed;
     s.literal = literal;
@@ -144,6 +152,117 @@ void bind_model(py::module_& m) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
         });
     m.def("edge_offset", &edge_offset);
+}
+
+namespace {
+
+PointsView view(const Array<double>& a) { return {a.data(), a.size() / 3, 3}; }
+
+py::array_t<ThreadId> thread_ids(int rows, int columns) {
+    const ThreadGrid grid{columns, rows};
+    py::array_t<ThreadId> ids({py::ssize_t(rows), py::ssize_t(columns)});
+    auto out = ids.mutable_unchecked<2>();
+    for (int y = 0; y < rows; ++y)
+        for (int x = 0; x < columns; ++x) out(y, x) = thread_id(grid, x, y);
+    return ids;
+}
+
+}  // namespace
+
+void bind_diagnostics(py::module_& m) {
+    PYBIND11_NUMPY_DTYPE(ThreadId, group_x, group_y, thread_x, thread_y, dispatch_x, dispatch_y, index);
+    m.attr("group_size") = group_size;
+    m.def("thread_ids", &thread_ids);
+    m.def("triangles", &triangles);
+    m.def("energy", [](const Cloth& cloth, const Vec3& gravity, const Array<double>& x, const Array<double>& v) {
+        const Energy e = energy(cloth, gravity, view(x), view(v));
+        return py::make_tuple(e.kinetic, e.elastic, e.gravity);
+    });
+    m.def("largest_stretch", [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
+    m.def("triangle_touches", [](const Array<double>& p0, const Array<double>& p1, double reach, double tolerance) {
+        const py::ssize_t count = p0.size() / 9;
+        py::array_t<double> times(count);
+        double* const out = times.mutable_data();
+        const auto corners = [](const double* p) { return Corners{Vec3(p), Vec3(p + 3), Vec3(p + 6)}; };
+        for (py::ssize_t i = 0; i < count; ++i) {
+            const TriangleTouch t = triangle_touch(corners(p0.data() + 9 * i), corners(p1.data() + 9 * i), reach, tolerance);
+            out[i] = t.hit ? t.time : std::numeric_limits<double>::quiet_NaN();
+        }
+        return times;
+    });
+    m.def("penetration", [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
+        const Penetration p = penetration(rows, columns, view(x), center, radius);
+        return py::make_tuple(p.points, p.triangles);
+    });
+}
+
+namespace {
+
+template <auto step>
+py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>& v, double dt, std::int64_t steps,
+                  double t) {
+    Points position = PointsView(x.data(), plan.cloth.points(), 3);
+    Points velocity = PointsView(v.data(), plan.cloth.points(), 3);
+    {
+        py::gil_scoped_release release;
+        step(plan, position, velocity, dt, steps, t);
+    }
+    const auto array = [&](const Points& p) {
+        return py::array_t<double>({py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)},
+                                   p.data());
+    };
+    return py::make_tuple(array(position), array(velocity));
+}
+
+bool signal_pending() {
+    py::gil_scoped_acquire gil;
+    return PyErr_CheckSignals() != 0;
+}
+
+// The springs come as the columns of Cloth.spring_table: the core's own table of neighbours is not asked.
+py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j, const Array<double>& rest_length,
+                     const Array<double>& stiffness, const Array<double>& damping, const Array<double>& mass,
+                     const Array<bool>& pinned, const std::array<double, 3>& gravity, double point_damping,
+                     const Array<double>& x, const Array<double>& v, const std::vector<double>& times, int columns,
+                     double tolerance, int threads) {
+    reference::System system;
+    for (py::ssize_t k = 0; k < i.size(); ++k)
+        system.springs.push_back({int(i.at(k)), int(j.at(k)), rest_length.at(k), stiffness.at(k), damping.at(k)});
+    system.mass.assign(mass.data(), mass.data() + mass.size());
+    system.pinned.assign(pinned.data(), pinned.data() + pinned.size());
+    system.gravity = gravity;
+    system.point_damping = point_damping;
+    std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
+    const std::size_t size = xs.size();
+    reference::Extrapolation done;
+    {
+        py::gil_scoped_release release;
+        done = reference::extrapolate(system, times, {columns, tolerance, threads}, xs, vs, signal_pending);
+    }
+    if (done.end == reference::ExtrapolationEnd::interrupted) throw py::error_already_set();
+    py::dict result;
+    result["reached"] = done.end == reference::ExtrapolationEnd::reached;
+    result["time"] = done.time;
+    result["steps"] = done.steps;
+    result["rejected"] = done.rejected;
+    result["force_evaluations"] = done.force_evaluations;
+    const auto array = [&](const std::vector<double>& values) {  // without the initial state
+        return py::array_t<double>(py::ssize_t(values.size() - size), values.data() + size);
+    };
+    result["x"] = array(xs);
+    result["v"] = array(vs);
+    return result;
+}
+
+}  // namespace
+
+void bind_reference(py::module_& m) {
+    m.def("reference_step", &advance<reference::step>);
+    m.def("reference_step_as_printed", &advance<reference::step_as_printed>);
+    m.def("extrapolate", &extrapolate, py::kw_only(), py::arg("i"), py::arg("j"), py::arg("rest_length"),
+          py::arg("stiffness"), py::arg("damping"), py::arg("mass"), py::arg("pinned"), py::arg("gravity"),
+          py::arg("point_damping"), py::arg("x"), py::arg("v"), py::arg("times"), py::arg("columns"),
+          py::arg("tolerance"), py::arg("threads"));
 }
 
 }  // namespace clothsim

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
-#include "simulation/simulation.hpp"
+#include "driver/simulation.hpp"
 
 namespace clothsim {
 namespace {
@@ -123,7 +123,7 @@ bool overlap(const Array<T>& a, const Array<U>& b) {
 template <class T, class U>
 bool can_hold(const Array<T>& out, const Array<U>& x) {
     return out.writeable() && reinterpret_cast<std::uintptr_t>(out.data()) % sizeof(T) == 0 && out.ndim() == x.ndim() &&
-           std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
+        std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
 }
 
 // A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done, where an array cannot
@@ -330,8 +330,7 @@ void bind_simulation(py::module_& m) {
             for (std::size_t i = 0; i < simulation->size(); ++i) energy.push_back(simulation->member(i).contact_energy);
             return energy;
         })
-        .def_property(
-            "time", [](S& s) { return s.use()->clock.now(); }, [](S& s, double time) { s.use()->clock = {time, 0, 0}; });
+        .def_property("time", [](S& s) { return s.use()->clock.now(); }, [](S& s, double time) { s.use()->clock = {time, 0, 0}; });
 }
 
 }  // namespace clothsim

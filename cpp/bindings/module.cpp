@@ -1,5 +1,118 @@
+// The module; how it was built, and the limits of the processor.
+#include <cstdlib>
+#include <Eigen/Core>
+#include <string>
+#include <xsimd/config/xsimd_config.hpp>
+
 #include "bindings/bindings.hpp"
-#include "simulation/threads.hpp"
+#include "driver/simulation.hpp"
+#include "engines/threads.hpp"
+#include "kernels/dispatch.hpp"
+#include "measure/limits.hpp"
+
+namespace clothsim {
+namespace {
+
+std::string version(int major, int minor, int patch) {
+    return std::to_string(major) + "." + std::to_string(minor) + "." + std::to_string(patch);
+}
+
+py::dict build_facts() {
+    py::dict flags;
+    py::list built, supported;
+    for (const KernelTable* table : built_instruction_sets()) {
+        built.append(std::string(table->name));
+        flags[py::str(std::string(table->name))] = std::string(table->flags);
+    }
+    for (const KernelTable* table : supported_instruction_sets()) supported.append(std::string(table->name));
+    py::dict facts;
+    facts["version"] = CLOTHSIM_VERSION;
+    facts["compiler"] = CLOTHSIM_COMPILER;
+    facts["build_type"] = CLOTHSIM_BUILD_TYPE;
+    facts["flags"] = CLOTHSIM_FLAGS;
+    facts["kernel_flags"] = flags;
+    facts["instruction_sets_built"] = built;
+    facts["instruction_sets_supported"] = supported;
+    facts["eigen"] = version(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
+    facts["xsimd"] = version(XSIMD_VERSION_MAJOR, XSIMD_VERSION_MINOR, XSIMD_VERSION_PATCH);
+    facts["openmp"] = _OPENMP;
+    return facts;
+}
+
+// Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths and for
+// 1/l, for the tests.
+template <class T>
+py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
+    const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
+    if (x.size() != z.size()) throw std::invalid_argument("x and z must be of one size");
+    Array<T> squared(x.size());
+    Array<double> reciprocal(x.size());
+    for (py::ssize_t i = 0; i < x.size(); ++i) {
+        const RestLength<T> length = kernels.rest_length(x.data()[i], z.data()[i]);
+        squared.mutable_data()[i] = length.squared;
+        reciprocal.mutable_data()[i] = double(length.reciprocal) / double(kernels.root_scale);
+    }
+    return py::make_tuple(squared, reciprocal);
+}
+
+}  // namespace
+
+void bind_build(py::module_& m) {
+    m.def("build_facts", &build_facts);
+    // What may choose other kernels for the next engine: environment variables, cheaper to read here than in Python.
+    m.def("kernel_environment", [] {
+        std::string all;
+        for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_HAND_ON"}) {
+            const char* const value = std::getenv(name);
+            all += (value ? value : "") + std::string(1, ' ');
+        }
+        return all;
+    });
+    m.def("choose_instruction_set",
+          [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
+    m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
+    m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
+    m.def("available_threads", &available_threads);
+    m.attr("most_threads") = most_threads;
+    m.attr("points_worth_a_thread") = points_worth_a_thread;
+}
+
+namespace {
+
+double peak(const std::string& precision, int threads) {
+    const KernelTable& kernels = choose_instruction_set("");
+    py::gil_scoped_release release;
+    return precision == "single" ? multiply_add_peak<float>(kernels, threads)
+                                 : multiply_add_peak<double>(kernels, threads);
+}
+
+py::dict bandwidth(int threads, std::int64_t bytes) {
+    Bandwidth measured{};
+    {
+        const KernelTable& kernels = choose_instruction_set("");
+        py::gil_scoped_release release;
+        measured = memory_bandwidth<double>(kernels, threads, bytes);
+    }
+    py::dict result;
+    result["update"] = measured.update;
+    result["triad"] = measured.triad;
+    return result;
+}
+
+double round_trip() {
+    py::gil_scoped_release release;
+    return core_round_trip();
+}
+
+}  // namespace
+
+void bind_benchmark(py::module_& m) {
+    m.def("multiply_add_peak", &peak, py::arg("precision"), py::arg("threads"));
+    m.def("memory_bandwidth", &bandwidth, py::arg("threads"), py::arg("bytes"));
+    m.def("core_round_trip", &round_trip);
+}
+
+}  // namespace clothsim
 
 PYBIND11_MODULE(_core, m) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";

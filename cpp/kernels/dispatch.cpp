@@ -11,7 +11,7 @@ bool processor_has(InstructionSet set) {
     switch (set) {
         case InstructionSet::avx512:
             return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
-                   __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+                __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
         case InstructionSet::avx2: return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
         case InstructionSet::sse2: return __builtin_cpu_supports("sse2");
     }
@@ -43,7 +43,8 @@ std::vector<const KernelTable*> supported_instruction_sets() {
 
 const KernelTable& choose_instruction_set(const std::string& name) {
     const char* environment = std::getenv("CLOTHSIM_ISA");
-    const std::string wanted = !name.empty() ? name : environment ? environment : "";
+    const std::string wanted = !name.empty() ? name : environment ? environment
+                                                                  : "";
     const auto supported = supported_instruction_sets();
     if (wanted.empty()) return *supported.front();
     std::string accepted;

@@ -3,6 +3,8 @@
 
 namespace clothsim {
 
-enum class InstructionSet { sse2, avx2, avx512 };
+enum class InstructionSet { sse2,
+                            avx2,
+                            avx512 };
 
 }  // namespace clothsim

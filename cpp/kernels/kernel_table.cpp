@@ -1,10 +1,10 @@
-// CMake compiles this file for each instruction set: its table, with the kernels that no feature of a scene changes.
+// CMake compiles this file for each instruction set: its table, with the kernels that serve every cloth.
 #include "kernels/kernel_table.hpp"
 
-#include "benchmark/limits_impl.hpp"
 #include "kernels/component_impl.hpp"
-#include "kernels/edge_update.hpp"
-#include "kernels/gather_impl.hpp"
+#include "kernels/edge/edge_general.hpp"
+#include "kernels/gather/gather_impl.hpp"
+#include "kernels/limits/limits_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
 
 namespace clothsim {
@@ -18,22 +18,31 @@ RestLength<Real> fused_rest_length(Real along_columns, Real along_rows) {
     return {l2.get(0), scaled_reciprocal_root(l2).get(0)};
 }
 
-template <class Real, int... share>
-constexpr RealKernels<Real> real_kernels(std::integer_sequence<int, share...>) {
-    return {{&KernelShareOf<this_instruction_set, Real, share>::kernels...},
+template <class Real>
+constexpr std::array<const EdgeShare<Real>*, edge_share_count> edge_shares() {
+#if defined(CLOTHSIM_EDGE_IN_VERSIONS)
+    return []<int... share>(std::integer_sequence<int, share...>) {
+        return std::array<const EdgeShare<Real>*, edge_share_count>{&EdgeShareOf<this_instruction_set, Real, share>::kernels...};
+    }(std::make_integer_sequence<int, edge_share_count>{});
+#else
+    return {};
+#endif
+}
+
+template <class Real>
+constexpr RealKernels<Real> real_kernels() {
+    return {&gather_tile<ThisArch, Real, Arithmetic::fused>,
+            &gather_tile<ThisArch, Real, Arithmetic::strict>,
             &sphere_tile<ThisArch, Real>,
+            {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>, &edge_halo_of_any<ThisArch, Real>},
             &edge_finish<ThisArch, Real>,
+            edge_shares<Real>(),
             &component_is_beyond<ThisArch, Real>,
             &component_extent<ThisArch, Real>,
             root_scale<Real, ThisArch>(),
             &fused_rest_length<ThisArch, Real>,
             int(Lanes<Real, ThisArch>::size),
             limit_kernels<ThisArch, Real>()};
-}
-
-template <class Real>
-constexpr RealKernels<Real> real_kernels() {
-    return real_kernels<Real>(std::make_integer_sequence<int, share_count>{});
 }
 
 }  // namespace

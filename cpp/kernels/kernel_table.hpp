@@ -5,27 +5,14 @@
 #include <cstddef>
 #include <string_view>
 
-#include "benchmark/limit_kernels.hpp"
 #include "kernels/component_rows.hpp"
-#include "kernels/contact_kernels.hpp"
-#include "kernels/edge_arguments.hpp"
-#include "kernels/gather_arguments.hpp"
+#include "kernels/contact/contact_kernels.hpp"
+#include "kernels/edge/edge_arguments.hpp"
+#include "kernels/gather/gather_arguments.hpp"
+#include "kernels/limits/limit_kernels.hpp"
+#include "model/thread_grid.hpp"
 
 namespace clothsim {
-
-// What a scene needs from the force loop. Everything absent is compiled out.
-struct Features {
-    bool structural, shear, bend, spring_damping;
-    constexpr int index() const { return structural | shear << 1 | bend << 2 | spring_damping << 3; }
-    static constexpr Features from_index(int i) {
-        return {bool(i & 1), bool(i & 2), bool(i & 4), bool(i & 8)};
-    }
-    static constexpr int count = 16;
-};
-
-// The kernels of all sets of features in one compiler run would take minutes and gigabytes. Those of a share have bend
-// springs and damping in common, or their absence.
-inline constexpr int share_count = 4, features_in_share = Features::count / share_count;
 
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
@@ -54,30 +41,32 @@ struct RestLength {
     Real reciprocal;  // times root_scale
 };
 
-// With one set of features.
+// The edge kernel's rows of a cloth.
 template <class Real>
-struct FeatureKernels {
-    GatherKernel<Real> gather;         // fused multiply-add where there is one
-    GatherKernel<Real> gather_strict;  // same bits on every instruction set
-    EdgeLastRowKernel<Real> edge_last_row;
-    EdgeRowsKernel<Real> edge_rows;
-    EdgeHaloKernel<Real> edge_halo;
+struct EdgeKernels {
+    EdgeRowsKernel<Real> rows;
+    EdgeLastRowKernel<Real> last_row;
+    EdgeHaloKernel<Real> halo;
 };
 
+// Those of cloths with structural springs, without and with shear springs. A share has bend springs and damping in common, or
+// their absence; each is an object file of its own, as one for all would take gigabytes to compile.
+inline constexpr int edge_share_count = 4;
 template <class Real>
-using KernelShare = std::array<FeatureKernels<Real>, features_in_share>;
-
-// Each in an object file of its own.
+using EdgeShare = std::array<EdgeKernels<Real>, 2>;
 template <InstructionSet set, class Real, int share>
-struct KernelShareOf {
-    static const KernelShare<Real> kernels;
+struct EdgeShareOf {
+    static const EdgeShare<Real> kernels;
 };
 
 template <class Real>
 struct RealKernels {
-    std::array<const KernelShare<Real>*, share_count> shares;
+    GatherKernel<Real> gather;         // fused multiply-add where there is one
+    GatherKernel<Real> gather_strict;  // same bits on every instruction set
     SphereKernel<Real> sphere;
+    EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;
+    std::array<const EdgeShare<Real>*, edge_share_count> edge_shares;  // null: not compiled in versions
     BeyondKernel<Real> beyond;
     ExtentKernel<Real> extent;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
@@ -85,9 +74,11 @@ struct RealKernels {
     int lanes;
     LimitKernels<Real> limits;
 
-    const FeatureKernels<Real>& with(Features features) const {
-        const int index = features.index();
-        return (*shares[std::size_t(index / features_in_share)])[std::size_t(index % features_in_share)];
+    // `damped_alike`: all families, or none of them.
+    const EdgeKernels<Real>& edge(const Features& features, bool damped_alike) const {
+        const int share = features.family[bend] | features.spring_damping << 1;
+        if (!features.family[structural] || !damped_alike || !edge_shares[std::size_t(share)]) return edge_of_any;
+        return (*edge_shares[std::size_t(share)])[features.family[shear]];
     }
 };
 

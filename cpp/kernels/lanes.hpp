@@ -17,7 +17,8 @@ using Lanes = xsimd::batch<Real, Arch>;
 
 // Arithmetic class. strict: exact root and division, nothing fused, the same bits on every instruction
 // set. fused: fused multiply-adds and 1/sqrt from the processor's estimate refined by Newton steps.
-enum class Arithmetic { strict, fused };
+enum class Arithmetic { strict,
+                        fused };
 
 template <Arithmetic arithmetic, class V>
 CLOTHSIM_INLINE V multiply_add(V a, V b, V c) {

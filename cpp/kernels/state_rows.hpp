@@ -8,7 +8,7 @@
 
 namespace clothsim {
 
-// Where the elements of a row are in row-lifted records (see cpp/kernels/edge_impl.hpp): component c of column
+// Where the elements of a row are in row-lifted records (see cpp/kernels/edge/edge_impl.hpp): component c of column
 // l vectors + k is lane l of the vector at place[3 k + c].
 struct LiftedRow {
     int columns, lanes, vectors;

@@ -1,4 +1,4 @@
-// The mass-spring cloth on a regular grid: spring families, neighbours, parameters.
+// The mass-spring cloth on a regular grid, and its parameters.
 #pragma once
 
 #include <algorithm>
@@ -7,26 +7,10 @@
 #include <cstddef>
 #include <memory>
 
+#include "model/stencil.hpp"
 #include "model/thread_grid.hpp"
 
 namespace clothsim {
-
-enum Family : int { structural = 0, shear = 1, bend = 2 };
-inline constexpr int family_count = 3;
-inline constexpr std::array<const char*, family_count> family_names{"structural", "shear", "bend"};
-
-// Where a thread looks for its neighbours, in the order in which it adds their forces. The order is
-// part of the strict arithmetic class: the shader and the "gather" kernel keep it.
-struct Neighbour {
-    int row, column;
-    Family family;
-};
-inline constexpr int neighbour_count = 12;
-inline constexpr std::array<Neighbour, neighbour_count> neighbours{{
-    {0, 1, structural}, {0, -1, structural}, {1, 0, structural}, {-1, 0, structural},
-    {1, 1, shear},      {1, -1, shear},      {-1, 1, shear},     {-1, -1, shear},
-    {0, 2, bend},       {0, -2, bend},       {2, 0, bend},       {-2, 0, bend},
-}};
 
 // A value for each mass point that never changes, so that the copies of a cloth share it.
 template <class T>
@@ -68,6 +52,19 @@ struct Cloth {
         for (int f = 0; f < family_count; ++f)
             if (present[f] && spring_damping[f] != 0) return true;
         return false;
+    }
+
+    // `visit(i, j, neighbour)` of each spring once, from mass point i to j.
+    template <class Visit>
+    void each_spring(Visit visit) const {
+        for (const Neighbour& n : neighbours) {
+            if (!present[n.family] || !leads_on(n)) continue;
+            for (int row = 0; row + n.row < rows; ++row)
+                for (int column = std::max(0, -n.column); column < std::min(columns, columns - n.column); ++column) {
+                    const int i = row * columns + column;
+                    visit(i, i + n.row * columns + n.column, n);
+                }
+        }
     }
 };
 

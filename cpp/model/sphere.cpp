@@ -27,7 +27,8 @@ Travel reciprocating_travel(const Motion& m, double t) {
 // Index of the segment that holds t; the caller has excluded times outside the table.
 std::size_t segment(const Motion& m, double t) {
     return static_cast<std::size_t>(std::upper_bound(m.times.begin(), m.times.end(), t) -
-                                    m.times.begin()) - 1;
+                                    m.times.begin()) -
+        1;
 }
 
 Vec3 place(const Motion& motion, const Vec3& center, double t) {

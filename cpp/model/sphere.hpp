@@ -9,7 +9,10 @@ namespace clothsim {
 using Vec3 = Eigen::Vector3d;
 
 struct Motion {
-    enum class Kind { none, linear, reciprocate, keyframes };
+    enum class Kind { none,
+                      linear,
+                      reciprocate,
+                      keyframes };
     Kind kind = Kind::none;
     Vec3 velocity = Vec3::Zero();    // linear [m/s]
     Vec3 direction = Vec3::Zero();   // reciprocate, unit vector
@@ -21,7 +24,9 @@ struct Motion {
     std::vector<Vec3> centers;       // keyframes [m]
 };
 
-enum class Response { reflect, ray, continuous };
+enum class Response { reflect,
+                      ray,
+                      continuous };
 
 struct Sphere {
     Vec3 center = Vec3::Zero();

@@ -138,8 +138,8 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
             // The remaining way in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil((target - t) / H);
             accelerations(system, y, a0);
-            // The longest first: what is left at the end is short.
-            #pragma omp parallel for schedule(dynamic, 1) num_threads(settings.threads)
+// The longest first: what is left at the end is short.
+#pragma omp parallel for schedule(dynamic, 1) num_threads(settings.threads)
             for (int i = 0; i < columns; ++i) {
                 const int k = columns - 1 - i;
                 midpoint(system, y, a0, step, 2 * (k + 1), room[k], table[k]);

@@ -30,7 +30,9 @@ struct ExtrapolationSettings {
     int threads = 1;           // columns at the same time; the bits do not depend on it
 };
 
-enum class ExtrapolationEnd { reached, step_too_small, interrupted };
+enum class ExtrapolationEnd { reached,
+                              step_too_small,
+                              interrupted };
 
 struct Extrapolation {
     ExtrapolationEnd end = ExtrapolationEnd::reached;

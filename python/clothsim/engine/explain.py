@@ -21,7 +21,7 @@ _FLOPS_RK4_POINT = 81  # of a whole step of the fused kernel
 _FLOPS_UPDATE = 6  # a vector times a number, added to a vector
 _FLOPS_COMPENSATION = 18
 _FLOPS_SPHERE_TEST = 9
-# Such updates in a step of each method without and with damping (cpp/dynamics/methods.cpp): of x one for
+# Such updates in a step of each method without and with damping (cpp/integrators/methods.cpp): of x one for
 # the velocity and one per weight that is not 0, of v one per weight that is not 0.
 _UPDATES = {
     "semi_implicit_euler": (2, 2),

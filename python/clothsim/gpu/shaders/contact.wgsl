@@ -1,4 +1,4 @@
-// The collision pass of section 5 of Kim et al. (cpp/collision is the same on the CPU). `after_contacts`, which
+// The collision pass of section 5 of Kim et al. (cpp/contact is the same on the CPU). `after_contacts`, which
 // meets the scene's spheres in their order, is written by the host.
 struct Body {
     position: vec3<real>,

@@ -1,5 +1,5 @@
 // Response "continuous": the time of impact within the step, in float64 and in the sphere's frame. The core's
-// cpp/collision/continuous.hpp and exact.hpp have the derivations; the names are the same.
+// cpp/kernels/contact/continuous.hpp and exact.hpp have the derivations; the names are the same.
 //
 // A point that meets one sphere is answered by its own invocation at the end of the fourth stage. What depends on the
 // neighbours as they are now (bounces that fly for longer than a step, whose energy is balanced with the springs') and

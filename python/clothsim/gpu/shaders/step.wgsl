@@ -1,4 +1,4 @@
-// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather_impl.hpp is the same on
+// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on
 // the CPU). Every invocation gathers from its point's neighbours, in the order of `neighbours`
 // (cpp/model/cloth.hpp), and finishes its own point; operations and their order are the core's strict ones.
 //

@@ -11,9 +11,9 @@ STATE_TRAFFIC = 96
 """Bytes of a point-step that reads and writes the state once: six components of 8 bytes or, in
 single, six of 4 and as many compensations."""
 
-# The gather kernel sweeps the whole cloth once a stage (cpp/simulation/gather_engine.cpp). Counted
+# The gather kernel sweeps the whole cloth once a stage (cpp/integrators/gather_engine.cpp). Counted
 # are the values of a point in each array that a stage touches (`finish_stage` in
-# cpp/kernels/gather_impl.hpp): once fetched, also where it is only written, since a store fetches
+# cpp/kernels/gather/gather_impl.hpp): once fetched, also where it is only written, since a store fetches
 # its line, and once written back if it is written. Neighbours lie in rows that are still in cache.
 #
 #   stage   fetched                                              written back
@@ -25,7 +25,7 @@ single, six of 4 and as many compensations."""
 # That is 108 values; in single the fourth stage also fetches and writes 6 compensations.
 _GATHER_TRAFFIC = {"single": 120 * 4, "double": 108 * 8}
 
-# Bytes of state of which more comes from memory in each step (cpp/simulation/caches.hpp).
+# Bytes of state of which more comes from memory in each step (cpp/engines/caches.hpp).
 _KEPT_IN_CACHE = 4 << 20
 
 

@@ -1,0 +1,258 @@
+// The pass that answers continuous contacts after a step, whatever integrator made it: it sees the state at the
+// start of the step and the one that the step would lead to without spheres.
+//
+//   1. A kernel finds the vectors of points that may touch, answers what it can and copies the rest for the next
+//      step. Points do not look at each other here, so any number of threads gives the same bits.
+//   2. Point by point in the cloth's order: bounces, whose energy depends on the neighbours as they are now, and
+//      points near several spheres.
+//
+// Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+
+#include "contact/contact_report.hpp"
+#include "contact/exact.hpp"
+#include "contact/face_pass.hpp"
+#include "engines/aligned_vector.hpp"
+#include "engines/plan.hpp"
+#include "kernels/contact/contact_kernels.hpp"
+#include "kernels/contact/contact_marks.hpp"
+#include "measure/diagnostics.hpp"
+
+namespace clothsim {
+
+template <class Real, class Layout>
+class ContactPass {
+public:
+    ContactPass(const Plan& plan, const Layout& layout)
+        : plan_(plan), layout_(layout), kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
+        std::vector<bool> faces;
+        for (const Sphere& sphere : plan.spheres)
+            if (sphere.response == Response::continuous) {
+                spheres_.push_back(&sphere);
+                faces.push_back(sphere.faces);
+                faces_ |= sphere.faces;
+            }
+        if (spheres_.empty()) return;
+        if (faces_) {
+            face_pass_ = make_face_pass(plan.cloth, plan.gravity, faces);
+            for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(place(i, 0));
+        }
+        const int lanes = kernels_of<Real>(*plan.kernels).lanes;
+        geometry_ = layout.geometry(lanes);
+        const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
+        open_.assign(vectors, 0);
+        left_over_.assign(vectors, 0);
+        free_.assign(vectors, 0);
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors; ++j)
+                for (int l = 0; l < lanes; ++l) {
+                    const int column = layout.column(j, l, lanes);
+                    const bool moves = column < plan.cloth.columns && !plan.cloth.pinned[std::size_t(r * plan.cloth.columns + column)];
+                    free_[index(r, j)] |= std::uint64_t(moves) << l;
+                }
+        lanes_ = lanes;
+    }
+    ContactPass(const ContactPass&) = delete;
+
+    bool needed() const { return !spheres_.empty(); }
+    const std::vector<const Sphere*>& spheres() const { return spheres_; }
+    void forget() {
+        current_ = false;
+        set_lasting({});
+    }
+
+    // Before a step: the state it starts from.
+    void keep(const AlignedVector<Real>& memory) {
+        kept_ = current_;
+        if (!current_) before_ = memory;
+    }
+
+    // After it.
+    ContactReport answer(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads) {
+        memory_ = &memory;
+        swept_.clear();
+        for (const Sphere* sphere : spheres_)
+            swept_.push_back(swept(*sphere, t0, t1, dt, double(std::numeric_limits<Real>::epsilon())));
+        current_ = true;
+        if (faces_) {
+            answer_faces();
+            return report_;
+        }
+        report_ = {};
+        find(threads);
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors; ++j) {
+                report_.changed |= (open_[index(r, j)] & vector_answered) != 0;
+                finish_vector(r, j);
+            }
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors; ++j)
+                if (open_[index(r, j)] & vector_left_over) copy(r, j);
+        return report_;
+    }
+
+    // Whether the pass has looked closer at a mass point of the row: any other is outside the spheres.
+    bool touched(int row) const {
+        if (faces_) return face_pass_->touched;
+        const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
+        return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
+    }
+
+    // What the next step begins with beside the state.
+    const std::vector<FacePass::Lasting>& lasting() const {
+        static const std::vector<FacePass::Lasting> none;
+        return faces_ ? face_pass_->lasting : none;
+    }
+    void set_lasting(const std::vector<FacePass::Lasting>& lasting) {
+        if (faces_) face_pass_->lasting = lasting;
+    }
+
+    // What contact/exact.hpp asks for.
+    PointState before(int i) const { return read(before_, i); }
+    PointState now(int i) const { return read(*memory_, i); }
+    void set(int i, const PointState& state) {
+        for (int k = 0; k < 6; ++k) {
+            const double value = k < 3 ? state.position[k] : state.velocity[k - 3];
+            const std::ptrdiff_t at = place(i, k);
+            (*memory_)[std::size_t(at)] = Real(value);
+            if constexpr (compensated)
+                (*memory_)[std::size_t(at + layout_.compensation())] = Real(value - double((*memory_)[std::size_t(at)]));
+        }
+    }
+    bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
+    double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
+    const Vec3& gravity() const { return plan_.gravity; }
+    double spring_energy(int i, const Vec3& x) const {
+        return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
+    }
+    Vec3 position(int i) const { return {read(*memory_, i, 0), read(*memory_, i, 1), read(*memory_, i, 2)}; }
+
+private:
+    static constexpr bool compensated = sizeof(Real) == 4;
+    // Below this number of points a second thread costs more than it saves.
+    static constexpr int points_worth_a_thread = 8192;
+
+    std::size_t index(int row, int vector) const { return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector); }
+    std::ptrdiff_t place(int i, int k) const { return layout_.at(i / plan_.cloth.columns, i % plan_.cloth.columns, k); }
+    double read(const AlignedVector<Real>& from, std::ptrdiff_t at) const {
+        if constexpr (compensated) return double(from[std::size_t(at)]) + double(from[std::size_t(at + layout_.compensation())]);
+        else return from[std::size_t(at)];
+    }
+    double read(const AlignedVector<Real>& from, int i, int k) const { return read(from, place(i, k)); }
+    PointState read(const AlignedVector<Real>& from, int i) const {
+        PointState s;
+        for (int k = 0; k < 3; ++k) {
+            s.position[k] = read(from, i, k);
+            s.velocity[k] = read(from, i, k + 3);
+        }
+        return s;
+    }
+
+    void answer_faces() {
+        FacePass& pass = *face_pass_;
+        const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
+            for (std::size_t i = 0; i < places_.size(); ++i)
+                for (int k = 0; k < 3; ++k) to[i][k] = read(from, places_[i] + (first + k) * geometry_.component);
+        };
+        if (kept_) {
+            pass.x0.swap(pass.x);
+            pass.v0.swap(pass.v);
+        } else {
+            take(before_, pass.x0, 0);
+            take(before_, pass.v0, 3);
+        }
+        take(*memory_, pass.x, 0);
+        take(*memory_, pass.v, 3);
+        report_ = pass.run(swept_);
+        for (std::size_t i = 0; i < places_.size(); ++i) {
+            if (!pass.changed[i]) continue;
+            report_.changed = true;
+            set(int(i), {pass.x[i], pass.v[i]});
+            if constexpr (!compensated) continue;
+            const PointState rounded = now(int(i));
+            pass.x[i] = rounded.position;
+            pass.v[i] = rounded.velocity;
+        }
+    }
+
+    void find(int threads) {
+        ContactArguments<Real> a{};
+        a.geometry = geometry_;
+        a.state = memory_->data() + layout_.first();
+        a.before = before_.data() + layout_.first();
+        a.free = free_.data();
+        a.open = open_.data();
+        a.spheres = swept_.data();
+        a.sphere_count = int(swept_.size());
+        a.copy = true;
+        a.left_over = [](void* context, int row, int vector, std::uint64_t lanes) {
+            auto* const pass = static_cast<ContactPass*>(context);
+            pass->left_over_[pass->index(row, vector)] |= lanes;
+        };
+        a.context = this;
+        const int rows = geometry_.rows;
+        const int team = std::min(threads, plan_.cloth.points() / points_worth_a_thread);
+        if (team <= 1) {
+            kernel_(a, 0, rows);
+            return;
+        }
+#pragma omp parallel for num_threads(team) schedule(static)
+        for (int part = 0; part < team; ++part)
+            kernel_(a, int(std::int64_t(rows) * part / team), int(std::int64_t(rows) * (part + 1) / team));
+    }
+
+    void finish_vector(int row, int vector) {
+        std::uint64_t& lanes = left_over_[index(row, vector)];
+        for (; lanes != 0; lanes &= lanes - 1) {
+            const int column = layout_.column(vector, __builtin_ctzll(lanes), lanes_);
+            if (column >= plan_.cloth.columns) continue;
+            const int i = row * plan_.cloth.columns + column;
+            if (pinned(i)) {
+                note_if_inside(i);
+                continue;
+            }
+            const PointState free_end = now(i);
+            if (!exact::resolve(*this, i, swept_)) report_.note_shut_in(i);
+            const PointState end = now(i);
+            report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
+        }
+    }
+
+    void note_if_inside(int i) {
+        for (const SweptSphere& s : swept_)
+            if ((position(i) - exact::vec(s.end)).norm() < s.radius) report_.note_pinned(i);
+    }
+
+    void copy(int row, int vector) {
+        const std::ptrdiff_t at = layout_.first() + row * geometry_.row + vector * geometry_.vector;
+        for (int part = 0; part < (compensated ? 2 : 1); ++part)
+            for (int k = 0; k < 6; ++k) {
+                const std::ptrdiff_t from = at + k * geometry_.component + part * geometry_.compensation;
+                std::copy_n(memory_->data() + from, lanes_, before_.data() + from);
+            }
+    }
+
+    const Plan& plan_;
+    Layout layout_;
+    ContactKernel<Real> kernel_;
+    std::vector<const Sphere*> spheres_;
+    bool faces_ = false;
+    VectorGeometry geometry_{};
+    int lanes_ = 0;
+    AlignedVector<Real> before_;
+    bool current_ = false;  // whether `before_`, or what the face pass holds, is the state
+    bool kept_ = false;     // the state before the step is that after the newest pass
+    AlignedVector<Real>* memory_ = nullptr;
+    std::vector<std::uint8_t> open_;
+    std::vector<std::uint64_t> left_over_, free_;
+    std::vector<SweptSphere> swept_;
+    std::unique_ptr<FacePass> face_pass_;
+    std::vector<std::ptrdiff_t> places_;  // of the points' x
+    ContactReport report_;
+};
+
+}  // namespace clothsim

@@ -1,0 +1,153 @@
+// Continuous contact of one mass point in full: several spheres within a step, and bounces whose energy is
+// balanced exactly. The pass over many points (kernels/contact/continuous.hpp) leaves it what it cannot do itself.
+//
+// `Points` gives access to the cloth by the index of a mass point:
+//   before(i), now(i)       PointState at the start of the step, and after the free step
+//   set(i, state)
+//   mass(i), gravity()
+//   spring_energy(i, x)     of all springs of point i if it were at x [J]
+#pragma once
+
+#include <algorithm>
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "contact/contact.hpp"
+#include "kernels/contact/continuous.hpp"
+
+namespace clothsim {
+
+inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double epsilon) {
+    SweptSphere s{};
+    const Vec3 start = sphere.center_at(t0), end = sphere.center_at(t1);
+    for (int k = 0; k < 3; ++k) {
+        s.start[k] = start[k];
+        s.end[k] = end[k];
+        s.velocity[k] = (end[k] - start[k]) / dt;
+    }
+    s.radius = sphere.contact_radius;
+    s.slop = 4 * epsilon * (end.lpNorm<1>() + s.radius);
+    s.surface = s.radius + s.slop;
+    s.restitution = sphere.restitution;
+    s.friction = sphere.friction;
+    s.push = sphere.push_out_speed * dt;
+    s.dt = dt;
+    return s;
+}
+
+namespace exact {
+
+inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
+
+template <class Points>
+double potential(const Points& points, int i, const Vec3& x) {
+    return points.spring_energy(i, x) - points.mass(i) * points.gravity().dot(x);
+}
+
+// The state after the contact `t` of a point whose free end is `end`.
+//
+// Energy of the normal motion, with U the potential at the free end, on the tangent plane and where the mirrored
+// way leads: uc^2 = u^2 + 2 (U_end - U_plane) / m on arrival, (e uc)^2 + 2 (U_plane - U_mirrored) / m at last. If
+// that is negative the point does not get so far and is left on the plane.
+template <class Points>
+PointState answer(const Points& points, int i, const SweptSphere& s, const Touch<double>& t, const PointState& end) {
+    const Vec3 velocity = vec(s.velocity), normal = vec(t.normal);
+    double normal_speed = std::max(t.speed, t.bounce), height = 0;
+    if (flies(s, t)) {
+        const double mass = points.mass(i);
+        const Vec3 plane = end.position + t.depth * normal;
+        const double mirrored = s.restitution * t.depth;
+        const double at_plane = potential(points, i, plane);
+        const double arrival =
+            std::max(t.speed * t.speed + 2 * (potential(points, i, end.position) - at_plane) / mass, 0.0);
+        const double leaving2 = s.restitution * s.restitution * arrival;
+        const double last2 = leaving2 + 2 * (at_plane - potential(points, i, plane + mirrored * normal)) / mass;
+        height = last2 >= 0 ? mirrored : 0;
+        normal_speed = std::sqrt(last2 >= 0 ? last2 : leaving2);
+    }
+    double p[3], v[3];
+    for (int k = 0; k < 3; ++k) v[k] = end.velocity[k] - s.velocity[k];
+    leave<double>(s, t, height, normal_speed, p, v);
+    lift<double>(p, s.surface, s.surface);
+    return {vec(s.end) + vec(p), velocity + vec(v)};
+}
+
+// Nearest place outside two spheres that overlap, on the circle where their surfaces meet.
+inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const Vec3& x) {
+    const Vec3 between = vec(b.end) - vec(a.end);
+    const double distance = between.norm();
+    if (distance == 0) return x;
+    const Vec3 axis = between / distance;
+    const double along = (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
+    const double height2 = a.surface * a.surface - along * along;
+    if (height2 <= 0) return x;
+    Vec3 aside = x - vec(a.end);
+    aside -= aside.dot(axis) * axis;
+    if (aside.norm() <= 1e-12 * distance) aside = axis.unitOrthogonal();
+    return vec(a.end) + along * axis + (std::sqrt(height2) + a.slop + b.slop) * aside.normalized();
+}
+
+// Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres have
+// shut it in.
+inline bool settle(const std::vector<SweptSphere>& spheres, const Vec3& start, PointState& end) {
+    constexpr int rounds = 100;
+    for (int round = 0; round < rounds; ++round) {
+        const SweptSphere* last = nullptr;
+        bool moved = false;
+        for (const SweptSphere& s : spheres) {
+            Vec3 p = end.position - vec(s.end), v = end.velocity - vec(s.velocity);
+            const double start_distance = (start - vec(s.start)).norm();
+            const bool was_inside = start_distance < s.surface - 2 * s.slop;
+            const double limit = was_inside ? std::min(s.surface, start_distance + s.push) : s.surface;
+            if (p.norm() >= limit - s.slop / 2) continue;
+            if (round > 0 && last && !was_inside) {
+                end.position = on_common_circle(*last, s, end.position);
+            } else {
+                push_out<double>(s, was_inside ? start_distance : s.surface, p.data(), v.data());
+                end = {vec(s.end) + p, vec(s.velocity) + v};
+            }
+            moved = true;
+            last = &s;
+        }
+        if (!moved) return true;
+    }
+    return false;
+}
+
+// Whole step of one point among all spheres, earliest contact first. False: shut in.
+template <class Points>
+bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
+    // More contacts than this in a step happen only where spheres close on a point: it is then stopped.
+    constexpr int most_contacts = 16;
+    const PointState start = points.before(i);
+    PointState end = points.now(i);
+    const Vec3 gain = end.velocity - start.velocity;
+    Vec3 x = start.position;
+    double elapsed = 0;  // part of the step
+    bool done = false;
+    for (int contact = 0; contact < most_contacts && !done; ++contact) {
+        const SweptSphere* first = nullptr;
+        Touch<double> soonest{};
+        for (const SweptSphere& s : spheres) {
+            const Vec3 center = vec(s.start) + elapsed * (vec(s.end) - vec(s.start));
+            const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0, v = end.velocity - vec(s.velocity);
+            const Touch<double> t = touch<double>(s, p0.data(), q.data(), v.data(), gain.data());
+            if (!t.hit || (first && t.time >= soonest.time)) continue;
+            first = &s;
+            soonest = t;
+        }
+        done = !first;
+        if (!first) break;
+        end = answer(points, i, *first, soonest, end);
+        elapsed += soonest.time * (1 - elapsed);
+        x = vec(first->start) + elapsed * (vec(first->end) - vec(first->start)) + vec(soonest.place);
+        done = spheres.size() == 1;  // away from a convex body there is no second contact with it
+    }
+    if (!done) end.position = x;
+    const bool out = settle(spheres, start.position, end);
+    points.set(i, end);
+    return out;
+}
+
+}  // namespace exact
+}  // namespace clothsim

@@ -1,0 +1,105 @@
+// The energy of what bounces.
+#include "contact/face_work.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "contact/exact.hpp"
+
+namespace clothsim {
+
+using exact::vec;
+
+double FaceWork::elastic_change() const {
+    double change = 0;
+    const int rows = cloth_.rows, columns = cloth_.columns;
+    for (int i = 0; i < cloth_.points(); ++i) {
+        if (!changed[at(i)]) continue;
+        const int r = i / columns, c = i % columns;
+        for (const Neighbour& n : neighbours) {
+            if (!cloth_.present[n.family] || r + n.row < 0 || r + n.row >= rows || c + n.column < 0 || c + n.column >= columns)
+                continue;
+            const int j = i + n.row * columns + n.column;
+            if (changed[at(j)] && j < i) continue;  // once
+            const double rest = cloth_.rest_length(n);
+            const double is = (x[at(j)] - x[at(i)]).norm() - rest, was = (free_x_[at(j)] - free_x_[at(i)]).norm() - rest;
+            change += cloth_.stiffness[n.family] / 2 * (is - was) * (is + was);
+        }
+    }
+    return change;
+}
+
+// What the energy at the end should be more than it is: that of the free step, with what moving spheres did, less what
+// restitution and friction take.
+double FaceWork::energy_lacking() const {
+    double lacks = -elastic_change();
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (changed[i])
+            lacks += cloth_.mass[i] * (gravity_.dot(x[i] - free_x_[i]) - (v[i] - free_v_[i]).dot(v[i] + free_v_[i]) / 2);
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const ContactRow& row = rows_[k];
+        const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];
+        const Vec3 wall = vec(s.velocity);
+        const double along = row.speed.impulse.dot(row.normal);
+        const Vec3 across = row.speed.impulse - along * row.normal;
+        lacks += row.speed.impulse.dot(wall) - (1 - s.restitution) / 2 * along * origins_[k].arrival;
+        lacks += across.dot((row.at(v) + row.at(free_v_)) / 2 - wall);
+    }
+    return lacks;
+}
+
+bool FaceWork::bounced() const {
+    return std::any_of(origins_.begin(), origins_.end(), [this](const Origin& origin) {
+        return origin.arrival > 0 && (*spheres_)[at(origin.sphere)].restitution > 0;
+    });
+}
+
+// The normal impulses of what bounced are made as much larger or smaller as the energy asks for. False: they cannot be.
+bool FaceWork::restore_speeds() {
+    if (!bounced()) return true;
+    note_changed();
+    std::vector<Vec3>& change = end_;  // of velocities, by those impulses
+    std::fill(change.begin(), change.end(), Vec3(0, 0, 0));
+    double first = 0, second = 0;
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const ContactRow& row = rows_[k];
+        const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];
+        if (s.restitution * origins_[k].arrival <= 0) continue;
+        const double along = row.speed.impulse.dot(row.normal);
+        first += along * row.normal.dot(row.at(v) - vec(s.velocity));
+        row.push(change, along * row.normal);
+    }
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (changed[i]) second += cloth_.mass[i] * change[i].squaredNorm();
+    if (!(second > 0) || !(first > 0)) return true;
+    const double lacks = energy_lacking();
+    const double root2 = first * first + 2 * second * lacks;
+    const double part = root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second;
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (changed[i]) v[i] += part * change[i];
+    return root2 >= 0;
+}
+
+// What bounced does not get so far: it is held at the surface.
+void FaceWork::ground() {
+    grounded_ = true;
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        ContactRow& row = rows_[k];
+        Origin& origin = origins_[k];
+        if (origin.height == 0) continue;
+        const SweptSphere& s = (*spheres_)[at(origin.sphere)];
+        row.place.target -= origin.height * row.normal;
+        row.speed.target = vec(s.velocity) + s.restitution * origin.arrival * row.normal;
+        origin.height = 0;
+    }
+    x = free_x_;
+    v = free_v_;
+    for (ContactRow& row : rows_) {
+        row.push(x, row.place.impulse);
+        row.push(v, row.speed.impulse);
+    }
+    solve(0, &ContactRow::place);
+    solve(0, &ContactRow::speed);
+}
+
+}  // namespace clothsim

@@ -1,0 +1,304 @@
+#include "contact/face_work.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "contact/exact.hpp"
+
+namespace clothsim {
+
+using exact::vec;
+
+namespace {
+
+constexpr int most_rounds = 24, most_projections = 30;
+constexpr int most_sweeps = 100;  // of a projection
+// Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as many as make so
+// many blocks. A small problem is solved in full, a large one goes on from its impulses in the next step. Half the blocks make
+// more rounds, twice the blocks cost up to 1.5 times in folds.
+struct Effort {
+    double part;
+    std::size_t blocks;
+    int least, most;
+};
+constexpr Effort resting{1e-5, 2000, 10, 100};
+constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer than a step: rare
+
+}  // namespace
+
+FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces)
+    : cloth_(cloth), gravity_(gravity), faces_(faces) {
+    const std::size_t n = at(cloth.points());
+    for (auto* a : {&x0, &v0, &x, &v, &start_, &end_}) a->resize(n);
+    changed.resize(n);
+    moved_.resize(n);
+    sum_.resize(n);
+    seen_.resize(6 * n * faces.size(), 0);
+    lasted_.resize(seen_.size(), 0);
+    planes_.assign(faces.size(), {2 * n, {Vec3(0, 1, 0), Vec3(0, 1, 0)}});
+    reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
+    inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
+}
+
+Corners FaceWork::corners(const std::vector<Vec3>& of, const std::array<int, 3>& c) const {
+    return {of[at(c[0])], of[at(c[1])], of[at(c[2])]};
+}
+
+void FaceWork::place_in_frame(int sphere) {
+    const SweptSphere& s = (*spheres_)[at(sphere)];
+    const Vec3 c0 = vec(s.start), c1 = vec(s.end);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        start_[i] = x0[i] - c0;
+        end_[i] = x[i] - c1;
+    }
+}
+
+void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet, int most) {
+    guess_impulses(rows_, first, z, sum_, side);
+    solve_contacts(rows_, z, side, tolerance, most, memory_, first, quiet);
+}
+
+// Positions or velocities. The rows before `first` are solved for already.
+void FaceWork::solve(std::size_t first, ContactSide side) {
+    const bool places = side == &ContactRow::place;
+    const std::vector<Vec3>& free = places ? free_x_ : free_v_;
+    double largest = 0, lacks = 0;
+    for (std::size_t k = first; k < rows_.size(); ++k) {
+        const Vec3 is = rows_[k].at(free);
+        largest = std::max(largest, is.cwiseAbs().maxCoeff());
+        lacks = std::max(lacks, rows_[k].normal.dot((rows_[k].*side).target - is));
+    }
+    constexpr double rounding = 0x1p-51;
+    const bool flies = std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
+    const Effort& effort = flies ? bouncing : resting;
+    double tolerance = effort.part * lacks + rounding * largest;
+    // In later rounds, places need no more than the margin.
+    const double quiet = places ? std::max(tolerance, (shells_[0].middle - shells_[0].inside) / 16) : tolerance;
+    if (first > 0 && !flies) tolerance = quiet;
+    const int most = std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
+    solve_side(first, places ? x : v, side, tolerance, quiet, most);
+}
+
+// Where the rows of the ways do not end it: rows at the places that are nearest at the end, again and again.
+bool FaceWork::project() {
+    const std::size_t kept = rows_.size();
+    for (int k = 0; k < most_projections; ++k) {
+        rows_.resize(kept);
+        origins_.resize(kept);
+        bool low = false;
+        ++look_;
+        for (int s = 0; s < int(spheres_->size()); ++s) {
+            place_in_frame(s);
+            const Shell& shell = shells_[at(s)];
+            const auto add = [&](const std::array<int, 3>& corner, const Foot& foot) {
+                const double distance = foot.point.norm();
+                if (distance > shell.surface + 0.2 * shell.surface || distance == 0) return;
+                const std::size_t before = rows_.size();
+                const Vec3 n = foot.point / distance;
+                add_row(s, corner, foot, n, 0, most_rounds);
+                if (rows_.size() > before) {
+                    rows_.back().speed.target = vec((*spheres_)[at(s)].velocity);
+                    low |= distance < shell.middle;
+                }
+            };
+            if (faces_[at(s)]) {
+                each_near_triangle(s, [&](const Triangle& t) {
+                    if (!inside_[at(s)][t.number]) add(t.corner, nearest_to_origin(corners(end_, t.corner)));
+                });
+            } else {
+                for (int i = 0; i < cloth_.points(); ++i)
+                    if (!inside_[at(s)][at(i)]) add({i, i, i}, {end_[at(i)], {1, 0, 0}});
+            }
+        }
+        if (!low) {
+            solve_side(kept, v, &ContactRow::speed, 1e-12, 0, most_sweeps);
+            return true;
+        }
+        std::vector<ContactRow> rows(rows_.begin() + std::ptrdiff_t(kept), rows_.end());
+        for (ContactRow& row : rows) row.friction = 0;
+        guess_impulses(rows, 0, x, sum_, &ContactRow::place);
+        solve_contacts(rows, x, &ContactRow::place, 1e-3 * (shells_[0].surface - shells_[0].inside), most_sweeps, memory_);
+    }
+    return false;
+}
+
+// Impulses to begin with, of the step before.
+void FaceWork::recall(double dt) {
+    if (lasting.empty()) return;
+    std::erase_if(lasting, [this](const Lasting& l) { return l.feature >= lasted_.size(); });  // of another scene
+    for (std::size_t k = 0; k < lasting.size(); ++k) lasted_[lasting[k].feature] = std::uint32_t(k + 1);
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const std::uint32_t last = lasted_[origins_[k].feature];
+        if (last == 0) continue;
+        ContactRow& row = rows_[k];
+        row.place.impulse = dt * dt * lasting[last - 1].place;
+        row.speed.impulse = dt * lasting[last - 1].speed;
+        row.push(x, row.place.impulse);
+        row.push(v, row.speed.impulse);
+    }
+    for (const Lasting& l : lasting) lasted_[l.feature] = 0;
+}
+
+void FaceWork::remember(double dt) {
+    lasting.clear();
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const ContactRow& row = rows_[k];
+        if ((row.place.impulse.array() == 0).all() && (row.speed.impulse.array() == 0).all()) continue;
+        std::uint32_t& last = lasted_[origins_[k].feature];
+        if (last == 0) {
+            lasting.push_back({origins_[k].feature, Vec3::Zero(), Vec3::Zero()});
+            last = std::uint32_t(lasting.size());
+        }
+        lasting[last - 1].place += row.place.impulse / (dt * dt);
+        lasting[last - 1].speed += row.speed.impulse / dt;
+    }
+    for (const Lasting& l : lasting) lasted_[l.feature] = 0;
+}
+
+// What was inside when the step began goes outwards by no more than the push of its sphere, and not inwards.
+bool FaceWork::push_out(int sphere, const Triangle& t) {
+    const SweptSphere& s = (*spheres_)[at(sphere)];
+    const Shell& shell = shells_[at(sphere)];
+    const Vec3 c0 = vec(s.start), c1 = vec(s.end);
+    Corners p0 = corners(x0, t.corner), p1 = corners(x, t.corner);
+    for (auto& c : p0) c -= c0;
+    for (auto& c : p1) c -= c1;
+    const Foot foot = nearest_to_origin(p1);
+    const double distance = foot.point.norm(), began = nearest_to_origin(p0).point.norm();
+    const double aim = std::min(shell.surface, began + s.push);
+    if (distance >= aim) return false;
+    const Vec3 n = outward_normal(foot.point);
+    std::array<double, 3> weight = foot.weight, part{0, 0, 0};
+    for (std::size_t i = 1; i < 3; ++i)
+        for (std::size_t j = 0; j < i; ++j)
+            if (t.corner[i] == t.corner[j]) {
+                weight[j] += weight[i];
+                weight[i] = 0;
+            }
+    double mobility = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+        if (!cloth_.pinned[at(t.corner[i])]) mobility += weight[i] * (part[i] = weight[i] / cloth_.mass[at(t.corner[i])]);
+    if (mobility <= 0) {
+        if (distance < s.radius) report_.note_pinned(pinned_corner(t.corner));
+        return false;
+    }
+    Vec3 velocity = -vec(s.velocity);
+    double lift = aim - distance;
+    for (std::size_t i = 0; i < 3; ++i) {
+        part[i] /= mobility;
+        velocity += weight[i] * v[at(t.corner[i])];
+        double& pushed = pushed_[at(t.corner[i])];
+        if (part[i] > 0) lift = std::min(lift, (s.push - pushed) / part[i]);  // no faster for being shared
+    }
+    const double inwards = std::min(velocity.dot(n), 0.0);
+    if (lift <= 1e-3 * s.push && inwards == 0) return false;
+    lift = std::max(lift, 0.0);
+    for (std::size_t i = 0; i < 3; ++i) {
+        if (part[i] == 0) continue;
+        const std::size_t c = at(t.corner[i]);
+        pushed_[c] += part[i] * lift;
+        x[c] += part[i] * lift * n;
+        v[c] -= part[i] * inwards * n;
+        changed[c] = 1;
+    }
+    return true;
+}
+
+void FaceWork::push_out_all() {
+    constexpr int sweeps = 200;
+    pushed_.assign(x.size(), 0.0);
+    for (int k = 0; k < sweeps; ++k) {
+        bool moved = false;
+        for (const auto& [sphere, triangle] : starts_inside_) moved |= push_out(sphere, triangle);
+        if (!moved) return;
+    }
+}
+
+// What the ways to the end still lead through, or leave inside.
+void FaceWork::note_left_over() {
+    for (int s = 0; s < int(spheres_->size()); ++s) {
+        place_in_frame(s);
+        const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
+        const auto note = [&](const std::array<int, 3>& corner) {
+            const int held = pinned_corner(corner);
+            if (held >= 0) report_.note_pinned(held);
+            else report_.note_shut_in(corner[0]);
+        };
+        if (faces_[at(s)]) {
+            each_near_triangle(s, [&](const Triangle& t) {
+                if (inside_[at(s)][t.number]) return;
+                if (triangle_touch(corners(start_, t.corner), corners(end_, t.corner), reach, slop / 2).hit) note(t.corner);
+            });
+        } else {
+            for (int i = 0; i < cloth_.points(); ++i) {
+                const Vec3 &p0 = start_[at(i)], q = end_[at(i)] - p0;
+                const double a = q.squaredNorm(), closest = a > 0 ? std::clamp(-p0.dot(q) / a, 0.0, 1.0) : 0.0;
+                if (!inside_[at(s)][at(i)] && (p0 + closest * q).norm() < reach) note({i, i, i});
+            }
+        }
+    }
+}
+
+void FaceWork::note_changed() {
+    for (const ContactRow& row : rows_)
+        for (std::size_t i = 0; i < 3; ++i)
+            if (row.share[i] != 0) changed[at(row.corner[i])] = 1;
+}
+
+// Rows for what the ways reach, until they reach nothing. A bounce asks for the speed of arrival, so that velocities are
+// solved for too before the next round; else once at the end.
+bool FaceWork::follow_ways(int first_round) {
+    std::size_t slow = first_round > 0 ? rows_.size() : 0;  // rows whose velocities are solved for
+    bool clear = false;
+    for (int round = first_round; round < most_rounds && !clear; ++round) {
+        const std::size_t before = rows_.size();
+        clear = !find_rows(round);
+        if (clear) break;
+        if (round == 0) recall((*spheres_)[0].dt);
+        solve(before, &ContactRow::place);
+        bool bounces = false;
+        for (std::size_t k = before; k < rows_.size(); ++k) bounces |= (*spheres_)[at(origins_[k].sphere)].restitution > 0;
+        if (!bounces) continue;
+        solve(slow, &ContactRow::speed);
+        slow = rows_.size();
+    }
+    if (slow < rows_.size()) solve(slow, &ContactRow::speed);
+    return clear;
+}
+
+ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
+    spheres_ = &spheres;
+    report_ = {};
+    touched = false;
+    rows_.clear();
+    origins_.clear();
+    for (const auto& [sphere, triangle] : starts_inside_) inside_[at(sphere)][triangle.number] = 0;
+    starts_inside_.clear();
+    std::fill(changed.begin(), changed.end(), std::uint8_t(0));
+    shells_.clear();
+    for (const SweptSphere& s : spheres) {
+        const double margin = face_margin * s.radius + 4 * s.slop;
+        shells_.push_back({s.radius, s.radius + margin / 2, s.radius + margin, s.radius + 2 * margin});
+    }
+    free_x_ = x;
+    free_v_ = v;
+    grounded_ = false;
+    bool clear = follow_ways(0);
+    if (!restore_speeds()) {
+        ground();
+        clear = follow_ways(1);
+        restore_speeds();
+    }
+    if (!clear) project();
+    note_changed();
+    if (!starts_inside_.empty()) push_out_all();
+    if (!clear) note_left_over();
+    remember(spheres[0].dt);
+    return report_;
+}
+
+std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces) {
+    return std::make_unique<FaceWork>(cloth, gravity, faces);
+}
+
+}  // namespace clothsim

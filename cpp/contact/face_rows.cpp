@@ -1,0 +1,232 @@
+// Which places of the cloth come to a sphere within a step, and what the contact problem asks of them.
+#include "contact/face_work.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "contact/exact.hpp"
+
+namespace clothsim {
+
+using exact::vec;
+
+namespace {
+
+// Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100 times its speed.
+constexpr double least_lever = 0.01;
+constexpr double closeness = 1e-3;  // of the margin: how near counts as on the surface
+
+Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * c[0] + w[1] * c[1] + w[2] * c[2]; }
+
+}  // namespace
+
+// Whether the triangle keeps beyond its plane at that distance throughout.
+bool FaceWork::separated(int sphere, const Triangle& triangle, double reach) const {
+    const auto& [n0, n1] = planes_[at(sphere)][triangle.number];
+    return beyond_turning_plane(corners(start_, triangle.corner), corners(end_, triangle.corner), n0, n1, reach);
+}
+
+// A row for the first place of the triangle that the way to the end leads below the surface. After the first round it has to
+// lead well below: the rest is found when the next step begins.
+bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
+    const Shell& shell = shells_[at(sphere)];
+    const double margin = shell.surface - shell.inside;
+    const double reach = round == 0 ? shell.surface : shell.middle;
+    const double tolerance = margin * (round == 0 ? closeness : 1.0 / 16);
+    if (inside_[at(sphere)][triangle.number] || separated(sphere, triangle, reach + tolerance)) return false;
+    const Corners p0 = corners(start_, triangle.corner), p1 = corners(end_, triangle.corner);
+    const TriangleTouch touch = triangle_touch(p0, p1, reach, tolerance);
+    auto& plane = planes_[at(sphere)][triangle.number];
+    plane = {touch.first_normal, touch.normal};
+    if (!touch.hit) return false;
+    touched = true;
+    const double distance = touch.foot.point.norm();
+    if (touch.time == 0 && round == 0 && distance < shell.inside - (*spheres_)[at(sphere)].slop) {
+        inside_[at(sphere)][triangle.number] = 1;
+        starts_inside_.push_back({sphere, triangle});
+        return false;
+    }
+    const double slop = (*spheres_)[at(sphere)].slop, after = touch.normal.dot(weighted(p1, touch.foot.weight));
+    const bool reaches = round == 0 || touch.time > 0 || after < shell.middle;
+    const bool added = reaches && add_row(sphere, triangle.corner, touch.foot, touch.normal, touch.time, round);
+    if (added && after < shell.surface) return true;
+    // That place goes away again, or strokes past. Another may follow.
+    if (separated(sphere, triangle, shell.inside)) return added;
+    const double deeper = touch.time == 0 ? std::min(shell.middle, distance) : shell.middle;
+    const double room = deeper - shell.inside;
+    const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop, finer = std::max(room, slop) / 16;
+    const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
+    plane = {next.first_normal, next.normal};
+    if (!next.hit || next.time == 0) return added;
+    return add_row(sphere, triangle.corner, next.foot, next.normal, next.time, round) || added;
+}
+
+// The same for a mass point and a sphere that keeps points out.
+bool FaceWork::look_at_point(int sphere, int i, int round) {
+    const Shell& shell = shells_[at(sphere)];
+    const double margin = shell.surface - shell.inside;
+    const double reach = round == 0 ? shell.surface : shell.middle;
+    const Vec3 &p0 = start_[at(i)], &p1 = end_[at(i)], q = p1 - p0;
+    const double far = reach + margin * closeness, a = q.squaredNorm(), b = p0.dot(q);
+    const double closest = a > 0 ? std::clamp(-b / a, 0.0, 1.0) : 0.0;
+    if (inside_[at(sphere)][at(i)] || (p0 + closest * q).squaredNorm() > far * far) return false;
+    touched = true;
+    const double start = p0.norm();
+    if (round == 0 && start < shell.inside - (*spheres_)[at(sphere)].slop) {
+        inside_[at(sphere)][at(i)] = 1;
+        starts_inside_.push_back({sphere, {{i, i, i}, at(i)}});
+        return false;
+    }
+    double time = 0;
+    if (start > far) {
+        const Vec3 m = p0 + closest * q;
+        time = std::clamp(closest - std::sqrt(std::max(reach * reach - m.squaredNorm(), 0.0) / a), 0.0, 1.0);
+    } else if (round > 0 && p1.norm() >= shell.middle) {
+        return false;
+    }
+    const Vec3 place = p0 + time * q;
+    const Foot foot{place, {1, 0, 0}};
+    return add_row(sphere, {i, i, i}, foot, outward_normal(place), time, round);
+}
+
+// Which points have left the places that the look before saw: by more than a part of the smallest margin that a clear way
+// keeps to spare.
+void FaceWork::note_moves(int round) {
+    if (round == 0) {
+        looked_x_ = x;
+        std::fill(moved_.begin(), moved_.end(), std::uint8_t(1));
+        return;
+    }
+    double slack = std::numeric_limits<double>::infinity();
+    for (const Shell& shell : shells_) slack = std::min(slack, (shell.middle - shell.inside) / 16);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        moved_[i] = (x[i] - looked_x_[i]).squaredNorm() > slack * slack;
+        if (moved_[i]) looked_x_[i] = x[i];
+    }
+}
+
+bool FaceWork::has_moved(const Triangle& t, int sphere) const {
+    return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] | reached_[at(sphere)][t.number];
+}
+
+bool FaceWork::find_rows(int round) {
+    bool found = false;
+    ++look_;
+    note_moves(round);
+    for (int s = 0; s < int(spheres_->size()); ++s) {
+        place_in_frame(s);
+        if (faces_[at(s)])
+            each_near_triangle(s, [&](const Triangle& t) {
+                if (!has_moved(t, s)) return;
+                const bool reached = look_along(s, t, round);
+                reached_[at(s)][t.number] = reached;
+                found |= reached;
+            });
+        else
+            for (int i = 0; i < cloth_.points(); ++i) found |= look_at_point(s, i, round);
+    }
+    return found;
+}
+
+int FaceWork::pinned_corner(const std::array<int, 3>& corner) const {
+    for (const int i : corner)
+        if (cloth_.pinned[at(i)]) return i;
+    return -1;
+}
+
+bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot& foot, const Vec3& normal, double time,
+                       int round) {
+    const SweptSphere& s = (*spheres_)[at(sphere)];
+    const Shell& shell = shells_[at(sphere)];
+    ContactRow row{};
+    double freely = 0;  // weight of corners that are not pinned
+    row.corner = corner;
+    row.weight = foot.weight;
+    if (corner[1] == corner[2]) {
+        row.weight[1] += row.weight[2];
+        row.weight[2] = 0;
+    }
+    for (std::size_t i = 0; i < 3; ++i) {
+        if (cloth_.pinned[at(corner[i])]) continue;
+        row.share[i] = row.weight[i] / cloth_.mass[at(corner[i])];
+        row.mobility += row.weight[i] * row.share[i];
+        freely += row.weight[i];
+    }
+    if (freely < least_lever) row.mobility = 0;
+    row.normal = normal;
+    row.friction = s.friction;
+    const double before = normal.dot(row.at(start_)), after = normal.dot(row.at(end_));
+    double level = shell.surface;
+    if (after >= shell.surface && time > 0) {  // below it on the way alone
+        if (round == 0 && before + time * (after - before) > shell.middle) return false;
+        level = std::max(level, (shell.surface - (1 - time) * before) / time);
+        if (level <= after) return false;
+    }
+    if (row.mobility <= 0) {
+        if (after < shell.inside) report_.note_pinned(pinned_corner(corner));
+        return false;
+    }
+    // Two triangles touch at the side or corner that they share.
+    const std::size_t number = feature(sphere, corner, row.weight);
+    std::uint32_t& seen = seen_[number];
+    if (seen == look_) return false;
+    seen = look_;
+    Origin origin{sphere, number};
+    row.place.target = vec(s.end) + level * normal;
+    row.speed.target = vec(s.velocity);
+    aim(row, origin, level - after, time, round);
+    rows_.push_back(row);
+    origins_.push_back(origin);
+    return true;
+}
+
+// Each corner, side and face has a number: 6 i of the point i, 6 i + 1..3 of the sides that begin there, 6 i + 4..5 of faces.
+std::size_t FaceWork::feature(int sphere, const std::array<int, 3>& c, const std::array<double, 3>& w) const {
+    const std::size_t first = at(sphere) * 6 * x.size();
+    const bool upper = c[1] == c[0] + 1;  // the first triangle of a cell, or a link
+    const int used = (w[0] != 0) + (w[1] != 0) + (w[2] != 0);
+    for (std::size_t i = 0; i < 3; ++i)
+        if (used == 1 && w[i] != 0) return first + 6 * at(c[i]);
+    if (used == 3) return first + 6 * at(upper ? c[0] : c[2]) + (upper ? 4 : 5);
+    if (w[2] == 0) return first + 6 * at(c[0]) + (upper ? 1 : 2);
+    if (w[0] == 0) return first + 6 * at(upper ? c[1] : c[2]) + (upper ? 3 : 1);
+    return first + 6 * at(c[0]) + (upper ? 2 : 3);
+}
+
+// The bounds of a row: from a place that arrives with the speed u at the surface and leaves it with e u; the acceleration a
+// towards the sphere, that of the free step, goes on. Where it would be back within the step it stays at the surface.
+void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, int round) {
+    const SweptSphere& s = (*spheres_)[at(origin.sphere)];
+    const Shell& shell = shells_[at(origin.sphere)];
+    const Vec3& n = row.normal;
+    const double end = n.dot(row.at(v) - vec(s.velocity));
+    if (depth <= 0) {
+        row.speed.target += std::min(0.0, end) * n;
+        return;
+    }
+    const double start = n.dot(row.at(v0) - vec(s.velocity));
+    double pull = (start - n.dot(row.at(free_v_) - vec(s.velocity))) / s.dt;
+    double left = (1 - time) * s.dt;
+    if (round == 0) {
+        const double gap = std::max(0.0, n.dot(row.at(start_)) - shell.surface);
+        const double arrival2 = start < 0 || pull > 0 ? start * start + 2 * pull * gap : 0;
+        origin.arrival = std::sqrt(std::max(0.0, arrival2));
+        if (origin.arrival > 0)
+            left = std::max(0.0, s.dt - (start < 0 ? 2 * gap / (origin.arrival - start) : (start + origin.arrival) / pull));
+    } else {
+        origin.arrival = std::max(0.0, -end);
+    }
+    const double bounce = s.restitution * origin.arrival;
+    if (bounce <= 0) return;
+    const double height = (bounce - pull * left / 2) * left;
+    if (height > 0 && !grounded_) {
+        origin.height = height;
+        row.place.target += height * n;
+        row.speed.target += (bounce - pull * left) * n;
+    } else {
+        row.speed.target += bounce * n;
+    }
+}
+
+}  // namespace clothsim

@@ -1,0 +1,48 @@
+// Kim et al., method 2: cast a ray from the point back along its velocity, move the point to where the
+// ray meets the sphere, reflect the velocity there.
+//
+// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata mended, divided by v.v so that
+// no speed is too small) the point lies inside, C < 0, so exactly one distance along the ray is positive:
+//
+//   s = -B + sqrt(B^2 - C)   =   -C / (B + sqrt(B^2 - C))
+//
+// The form without cancellation is taken by the sign of B, which is what eq 11 and 12 are for.
+#pragma once
+
+#include <cmath>
+
+#include "contact/contact.hpp"
+
+namespace clothsim {
+
+inline double distance_to_surface(double b, double c) {
+    const double root = std::sqrt(b * b - c);
+    return b > 0 ? -c / (b + root) : root - b;
+}
+
+// |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because the
+// summation order of Eigen's stableNorm depends on where its operand lies in memory.
+inline double length_of(const Vec3& v) {
+    const double largest = v.cwiseAbs().maxCoeff();
+    return largest > 0 ? largest * (v / largest).norm() : 0;
+}
+
+inline PointState respond_ray(const Contact& contact, const PointState& point) {
+    const double radius = contact.sphere.contact_radius;
+    const Vec3 m = point.position - contact.center;
+    const Vec3 v = contact.relative(point.velocity);
+    const double speed = length_of(v);
+
+    // A point without a ray, at rest in the sphere's frame, is projected along the normal.
+    Vec3 on_surface = radius * outward_normal(m);
+    if (speed > 0) {
+        const Vec3 back = -v / speed;
+        const double b = m.dot(back);
+        if (b < 0 && !contact.sphere.literal) return point;  // on its way out
+        on_surface = m + distance_to_surface(b, m.squaredNorm() - radius * radius) * back;
+    }
+    return {contact.center + on_surface,
+            reflected(contact, point.velocity, outward_normal(on_surface))};
+}
+
+}  // namespace clothsim

@@ -1,0 +1,161 @@
+// A triangle of moving corners against a sphere: the first time at which they touch.
+//
+// In the sphere's frame every corner goes straight from p0 to p1. At a time t the point y of the triangle that
+// is nearest to the centre has the distance d and the direction n = y / d, and the whole triangle lies beyond
+// the plane through y across n. As long as every corner stays beyond the plane at distance `reach` from the
+// centre, so does the triangle: each corner tells when it gets there, the earliest is safe to go to. That is
+// conservative advancement (Mirtich 1996) with the direction taken into account: what moves sideways or away does
+// not count, and close to contact it converges like Newton's method. It never goes past a contact.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <Eigen/Geometry>
+
+#include "model/sphere.hpp"
+
+namespace clothsim {
+
+using Corners = std::array<Vec3, 3>;
+
+// The point of a triangle nearest to the origin.
+struct Foot {
+    Vec3 point;
+    std::array<double, 3> weight;
+};
+
+// The foot of the perpendicular if it lies inside, else the nearest place of the sides that it lies beyond. In a thin or
+// collapsed triangle rounding hides which these are: then all sides count. Every candidate is a point of the triangle.
+inline Foot nearest_to_origin(const Corners& c) {
+    constexpr double thin = 1e-8;  // squared sine of the angle at the first corner
+    const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
+    const Vec3 normal = ab.cross(ac);
+    const double area2 = normal.squaredNorm();
+    const bool flat = !(area2 > thin * ab.squaredNorm() * ac.squaredNorm());
+    std::array<double, 3> inner{-1, -1, -1};
+    if (!flat) {
+        const Vec3 across = c[0].cross(normal);
+        inner[1] = across.dot(ac) / area2;
+        inner[2] = -across.dot(ab) / area2;
+        inner[0] = 1 - inner[1] - inner[2];
+        if (inner[0] >= 0 && inner[1] >= 0 && inner[2] >= 0) return {c[0] + inner[1] * ab + inner[2] * ac, inner};
+    }
+    Foot best{c[0], {1, 0, 0}};
+    double least = c[0].squaredNorm();
+    for (std::size_t i = 0; i < 3; ++i) {
+        const std::size_t j = (i + 1) % 3;
+        if (inner[3 - i - j] >= 0) continue;
+        const Vec3 side = c[j] - c[i];
+        const double length2 = side.squaredNorm();
+        const double s = length2 > 0 ? std::clamp(-side.dot(c[i]) / length2, 0.0, 1.0) : 0.0;
+        const Vec3 point = c[i] + s * side;
+        const double distance2 = point.squaredNorm();
+        if (distance2 >= least) continue;
+        least = distance2;
+        best = {point, {0, 0, 0}};
+        best.weight[i] = 1 - s;
+        best.weight[j] = s;
+    }
+    return best;
+}
+
+// Radius of the smallest circle around a triangle: half the longest side, or the circumradius if it is acute.
+inline double smallest_circle(const Corners& c) {
+    std::array<double, 3> side2{(c[1] - c[2]).squaredNorm(), (c[2] - c[0]).squaredNorm(), (c[0] - c[1]).squaredNorm()};
+    std::sort(side2.begin(), side2.end());
+    if (side2[0] + side2[1] <= side2[2]) return std::sqrt(side2[2]) / 2;
+    const double twice_area = (c[1] - c[0]).cross(c[2] - c[0]).norm();
+    return std::sqrt(side2[0] * side2[1] * side2[2]) / (2 * twice_area);
+}
+
+struct TriangleTouch {
+    bool hit = false;
+    double time = 0;  // part of the way
+    Foot foot;
+    Vec3 normal = Vec3::Zero();
+    Vec3 first_normal = Vec3::Zero();  // when the way begins
+};
+
+// Whether the triangle keeps beyond `reach` of a plane that turns from the direction n0 to n1, both at most of length 1.
+inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec3& n0, const Vec3& n1, double reach) {
+    double least = reach + 1;
+    for (std::size_t i = 0; i < 3; ++i)
+        least = std::min({least, n0.dot(p0[i]), n1.dot(p1[i]), (n0.dot(p1[i]) + n1.dot(p0[i])) / 2});
+    return least > reach;
+}
+
+// The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
+//
+// A triangle that turns on the sphere lowers a corner all the time, and a plane that stands still lets it go no further than
+// the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a while later, lets it leap: on the
+// way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if its three Bernstein coefficients are. The first and
+// the last are for any corner c; the middle one is (n0.c(1) + n1.c(0)) / 2.
+inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
+    constexpr double shortest_leap = 1e-12;
+    constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
+    const auto at = [&](double time) {
+        Corners now;
+        for (std::size_t i = 0; i < 3; ++i) now[i] = p0[i] + time * (p1[i] - p0[i]);
+        return now;
+    };
+    TriangleTouch t;
+    Corners now = p0;
+    t.foot = nearest_to_origin(now);
+    double leap = 0;
+    for (int k = 0; k < most_advances; ++k) {
+        const double distance = t.foot.point.norm();
+        t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
+        t.hit = distance <= reach + tolerance;
+        if (k == 0) t.first_normal = t.normal;
+        if (t.hit) return t;
+        if (k == 0) {  // most ways touch nothing at all
+            const Foot last = nearest_to_origin(p1);
+            const double far = last.point.norm();
+            const Vec3 normal = last.point / (far > 0 ? far : 1);
+            if (far > reach + tolerance && beyond_turning_plane(p0, p1, t.normal, normal, reach)) {
+                t.time = 1;
+                t.foot = last;
+                t.normal = normal;
+                return t;
+            }
+        }
+        double advance = 2;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double rate = t.normal.dot(p1[i] - p0[i]);
+            const double gap = std::max(t.normal.dot(now[i]) - reach, 0.0);
+            if (rate < 0) advance = std::min(advance, gap / -rate);
+        }
+        if (t.time + advance >= 1) {
+            if (advance == 2 || t.time >= 1) return t;
+            advance = 1 - t.time;  // the end itself is looked at once
+        }
+        leap = std::max(2 * leap, 4 * advance);
+        bool leapt = false;
+        while (k >= 4 && !leapt && leap > std::max(2 * advance, shortest_leap)) {
+            const double time = std::min(t.time + leap, 1.0);
+            const Corners then = at(time);
+            const Foot foot = nearest_to_origin(then);
+            const double far = foot.point.norm();
+            leapt = far > reach + tolerance;
+            const Vec3 normal = foot.point / (far > 0 ? far : 1);
+            for (std::size_t i = 0; i < 3; ++i) leapt = leapt && normal.dot(now[i]) + t.normal.dot(then[i]) > 2 * reach;
+            if (leapt) {
+                t.time = time;
+                t.foot = foot;
+                now = then;
+            } else {
+                leap /= 2;
+            }
+        }
+        if (leapt) continue;
+        leap = advance;
+        t.time = std::min(t.time + advance, 1.0);
+        now = at(t.time);
+        t.foot = nearest_to_origin(now);
+    }
+    t.hit = true;
+    return t;
+}
+
+}  // namespace clothsim

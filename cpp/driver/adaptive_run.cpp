@@ -1,0 +1,130 @@
+// The loop of error control: try, judge, accept.
+//
+// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step methods, so a
+// contact is answered at the end of the step in which it began. So that none is skipped, a step is bounded near
+// the spheres (AdaptiveEngine::contact_step): once by the velocities before it, and once more, when it has been tried,
+// by those after it; a step that was too long is tried again. Continuous spheres have the whole way between the ends of
+// the step tested; as their contacts begin within it, steps then end at frames instead of being interpolated.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "driver/simulation.hpp"
+
+namespace clothsim {
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr double seconds_between_polls = 0.01;
+// A step this much smaller than the time span does not move the clock any more.
+constexpr double smallest_part = 1e-14;
+constexpr std::int64_t steps_between_energies = 16;  // accepted ones, which cost several of others
+
+double seconds_since(steady_clock::time_point start) {
+    return std::chrono::duration<double>(steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& request, StepController& controller,
+                                                         const std::function<bool()>& interrupted) {
+    Engine& engine = *members_[0];
+    AdaptiveEngine& adaptive = *engine.adaptive();
+    AdaptiveOutcome outcome;
+    const bool continuous = engine.has_continuous();
+    const double end = continuous ? request.until : request.end;
+    steps_kept_ = none_kept;
+    begin_watches();
+    double t = clock.now();
+    const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
+    auto last_poll = steady_clock::now();
+    while (t < request.until && outcome.steps < request.steps) {
+        const auto start = steady_clock::now();
+        const int team = request.optional && !choice_.team() ? 1 : request.threads;
+        const double wanted = std::min(controller.h, request.longest);
+        const double left = end - t;
+        // Two equal steps rather than a long one and a sliver.
+        double h = wanted >= left ? left : wanted > left / 2 ? left / 2
+                                                             : wanted;
+        h = adaptive.contact_step(t, h, false);
+        if (!(h > smallest)) {
+            if (left <= smallest) break;
+            const std::int64_t point = std::max<std::int64_t>(0, engine.first_bad_point(1e300));
+            outcome.unstable = Outcome::Unstable{0, point, outcome.steps + 1, t};
+            return outcome;
+        }
+        const double error = adaptive.try_step(h, request.tolerance, team);
+        bool accepted = controller.judge(h, error, adaptive.order());
+        // Between the ends of a step that ends in contact there is no frame: the state there may be inside a sphere.
+        if (accepted && t + h > request.until && adaptive.step_touches(t + h)) {
+            controller.h = request.until - t;
+            outcome.rejected += 1;
+            continue;
+        }
+        const double bounded = accepted ? adaptive.contact_step(t, h, true) : h;
+        if (bounded < h) {
+            // A hair less than allowed, as rounding may ask for the same step again.
+            controller.h = std::min(controller.h, 0.99 * bounded);
+            accepted = false;
+        }
+        if (accepted) {
+            last_begin_ = t;
+            last_step_ = h;
+            const double next = h == left ? end : t + h;
+            engine.accept_in_contact(t, next, team);
+            const std::int64_t shut_in = std::exchange(engine.contact_report.shut_in, -1);
+            if (shut_in >= 0) {
+                outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, next, true};
+                return outcome;
+            }
+            const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);
+            if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {0, pinned};
+            t = next;
+            outcome.steps += 1;
+            outcome.error = error;
+            clock = {t, 0, 0};
+            sample_accepted(t);
+            if (++age_ % steps_between_energies == 0) {
+                const std::int64_t point = watches_[0].runaway_point(engine, true);
+                if (watches_[0].take_growth()) outcome.grown = 0;
+                if (point >= 0) {
+                    outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};
+                    return outcome;
+                }
+            }
+            // A step cut short by the end says nothing against longer ones.
+            if (h < wanted) controller.h = std::max(controller.h, wanted);
+        } else {
+            outcome.rejected += 1;
+        }
+        const double seconds = seconds_since(start);
+        if (request.optional && request.threads > 1) choice_.observe(1, seconds);
+        if (outcome.grown) return outcome;
+        if (seconds_since(last_poll) > seconds_between_polls) {
+            if (interrupted()) {
+                outcome.interrupted = true;
+                return outcome;
+            }
+            last_poll = steady_clock::now();
+        }
+    }
+    return outcome;
+}
+
+void Simulation::sample_accepted(double t) {
+    if (sample_every_ == 0) return;
+    if (age_ == 0) last_sample_ = -std::numeric_limits<double>::infinity();
+    if (++steps_since_sample_ < sample_every_ && t - last_sample_ < sample_interval_) return;
+    steps_since_sample_ = 0;
+    last_sample_ = t;
+    sample(0, t);
+}
+
+void Simulation::dense(double t, double* x, double* v, int threads) {
+    members_[0]->adaptive()->dense((t - last_begin_) / last_step_, x, v, threads);
+}
+
+}  // namespace clothsim

@@ -1,0 +1,44 @@
+// The energy of a run: whether a step has made some of nothing.
+#pragma once
+
+#include <utility>
+
+#include "integrators/engine.hpp"
+#include "measure/diagnostics.hpp"
+
+namespace clothsim {
+
+// Until a sphere responds, nothing adds to the total energy of a cloth, but an unstable step does: above the stability
+// limit, and below the guaranteed one at states that the guarantee leaves out. The cloth need not fly apart: waves may
+// grow until it has folded itself into a shape in which they no longer do.
+class EnergyWatch {
+public:
+    explicit EnergyWatch(const Plan& plan);
+
+    // Forget the state where the run began.
+    void restart() { started_ = grown_ = false; }
+    // The run begins at the present state, unless it has begun. Nothing is watched before.
+    void begin(const Engine& engine);
+    bool begun() const { return started_; }
+
+    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half of it is
+    // worth a warning, more than nine tenths an error. An integrator may keep an energy of its own instead of the true
+    // one, from which the true one differs by a factor (1 - (omega dt / 2)^2 for Verlet's); nine tenths leave room for it.
+    static constexpr double grown_part = 0.5, runaway_part = 0.9;
+
+    // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into engine.watched.
+    std::int64_t runaway_point(Engine& engine, bool record);
+    // Whether the energy has grown at a recorded look; true once.
+    bool take_growth() { return std::exchange(news_, false); }
+
+private:
+    Energy energy_of(const Engine& engine);
+
+    const Plan& plan_;
+    double negligible_;  // J, what stretching every spring by a thousandth takes
+    double start_ = 0;   // J
+    bool started_ = false, grown_ = false, news_ = false;
+    Points x_, v_;
+};
+
+}  // namespace clothsim

@@ -1,0 +1,365 @@
+#include "driver/simulation.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "measure/diagnostics.hpp"
+
+namespace clothsim {
+namespace {
+
+using std::chrono::steady_clock;
+
+// The state of an unstable run is caught within this many steps of its first non-finite value, then the exact step
+// is found by going back to the last checkpoint.
+constexpr std::int64_t most_steps_unchecked = 128;
+// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth is likely.
+constexpr std::int64_t steps_between_energies = most_steps_unchecked, steps_between_energies_above = 16;
+// A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over the steps of
+// earlier calls cannot be interrupted, and takes no longer than this.
+constexpr double most_seconds_of_earlier_calls = 0.5;
+constexpr double seconds_between_polls = 0.01;
+// Of a batch later: each member has to come into cache, and should then be stepped more than once.
+constexpr double seconds_of_batch = 0.1;
+
+// A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often:
+// sooner at first, as a trial may have met a busy moment.
+constexpr double seconds_of_trial = 2e-4;
+constexpr double seconds_between_trials = 0.5;
+constexpr double worth_a_change = 1.05, disaster = 3;  // times what the alternative cost
+// From so many mass points on, waking a team takes less than it saves in a step.
+constexpr std::int64_t points_worth_a_team = 16384;
+
+// How many of `count` members are stepped by one thread each. Those left over are too few for all threads, and stepped by the
+// whole team one after the other where that is sooner.
+std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
+    if (count == 1) return 0;
+    const std::int64_t left = count % threads;
+    return 4 * left <= 3 * threads && points >= points_worth_a_thread * threads ? count - left : count;
+}
+
+double seconds_between(steady_clock::time_point start, steady_clock::time_point end) {
+    return std::chrono::duration<double>(end - start).count();
+}
+
+}  // namespace
+
+std::int64_t TeamChoice::steps(std::int64_t wanted) const {
+    const double expected = std::max(last_, cost_[use_team_]);
+    if (!on_trial_ || expected == 0) return wanted;
+    return std::clamp(std::int64_t(seconds_of_trial / expected), std::int64_t(1), wanted);
+}
+
+void TeamChoice::observe(std::int64_t steps, double seconds) {
+    const double other = cost_[!use_team_];
+    last_ = seconds / double(steps);
+    since_change_ += seconds;
+    const bool too_dear = other > 0 && last_ > disaster * other;
+    // The first steps after a change wake threads and fill caches.
+    if (std::exchange(just_changed_, false) && !too_dear) return;
+    seconds_ += seconds;
+    steps_ += steps;
+    if (seconds_ < seconds_of_trial && !too_dear) return;
+    cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
+    const bool due = !std::exchange(on_trial_, false) && since_change_ > patience_;
+    if (due) patience_ = std::min(2 * patience_, seconds_between_trials);
+    if (other == 0 || cost_[use_team_] > worth_a_change * other || due) {
+        use_team_ = !use_team_;
+        just_changed_ = on_trial_ = true;
+        since_change_ = 0;
+    }
+}
+
+Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
+    members_.reserve(plans.size());
+    for (const Plan& plan : plans) members_.push_back(make_engine(plan));
+    if (members_.size() == 1) members_[0]->threads = threads;
+    stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
+    frozen_.assign(plans.size(), 0);
+    bad_points_.assign(plans.size(), -1);
+    all_.resize(plans.size());
+    std::iota(all_.begin(), all_.end(), std::size_t(0));
+    for (const Plan& plan : plans_) watches_.emplace_back(plan);
+    clock.origin = time;
+    std::int64_t points = 0;
+    for (const Plan& plan : plans_) points += plan.cloth.points();
+    choice_ = TeamChoice(points >= points_worth_a_team);
+}
+
+void Simulation::set_stable_dt(std::vector<double> stable_dt) {
+    stable_dt_ = std::move(stable_dt);
+    speed_limits_.clear();
+}
+
+void Simulation::restart(std::size_t i) {
+    watches_[i].restart();
+    members_[i]->watched = {};
+    age_ = 0;
+    bad_points_[i] = -1;
+    steps_kept_ = none_kept;
+}
+
+std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+                                        const std::function<bool()>& interrupted) {
+    clock = {time, 0, clock.dt};
+    set_step(dt);
+    std::fill(frozen_.begin(), frozen_.end(), 0);
+    std::atomic<bool> finite{true};
+    each_member(optional && !choice_.team() ? 1 : threads, [&](std::size_t i, int team) {
+        Engine& member = *members_[i];
+        member.threads = team;
+        member.contact_energy = 0;
+        member.contacts_answered = 0;
+        member.evaluations = 0;
+        member.contact_report = {};
+        if (!load(i)) finite = false;
+    });
+    for (const std::size_t i : all_) restart(i);
+    if (!finite) return {};
+    input_ = &load;
+    steps_kept_ = 0;
+    seconds_kept_ = 0;
+    const Outcome outcome = advance(steps, dt, threads, optional, interrupted);
+    if (std::exchange(input_, nullptr)) steps_kept_ = none_kept;
+    return outcome;
+}
+
+void Simulation::set_frozen(std::size_t i, bool frozen) {
+    frozen_[i] = frozen;
+    bad_points_[i] = -1;
+    steps_kept_ = none_kept;
+}
+
+void Simulation::set_step(double dt) {
+    if (dt == clock.dt && !speed_limits_.empty()) return;
+    clock.set_step(dt);
+    steps_kept_ = none_kept;
+    speed_limits_.clear();
+    for (std::size_t i = 0; i < plans_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
+}
+
+bool Simulation::above_stable_dt() const {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (!frozen_[i] && clock.dt > stable_dt_[i]) return true;
+    return false;
+}
+
+std::int64_t Simulation::energy_period(std::size_t i) const {
+    return clock.dt > stable_dt_[i] ? steps_between_energies_above : steps_between_energies;
+}
+
+std::int64_t Simulation::energy_period() const {
+    return above_stable_dt() ? steps_between_energies_above : steps_between_energies;
+}
+
+void Simulation::begin_watches() {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
+}
+
+void Simulation::look(std::size_t i, std::int64_t age, bool each) {
+    bad_points_[i] = -1;
+    if (frozen_[i]) return;
+    bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
+    const bool due = age % energy_period(i) == 0;
+    // A checkpoint is taken where states are sampled, and must be a good one.
+    const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
+    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i])) bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
+}
+
+void Simulation::look() {
+    for (std::size_t i = 0; i < members_.size(); ++i) look(i, age_, false);
+}
+
+void Simulation::set_watch(std::int64_t every, double interval) {
+    sample_every_ = every;
+    sample_interval_ = interval;
+    for (auto& member : members_) member->watch_depths(every > 0);
+}
+
+void Simulation::sample(std::size_t i, double t) {
+    const Plan& plan = plans_[i];
+    Engine& member = *members_[i];
+    Points x(plan.cloth.points(), 3);
+    member.store(x.data(), static_cast<double*>(nullptr));
+    const PointsView view(x.data(), x.rows(), 3);
+    member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
+    for (const Sphere& sphere : plan.spheres) {
+        const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
+        member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
+    }
+}
+
+void Simulation::sample() {
+    begin_watches();
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        if (frozen_[i]) continue;
+        if (sample_every_ > 0) {
+            if (age_ == 0) members_[i]->note_all_depths(clock.now());
+            sample(i, clock.now());
+        }
+        watches_[i].runaway_point(*members_[i], true);
+    }
+}
+
+std::int64_t Simulation::first_bad_member() const {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (bad_points_[i] >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
+    return -1;
+}
+
+// All of it member by member, so that the state of a member is in cache for it.
+void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept, int threads) {
+    Engine& member = *members_[i];
+    member.threads = threads;
+    if (block.keep) member.save_checkpoint();
+    if (!member.advance_in_contact(block.steps, clock, threads, true)) {
+        restore_member(i);
+        Clock from = clock;
+        from.steps -= kept;
+        member.advance_in_contact(kept + block.steps, from, threads, false);
+    }
+    if (block.look) look(i, age_ + block.steps, block.each);
+    if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
+}
+
+void Simulation::each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work) {
+    const auto each_alone = members.begin() + alone(std::int64_t(members.size()), plans_[0].cloth.points(), threads);
+    if (each_alone != members.begin()) {
+        const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
+        std::exception_ptr failure;  // none may leave the region
+#pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
+        for (auto i = members.begin(); i < each_alone; ++i) {
+            try {
+                work(*i, 1);
+            } catch (...) {
+#pragma omp critical(clothsim_member_failure)
+                failure = std::current_exception();
+            }
+        }
+        if (failure) std::rethrow_exception(failure);
+    }
+    for (auto i = each_alone; i != members.end(); ++i) work(*i, threads);
+}
+
+void Simulation::run(const Block& block, int threads) {
+    // In front of them since the checkpoint. Without one, the state was taken from it just now.
+    const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
+    steps_kept_ = none_kept;
+    if (block.keep) input_ = nullptr;
+    moving_.clear();
+    for (const std::size_t i : all_)
+        if (!frozen_[i]) moving_.push_back(i);
+    each_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, block, kept, team); });
+    steps_kept_ = kept + block.steps;
+    clock.steps += block.steps;
+    age_ += block.steps;
+}
+
+void Simulation::restore_member(std::size_t i) {
+    if (!input_) return members_[i]->restore_checkpoint();
+    members_[i]->contact_energy = 0;
+    members_[i]->contacts_answered = 0;
+    members_[i]->watched = {};
+    (*input_)(i);
+}
+
+void Simulation::restore_checkpoint(std::int64_t steps) {
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        if (!frozen_[i]) restore_member(i);
+        members_[i]->contact_report = {};
+        bad_points_[i] = -1;
+    }
+    clock.steps -= steps;
+    age_ -= steps;
+    steps_kept_ = none_kept;
+}
+
+void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
+    const std::int64_t kept = steps_kept_;
+    restore_checkpoint(kept);
+    begin_watches();  // if that was not worth while
+    const std::int64_t of_this_call = std::min(kept, outcome.steps);
+    if (kept > of_this_call) run({kept - of_this_call, false, false}, threads);
+    outcome.steps -= of_this_call;
+    auto last_poll = steady_clock::now();
+    for (std::int64_t k = 0; k < of_this_call; ++k, ++outcome.steps) {
+        if (seconds_between(last_poll, steady_clock::now()) > seconds_between_polls) {
+            if (interrupted()) {
+                outcome.interrupted = true;
+                break;
+            }
+            last_poll = steady_clock::now();
+        }
+        run({1, true, true, true}, threads);
+        const std::int64_t bad = first_bad_member();
+        if (bad < 0) continue;
+        const std::int64_t point = bad_points_[std::size_t(bad)];
+        const std::int64_t shut_in = members_[std::size_t(bad)]->contact_report.shut_in;
+        restore_checkpoint(1);
+        outcome.unstable = {bad, point >= 0 ? point : shut_in, outcome.steps + 1, clock.at(1), point < 0};
+        break;
+    }
+    for (auto& member : members_) member->contact_report = {};
+    steps_kept_ = none_kept;
+}
+
+Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
+                            const std::function<bool()>& interrupted) {
+    set_step(dt);
+    Outcome outcome;
+    const std::int64_t energy_period = this->energy_period();
+    // A call by itself that ends before energies are compared asks for none; the way back would begin with the first.
+    const bool watched = above_stable_dt() || !input_ || steps >= energy_period;
+    if (steps > 0 && watched) begin_watches();
+    if (steps_kept_ > 0 && (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls)) steps_kept_ = none_kept;
+    auto last_poll = steady_clock::now(), start = last_poll;
+    while (outcome.steps < steps) {
+        const bool keep = steps_kept_ == none_kept;
+        // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
+        const std::int64_t to_energies = energy_period - age_ % energy_period;
+        const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
+        const std::int64_t unchecked = keep ? 0 : steps_kept_;
+        const std::int64_t to_look = std::min({most_steps_unchecked - unchecked, to_energies,
+                                               to_sample, steps - outcome.steps});
+        const bool choose = optional && threads > 1;
+        const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
+        const int team = choose && !choice_.team() ? 1 : threads;
+        run({n, keep, n == to_look}, team);
+        outcome.steps += n;
+        const auto end = steady_clock::now();
+        const double seconds = seconds_between(start, end);
+        const double per_step = seconds / double(n);
+        start = end;
+        seconds_kept_ = (keep ? 0 : seconds_kept_) + seconds;
+        if (choose) choice_.observe(n, seconds);
+        const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
+        chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1), most_steps_unchecked);
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
+            if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
+        }
+        const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
+        if (poll) outcome.interrupted = interrupted();
+        if (outcome.interrupted && n < to_look) look();
+        if (first_bad_member() >= 0) {
+            rewind_to_last_good(outcome, threads, interrupted);
+            return outcome;
+        }
+        for (std::size_t i = 0; i < members_.size(); ++i)
+            if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
+        // A checkpoint is taken at the state of each look, so that steps which are done again pass none.
+        if (steps_kept_ >= most_steps_unchecked || n == to_energies || n == to_sample) steps_kept_ = none_kept;
+        if (outcome.interrupted || outcome.grown) return outcome;
+        if (poll) start = last_poll = steady_clock::now();
+    }
+    return outcome;
+}
+
+}  // namespace clothsim

@@ -1,0 +1,180 @@
+// One cloth, or a batch of cloths of one shape, advanced together.
+#pragma once
+
+#include <functional>
+#include <optional>
+
+#include "driver/energy_watch.hpp"
+
+namespace clothsim {
+
+// How a call of `advance` ended. The state is at a whole step in every case.
+struct Outcome {
+    std::int64_t steps = 0;  // done
+    bool interrupted = false;
+    struct Unstable {
+        std::int64_t member, point;
+        std::int64_t step;  // of this call, the first whose result is not finite or has run away
+        double time;
+        bool shut_in = false;  // finite, but the spheres leave this point no place
+    };
+    std::optional<Unstable> unstable;  // state: the last good one, one step before
+    struct PinnedInside {
+        std::int64_t member, point;
+    };
+    std::optional<PinnedInside> pinned_inside;  // a continuous sphere has run into a pinned point
+    // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to do, so that the
+    // caller may look at the state where it was found.
+    std::optional<std::int64_t> grown;
+
+    // All steps were done, and there is nothing to tell.
+    bool complete() const { return !interrupted && !unstable && !pinned_inside && !grown; }
+};
+
+// Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
+// either way, so a machine whose processors are taken by others costs time, not a result.
+class TeamChoice {
+public:
+    // Where steps are long, a first one is better done by the team; else a short run may not be worth waking it.
+    explicit TeamChoice(bool team_first) : use_team_(team_first) {}
+    bool team() const { return use_team_; }
+    // Steps of so many that tell enough: few while the dearer of the two may be running.
+    std::int64_t steps(std::int64_t wanted) const;
+    void observe(std::int64_t steps, double seconds);
+
+private:
+    double cost_[2] = {0, 0};  // last seconds per step of one thread and of the team; 0: not seen yet
+    double last_ = 0;          // seconds per step of whichever ran last
+    double seconds_ = 0;       // of `steps_` steps since the last judgement
+    std::int64_t steps_ = 0;
+    double since_change_ = 0;  // seconds
+    double patience_ = 0.01;   // seconds until the other is tried again
+    bool use_team_;
+    bool just_changed_ = true, on_trial_ = true;
+};
+
+// Mass points of a cloth of a batch that are worth a thread of a team. Such a team is taken to be three quarters as many times
+// faster as it has threads.
+inline constexpr std::int64_t points_worth_a_thread = 512;
+
+class Simulation {
+public:
+    // `threads`: that steps, and so copies of the state, may use.
+    Simulation(const std::vector<Plan>& plans, double time, int threads);
+
+    std::size_t size() const { return members_.size(); }
+    Engine& member(std::size_t i) { return *members_[i]; }
+    // To be called when a member's state was set from outside.
+    void restart(std::size_t i);
+    const Engine& member(std::size_t i) const { return *members_[i]; }
+
+    Clock clock;
+
+    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a member, and advance.
+    // `load` is asked again if steps have to be taken back, so the first of them need no copy of the state. None if it tells
+    // that a state is not finite.
+    using Load = std::function<bool(std::size_t i)>;
+    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+                                const std::function<bool()>& interrupted);
+
+    // `work(i, threads)` of every member, or of some, shared among threads like steps.
+    using MemberWork = std::function<void(std::size_t i, int threads)>;
+    void each_member(int threads, const MemberWork& work) { each_of(all_, threads, work); }
+
+    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
+    void set_stable_dt(std::vector<double> stable_dt);
+
+    // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
+    void set_frozen(std::size_t i, bool frozen);
+    bool frozen(std::size_t i) const { return frozen_[i] != 0; }
+
+    // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
+    // `interrupted` is asked about every 10 ms, of a batch every 100 ms, between steps.
+    Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
+                    const std::function<bool()>& interrupted);
+
+    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the last of
+    // them no longer than to `end`, at most `steps` of them.
+    struct AdaptiveRequest {
+        double until, end;
+        std::int64_t steps;
+        Tolerance tolerance;
+        double longest;  // step [s]
+        int threads;
+        bool optional;  // the threads, see above
+    };
+    struct AdaptiveOutcome : Outcome {
+        std::int64_t rejected = 0;  // steps tried in vain
+        double error = 0;           // estimate of the last step, in units of the tolerance
+    };
+    AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
+                                     const std::function<bool()>& interrupted);
+    // The state at a time within the last step of `advance_adaptive`.
+    void dense(double t, double* x, double* v, int threads);
+
+    // Watch depths of mass points at the end of every step, and sample depths of triangles and stretches: after every
+    // `every` steps, of an adaptive run also where `interval` [s] has passed since the last sample.
+    void set_watch(std::int64_t every, double interval);
+    // Whether energies are watched; by default they are.
+    void set_watch_energy(bool on) { watch_energy_ = on; }
+    // Sample the present state of every member, and its energy, whenever that is due.
+    void sample();
+    const Watched& watched(std::size_t i) const { return members_[i]->watched; }
+    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step on.
+    bool energy_told(std::size_t i) const { return watches_[i].begun() && !members_[i]->watched.in_contact(); }
+
+private:
+    // Steps of all members, with what goes before and after them.
+    struct Block {
+        std::int64_t steps;
+        bool keep;  // a checkpoint before them
+        bool look;  // at the state after them
+        bool each = false;  // of steps that are done again one by one, to find the one that went wrong
+    };
+    void run(const Block& block, int threads);
+    void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
+    // `kept`: steps since the checkpoint before this block.
+    void run_member(std::size_t i, const Block& block, std::int64_t kept, int threads);
+    void set_step(double dt);
+    bool above_stable_dt() const;
+    // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at the end of a
+    // call above the guaranteed time step, and at `each` of the steps that are done again.
+    void look(std::size_t i, std::int64_t age, bool each);
+    void look();
+    // Steps between two looks at the energy of a member, and of all.
+    std::int64_t energy_period(std::size_t i) const;
+    std::int64_t energy_period() const;
+    void begin_watches();
+    // A member's state, of time t.
+    void sample(std::size_t i, double t);
+    void sample_accepted(double t);
+    std::int64_t first_bad_member() const;  // as last looked at, or -1
+    void restore_member(std::size_t i);
+    void restore_checkpoint(std::int64_t steps);
+    // From a state that is bad back to the checkpoint, and on to the last good state.
+    void rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
+
+    TeamChoice choice_{false};
+    std::int64_t chunk_ = 1;  // steps between two looks at the clock
+    std::vector<Plan> plans_;
+    std::vector<std::unique_ptr<Engine>> members_;
+    std::vector<double> stable_dt_;
+    std::vector<std::uint8_t> frozen_;
+    std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
+    std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
+    static constexpr std::int64_t none_kept = -1;
+    std::int64_t steps_kept_ = none_kept;  // since the checkpoint
+    double seconds_kept_ = 0;              // that they took
+    std::vector<EnergyWatch> watches_;
+    bool watch_energy_ = true;
+    const Load* input_ = nullptr;  // of this call, while it is the checkpoint
+    std::int64_t age_ = 0;           // steps since the state was set
+    std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
+    double sample_interval_ = 0;     // [s]
+    double last_sample_ = 0;         // of an adaptive run: its time [s], and steps since
+    std::int64_t steps_since_sample_ = 0;
+    std::vector<double> speed_limits_;  // of the members, at the clock's time step
+    double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`
+};
+
+}  // namespace clothsim

@@ -1,0 +1,25 @@
+#include "engines/row_copies.hpp"
+
+#include <emmintrin.h>
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+
+namespace clothsim {
+
+void copy_past_caches(const void* from, void* to, std::size_t bytes) {
+    constexpr std::size_t size = sizeof(__m128i);
+    const char* next = static_cast<const char*>(from);
+    char* place = static_cast<char*>(to);
+    const auto copy = [&](std::size_t count) {
+        std::memcpy(place, next, count);
+        next += count, place += count, bytes -= count;
+    };
+    copy(std::min(bytes, -reinterpret_cast<std::uintptr_t>(place) % size));
+    for (; bytes >= size; next += size, place += size, bytes -= size)
+        _mm_stream_si128(reinterpret_cast<__m128i*>(place), _mm_loadu_si128(reinterpret_cast<const __m128i*>(next)));
+    copy(bytes);
+    _mm_sfence();
+}
+
+}  // namespace clothsim

@@ -1,0 +1,138 @@
+#include "integrators/implicit.hpp"
+
+#include <cmath>
+
+namespace clothsim {
+namespace {
+
+constexpr int most_iterations = 60;
+constexpr int most_halvings = 12;
+// Residual relative to its parts; Newton's method ends a few times above rounding.
+constexpr double converged = 1e-14;
+
+}  // namespace
+
+ImplicitMidpoint::ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity) : cloth_(cloth), gravity_(gravity) {
+    cloth.each_spring([&](int i, int j, const Neighbour& n) {
+        springs_.push_back({i, j, cloth.rest_length(n), cloth.stiffness[n.family], cloth.spring_damping[n.family]});
+    });
+    unknown_.assign(std::size_t(cloth.points()), -1);
+    for (int i = 0; i < cloth.points(); ++i)
+        if (!cloth.pinned[std::size_t(i)]) unknown_[std::size_t(i)] = unknowns_++;
+    mass_.resize(3 * unknowns_);
+    for (int i = 0; i < cloth.points(); ++i)
+        if (unknown_[std::size_t(i)] >= 0) mass_.segment<3>(3 * unknown_[std::size_t(i)]).setConstant(cloth.mass[std::size_t(i)]);
+    matrix_.resize(3 * unknowns_, 3 * unknowns_);
+}
+
+Vec3 ImplicitMidpoint::place(const Vector& values, int point) const {
+    const int k = unknown_[std::size_t(point)];
+    return k < 0 ? Vec3(Vec3::Zero()) : Vec3(values.segment<3>(3 * k));
+}
+
+// M (u - v) - h/2 F(x + h/2 u, u)
+auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
+    Vector r(3 * unknowns_);
+    for (int i = 0; i < cloth_.points(); ++i) {
+        const int k = unknown_[std::size_t(i)];
+        if (k < 0) continue;
+        const Vec3 here = u.segment<3>(3 * k);
+        const double m = cloth_.mass[std::size_t(i)];
+        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) -
+            h / 2 * (m * gravity_ - cloth_.point_damping * here);
+    }
+    for (const Spring& s : springs_) {
+        const Vec3 w = place(u, s.j) - place(u, s.i);
+        const Vec3 d = (x_.row(s.j) - x_.row(s.i)).transpose() + h / 2 * w;
+        const double l = d.norm();
+        if (l == 0) continue;
+        const Vec3 n = d / l;
+        const Vec3 force = h / 2 * (s.stiffness * (l - s.rest_length) + s.damping * w.dot(n)) * n;
+        const int i = unknown_[std::size_t(s.i)], j = unknown_[std::size_t(s.j)];
+        if (i >= 0) r.segment<3>(3 * i) -= force;
+        if (j >= 0) r.segment<3>(3 * j) += force;
+    }
+    return r;
+}
+
+void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
+    entries_.clear();
+    for (int k = 0; k < 3 * unknowns_; ++k)
+        entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.point_damping);
+    for (const Spring& s : springs_) {
+        const Vec3 d = (x_.row(s.j) - x_.row(s.i)).transpose() + h / 2 * (place(u, s.j) - place(u, s.i));
+        const double l = d.norm();
+        Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
+        if (l > 0) {
+            const Vec3 n = d / l;
+            double across = 1 - s.rest_length / l;
+            if (!exact) across = std::max(across, 0.0);
+            const Eigen::Matrix3d along = n * n.transpose();
+            block = (h / 2 * s.damping + h * h / 4 * s.stiffness) * along +
+                h * h / 4 * s.stiffness * across * (Eigen::Matrix3d::Identity() - along);
+        }
+        const int i = unknown_[std::size_t(s.i)], j = unknown_[std::size_t(s.j)];
+        for (int a = 0; a < 3; ++a)
+            for (int b = 0; b < 3; ++b) {
+                if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, block(a, b));
+                if (j >= 0 && a >= b) entries_.emplace_back(3 * j + a, 3 * j + b, block(a, b));
+                if (i >= 0 && j >= 0)
+                    entries_.emplace_back(3 * std::max(i, j) + a, 3 * std::min(i, j) + b, -block(a, b));
+            }
+    }
+    matrix_.setFromTriplets(entries_.begin(), entries_.end());
+}
+
+bool ImplicitMidpoint::factorise(double h, const Vector& u) {
+    for (const bool exact : {true, false}) {
+        assemble(h, u, exact);
+        if (!analysed_) solver_.analyzePattern(matrix_);
+        analysed_ = true;
+        solver_.factorize(matrix_);
+        if (solver_.info() == Eigen::Success && solver_.vectorD().minCoeff() > 0) return true;
+    }
+    return false;
+}
+
+int ImplicitMidpoint::step(Points& x, Points& v, double h) {
+    x_ = x;
+    v_ = v;
+    int evaluations = 1;
+    Vector u(3 * unknowns_);
+    for (int i = 0; i < cloth_.points(); ++i)
+        if (unknown_[std::size_t(i)] >= 0) u.segment<3>(3 * unknown_[std::size_t(i)]) = v_.row(i).transpose();
+    const Vector start = u;
+    const auto size = [&](const Vector& r) { return std::sqrt((r.array().square() / mass_.array()).sum()); };
+
+    Vector r = residual(h, u);
+    double norm = size(r);
+    for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
+        if (!factorise(h, u)) break;
+        const Vector change = solver_.solve(r);
+        double part = 1, best = norm;
+        Vector next, next_r;
+        for (int halving = 0; halving <= most_halvings; ++halving, part /= 2) {
+            next = u - part * change;
+            next_r = residual(h, next);
+            ++evaluations;
+            best = size(next_r);
+            if (best < norm) break;
+        }
+        if (!(best < norm)) break;
+        u = next;
+        r = next_r;
+        norm = best;
+        // The parts of the residual: momentum, and its change by the force.
+        const double parts = size((mass_.array() * u.array()).matrix()) + size((mass_.array() * (u - start).array()).matrix());
+        if (norm <= converged * parts) break;
+    }
+    for (int i = 0; i < cloth_.points(); ++i) {
+        if (unknown_[std::size_t(i)] < 0) continue;
+        const Vec3 middle = u.segment<3>(3 * unknown_[std::size_t(i)]);
+        x.row(i) += h * middle.transpose();
+        v.row(i) = (2 * middle - v_.row(i).transpose()).transpose();
+    }
+    return evaluations;
+}
+
+}  // namespace clothsim

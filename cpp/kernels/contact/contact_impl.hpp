@@ -1,0 +1,145 @@
+// Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step, and
+// the answer to those that do: kernels/contact/contact_resting.hpp to the many that lie on it, kernels/contact/continuous.hpp to the
+// others.
+//
+// A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
+// |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
+//
+// This is looked at in Real, and so that rounding never hides a point: of one that has to be answered even
+// m^2 <= R^2 + q^2 holds, as it came to R or nearer, at a right angle to its way or at its end. With m and q wrong by
+// up to d, R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. What is dropped or rounded is a
+// place or a way of no more than |c1| + |c1 - c0| + R + |q|; the part of |q| is covered by the factor 1 + 1/k.
+//
+// The state of vectors that are done is copied for the next step on the way.
+#pragma once
+
+#include "kernels/contact/contact_arguments.hpp"
+#include "kernels/contact/contact_marks.hpp"
+#include "kernels/contact/contact_resting.hpp"
+#include "kernels/contact/contact_wide.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+constexpr double near_margin = 1.0 / 64;
+
+template <class V, class Real>
+struct SphereNear {
+    V center[3], way[3], radius2;
+
+    CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
+        double size = s.surface;
+        for (int k = 0; k < 3; ++k) {
+            const double gone = s.end[k] - s.start[k];
+            center[k] = V(Real(s.end[k]));
+            way[k] = V(Real(gone));
+            size += __builtin_fabs(s.end[k]) + __builtin_fabs(gone);
+        }
+        const double rounding = 16 * size * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
+        const double radius = s.surface + rounding;
+        radius2 = V(Real((1 + near_margin) * radius * radius * (1 + 1e-6)));
+    }
+    CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
+        const Vector3<V> m{x.x - center[0], x.y - center[1], x.z - center[2]};
+        const Vector3<V> q{x.x - x0.x - way[0], x.y - x0.y - way[1], x.z - x0.z - way[2]};
+        const V m2 = m.x * m.x + m.y * m.y + m.z * m.z;
+        const V q2 = q.x * q.x + q.y * q.y + q.z * q.z;
+        return m2 < radius2 + V(Real(1 + 1 / near_margin)) * q2;
+    }
+};
+
+template <class Arch>
+struct Number<xsimd::batch<double, Arch>> {
+    using D = xsimd::batch<double, Arch>;
+    using Mask = xsimd::batch_bool<double, Arch>;
+    static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
+    static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
+    static CLOTHSIM_LANE bool any(const Mask& c) { return xsimd::any(c); }
+};
+
+template <class V, class Real>
+CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g) {
+    each<6>([&](auto k) __attribute__((always_inline)) {
+        V::load_unaligned(from + k * g.component).store_unaligned(to + k * g.component);
+        if constexpr (sizeof(Real) == 4)
+            V::load_unaligned(from + k * g.component + g.compensation)
+                .store_unaligned(to + k * g.component + g.compensation);
+    });
+}
+
+// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `answered`; the lanes that are left over.
+template <class Arch, class Real, int W>
+__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector,
+                                                    std::uint64_t lanes, std::uint64_t& answered_lanes) {
+    using D = xsimd::batch<double, Arch>;
+    using Memory = Wide<Arch, Real>;
+    const VectorGeometry& g = a.geometry;
+    const std::ptrdiff_t first = row * g.row + vector * g.vector;
+    const std::uint64_t free = a.free[std::ptrdiff_t(row) * g.vectors + vector];
+    constexpr std::uint64_t part = (std::uint64_t(1) << Memory::N) - 1;
+    std::uint64_t left_over = 0;
+    for (int l = 0; l < W; l += Memory::N) {
+        if ((lanes >> l & part) == 0) continue;
+        Real* const state = a.state + first + l;
+        const Real* const before = a.before + first + l;
+        D x0[3], v0[3], x[3], v[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            x0[k] = Memory::read(before + k * g.component, g.compensation);
+            v0[k] = Memory::read(before + (k + 3) * g.component, g.compensation);
+            x[k] = Memory::read(state + k * g.component, g.compensation);
+            v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
+        });
+        const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
+        const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
+        left_over |= std::uint64_t((asked & (m.in_the_air | (m.answered & !moves))).mask()) << l;
+        const auto answered = asked & m.answered & moves;
+        if (xsimd::none(answered)) continue;
+        answered_lanes |= std::uint64_t(answered.mask()) << l;
+        const D chosen = xsimd::select(answered, D(1.0), D(0.0));
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            Memory::write(state + k * g.component, g.compensation, x[k], chosen);
+            Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
+        });
+    }
+    return left_over;
+}
+
+template <class Arch, class Real, Arithmetic arithmetic>
+void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
+    using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
+    constexpr int most = 8;  // spheres looked at side by side
+    const VectorGeometry& g = a.geometry;
+    for (int first = 0; first < a.sphere_count; first += most) {
+        const int count = a.sphere_count - first < most ? a.sphere_count - first : most;
+        SphereNear<V, Real> spheres[most];
+        for (int s = 0; s < count; ++s) spheres[s].prepare(a.spheres[first + s]);
+        OnSphere<Arch, Real> resting;
+        if constexpr (arithmetic == Arithmetic::fused) resting.prepare(a.spheres[0]);
+        for (int row = begin; row < end; ++row)
+            for (int vector = 0; vector < g.vectors; ++vector) {
+                const std::ptrdiff_t at = row * g.row + vector * g.vector;
+                const Vector3<V> x = load3<V>(a.state + at, g.component);
+                const Vector3<V> x0 = load3<V>(a.before + at, g.component);
+                auto near = spheres[0].near(x, x0);
+                for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
+                const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
+                std::uint64_t left_over = near.mask(), answered = 0;
+                if (left_over && a.sphere_count == 1) {
+                    if constexpr (arithmetic == Arithmetic::fused)
+                        left_over = resting.answer(g, a.state + at, a.before + at, near,
+                                                   lanes_of<Lanes<Real, Arch>>(a.free[index]), answered);
+                    if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over, answered);
+                }
+                if (left_over) a.left_over(a.context, row, vector, left_over);
+                std::uint8_t& open = a.open[index];
+                open = std::uint8_t((left_over ? vector_left_over : 0) | (answered ? vector_answered : 0) | (first > 0 ? open : 0));
+                if (__builtin_expect(a.copy && !(open & vector_left_over) && first + count == a.sphere_count, 1))
+                    copy_vector<V>(a.state + at, a.before + at, g);
+            }
+    }
+}
+
+}  // namespace
+}  // namespace clothsim

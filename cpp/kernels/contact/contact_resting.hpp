@@ -1,0 +1,186 @@
+// The usual case of continuous contact, at the full width of the lanes: points that lie on the sphere when the step
+// begins and are pressed against it. They meet it at time 0, so that nothing is left of kernels/contact/continuous.hpp but
+//
+//     n = p0 / |p0|      x = x1 - lost q - kept (q.n) n      v = v1 - lost u - kept (u.n) n + u' n
+//
+// with `lost` the part of the tangential motion that friction takes and kept = 1 - lost. The change, which is small, is
+// added to the compensated state as a stage of the integrator is. "On the sphere" is within a quarter of the slop.
+//
+// Whether a point is such a one, and whether another keeps clear of the sphere in this step, is decided in double
+// whatever Real is. What is left over goes to kernels/contact/continuous.hpp: points that come from further away, were
+// inside, bounce, or go far in a step.
+//
+// Its arithmetic is fused, so the strict class does without.
+#pragma once
+
+#include "kernels/contact/contact_arguments.hpp"
+#include "kernels/contact/contact_wide.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class Arch, class Real>
+class OnSphere {
+    using V = Lanes<Real, Arch>;
+    using Mask = xsimd::batch_bool<Real, Arch>;
+    using Memory = Wide<Arch, Real>;
+    using D = typename Memory::D;
+    static constexpr bool compensated = sizeof(Real) == 4;
+
+    // A double as its nearest Real and the rest.
+    struct Split {
+        V value, rest;
+        CLOTHSIM_INLINE void set(double d) {
+            value = V(Real(d));
+            rest = V(Real(d - double(Real(d))));
+        }
+    };
+
+public:
+    CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
+        const double surface2 = s.surface * s.surface, low = s.surface - s.slop / 4, high = s.surface + s.slop / 4;
+        for (int k = 0; k < 3; ++k) {
+            center_[k].set(s.start[k]);
+            way_[k].set(s.end[k] - s.start[k]);
+            velocity_[k].set(s.velocity[k]);
+            wide_center_[k] = D(s.start[k]);
+            wide_way_[k] = D(s.end[k] - s.start[k]);
+        }
+        lowest2_ = D(low * low);
+        highest2_ = D(high * high);
+        clear2_ = D(high * high * (1 + 0x1p-44));
+        short2_ = D(surface2 / 256);
+        inverse_surface2_ = V(Real(1 / surface2));
+        half_inverse_surface_ = V(Real(0.5 / s.surface));
+        inverse_dt_ = V(Real(1 / s.dt));
+        restitution_ = V(Real(s.restitution));
+        friction_ = V(Real(s.friction));
+        bounces_ = s.restitution > 0;
+        rough_ = s.friction > 0;
+    }
+
+    // Answers those of the lanes `near` that are such points, and adds them to `answered`; of the others, those that have to
+    // be looked at.
+    CLOTHSIM_INLINE std::uint64_t answer(const VectorGeometry& g, Real* state, const Real* before, const Mask& near,
+                                         const Mask& moves, std::uint64_t& answered) const {
+        alignas(64) Real pq[V::size];  // in double down to here: its sign and size hang on digits that Real lacks
+        const Decision decided = decide(g, state, before, pq);
+        Mask touches = near & moves & lanes_of<V>(decided.touching);
+        const std::uint64_t left_over = near.mask() & ~(touches.mask() | decided.clear);
+        if (xsimd::none(touches)) return left_over;
+
+        const V zero(Real(0)), one(Real(1));
+        V p[3], q[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            const Real* const x0 = before + k * g.component;
+            const Real* const x1 = state + k * g.component;
+            p[k] = load(x0) - center_[k].value;
+            q[k] = load(x1) - load(x0) - way_[k].value;
+            if constexpr (compensated) {
+                const V rest = load(x0 + g.compensation);
+                p[k] += rest - center_[k].rest;
+                q[k] += load(x1 + g.compensation) - rest - way_[k].rest;
+            }
+        });
+        // 1 / |p|, as |p| is the surface but for rounding: a Newton step.
+        const V inverse = half_inverse_surface_ * xsimd::fnma(inner(p, p), inverse_surface2_, V(Real(3)));
+        const V normal_way = V::load_aligned(pq) * inverse;
+        V n[3], u[3];
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            n[k] = p[k] * inverse;
+            u[k] = load(state + (k + 3) * g.component) - velocity_[k].value;
+            if constexpr (compensated) u[k] += load(state + (k + 3) * g.component + g.compensation) - velocity_[k].rest;
+        });
+        const V speed = inner(u, n);
+        V leaving = xsimd::max(speed, zero);
+        std::uint64_t in_the_air = 0;
+        if (bounces_) {
+            V gain[3];
+            each<3>([&](auto k) __attribute__((always_inline)) {
+                const Real* const v0 = before + (k + 3) * g.component;
+                const Real* const v1 = state + (k + 3) * g.component;
+                gain[k] = load(v1) - load(v0);
+                if constexpr (compensated) gain[k] += load(v1 + g.compensation) - load(v0 + g.compensation);
+            });
+            const V pull = -inner(gain, n);
+            const V arrival2 = xsimd::fma((pull + pull) * inverse_dt_, normal_way, speed * speed);
+            const V bounce = restitution_ * xsimd::sqrt(xsimd::max(arrival2, zero));
+            const Mask flies = touches & (bounce > zero) & (bounce + bounce > pull);
+            in_the_air = flies.mask();
+            touches = touches & !flies;
+            leaving = xsimd::max(speed, bounce);
+        }
+        V lost = zero;  // part of the tangential motion that friction takes
+        if (rough_) {
+            V tangential[3];
+            each<3>([&](auto k) __attribute__((always_inline)) { tangential[k] = xsimd::fnma(speed, n[k], u[k]); });
+            const V slip2 = inner(tangential, tangential), most = friction_ * (leaving - speed);
+            const Mask slides = touches & (slip2 > most * most);
+            lost = one;
+            if (xsimd::any(slides)) lost = xsimd::select(slides, most / xsimd::sqrt(slip2), one);
+        }
+        // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding counts.
+        const V kept = one - lost, normal_change = kept * normal_way, normal_gain = xsimd::fnma(kept, speed, leaving);
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
+            add(g, state + (k + 3) * g.component, xsimd::fnma(lost, u[k], normal_gain * n[k]), touches);
+        });
+        answered |= touches.mask();
+        return left_over | in_the_air;
+    }
+
+private:
+    // Lanes of points on the sphere and pressed against it; of points outside that do not meet it in this step.
+    struct Decision {
+        std::uint64_t touching, clear;
+    };
+    CLOTHSIM_INLINE Decision decide(const VectorGeometry& g, const Real* state, const Real* before, Real* pq) const {
+        const D zero(0.0);
+        Decision decided{0, 0};
+        each<int(V::size) / Memory::N>([&](auto part) __attribute__((always_inline)) {
+            constexpr int l = part * Memory::N;
+            D p[3], q[3];
+            each<3>([&](auto k) __attribute__((always_inline)) {
+                const std::ptrdiff_t at = l + k * g.component;
+                const D x0 = Memory::read(before + at, g.compensation);
+                p[k] = x0 - wide_center_[k];
+                q[k] = Memory::read(state + at, g.compensation) - x0 - wide_way_[k];
+            });
+            const D start2 = inner(p, p), b = inner(p, q), a = inner(q, q);
+            Memory::store(pq + l, Memory::narrow(Memory::doubles(b)));
+            const auto outside = start2 >= lowest2_, inwards = b < zero, brief = a < short2_;
+            const auto touching = outside & (start2 <= highest2_) & inwards & brief;
+            // Still approaching when the step ends, well outside.
+            const auto falls_short = brief & (a + b < zero) & (start2 + (b + b + a) > clear2_);
+            decided.touching |= std::uint64_t(touching.mask()) << l;
+            decided.clear |= std::uint64_t((outside & (falls_short | !inwards)).mask()) << l;
+        });
+        return decided;
+    }
+
+    static CLOTHSIM_INLINE V load(const Real* p) { return V::load_unaligned(p); }
+    template <class T>
+    static CLOTHSIM_INLINE T inner(const T (&a)[3], const T (&b)[3]) {
+        return xsimd::fma(a[2], b[2], xsimd::fma(a[1], b[1], a[0] * b[0]));
+    }
+    static CLOTHSIM_INLINE void add(const VectorGeometry& g, Real* place, const V& change, const Mask& chosen) {
+        const V old = load(place);
+        if constexpr (compensated) {
+            const V rest = load(place + g.compensation);
+            const V increment = change + rest, next = old + increment;
+            xsimd::select(chosen, next, old).store_unaligned(place);
+            xsimd::select(chosen, increment - (next - old), rest).store_unaligned(place + g.compensation);
+        } else {
+            xsimd::select(chosen, old + change, old).store_unaligned(place);
+        }
+    }
+
+    Split center_[3], way_[3], velocity_[3];
+    D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_;
+    V inverse_surface2_, half_inverse_surface_, inverse_dt_, restitution_, friction_;
+    bool bounces_, rough_;
+};
+
+}  // namespace
+}  // namespace clothsim

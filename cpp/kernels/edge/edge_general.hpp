@@ -1,0 +1,134 @@
+// The edge kernel for every cloth and every row: a loop that asks which springs a row has, and for each vector how many lanes have
+// them. It sums as edge_row.hpp does, so that the bits are the same; what is not there is 0.
+#pragma once
+
+#include <utility>
+
+#include "kernels/edge/edge_update.hpp"
+
+namespace clothsim {
+namespace {
+
+// The springs that start in a row: its own, or only what they hand down to rows below.
+template <class Real>
+CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Real>& source, bool own) {
+    const bool there[3] = {own, source.below != nullptr, source.below_2 != nullptr};
+    Legs legs = 0;
+    for (int leg = 0; leg < leg_count; ++leg) {
+        const Neighbour& kind = spring_kinds[kind_of_leg[leg]];
+        legs |= Legs(features.has(kind) && there[kind.row]) << leg;
+    }
+    return legs;
+}
+
+template <class V, class Real, bool damped>
+__attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, bool own, const PendingRow<Real>& pending,
+                                       const Real* ahead) {
+    constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W, class_size = spring_kind_count * kind_size;
+    const Legs legs = legs_of_row(e.features, source, own);
+    const auto has = [legs](Leg leg) __attribute__((always_inline)) { return (legs >> leg & 1) != 0; };
+    const std::ptrdiff_t stride = source_stride<V>(e.stage), past = std::ptrdiff_t(e.vectors) * 3 * W;
+    const int m = e.vectors;
+    const auto points = [](const Real* p) __attribute__((always_inline)) -> Points<V> {
+        if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
+        else return {load3<V>(p, W), {}};
+    };
+    // Behind the last vector stands the first, a lane on.
+    const auto place_of = [&](int k) __attribute__((always_inline)) { return k < m ? k * stride : (k - m) * stride + 1; };
+    const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
+    Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
+    Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
+    const SpringConstants<V> constants{};
+    for (int k = 0; k < m; ++k) {
+        const std::ptrdiff_t at = k * stride, next = place_of(k + 1), vector = std::ptrdiff_t(k) * 3 * W;
+        const Real* const coefficients = e.coefficients + e.coefficient_class[k] * class_size;
+        if (ahead) fetch<V>(e, ahead, k);
+        const auto pull = [&](Leg leg, const Points<V>& from, const Real* to) __attribute__((always_inline)) {
+            Spring<V> spring = stretch<damped>(from, to, constants);
+            root(spring, constants);
+            return force<damped, Springs::by_coefficient>(spring, coefficients + kind_of_leg[leg] * kind_size);
+        };
+        const Points<V> point = points(source.here + at);
+        if (pending.there) finish_any<V, Real>(e, pending, k);
+
+        Vector3<V> drop = none, drop_2 = none, falls = none, rises = none;
+        if (has(down)) drop = pull(down, point, source.below + at);
+        if (has(falling)) {
+            falls = pull(falling, point, source.below + next);
+            rises = pull(rising, points(source.here + next), source.below + at);
+        }
+        if (source.below) {
+            const Vector3<V> straight = e.features.family[bend] ? drop + load3<V>(e.received_2 + vector, W) : drop;
+            store3(e.received[1] + vector, W, straight + (fell + rises));
+        }
+        if (has(down_2)) {
+            drop_2 = pull(down_2, point, source.below_2 + at);
+            store3(e.received_2 + vector, W, drop_2);
+        }
+        const Vector3<V> behind = (drop + drop_2) + (rose + falls);
+        fell = falls;
+        rose = rises;
+        if (!own) continue;
+        Vector3<V> within = to_next;
+        to_next = to_next_2;
+        if (has(side)) {
+            const Vector3<V> pulls = pull(side, point, source.here + next);
+            within = within - pulls;
+            to_next = to_next + pulls;
+        }
+        if (has(side_2)) {
+            to_next_2 = pull(side_2, point, source.here + place_of(k + 2));
+            within = within - to_next_2;
+        }
+        store3(e.force + vector, W, within + (load3<V>(e.received[0] + vector, W) - behind));
+    }
+    if (source.below) store3(e.received[1] + past, W, fell);
+    if (!own) return;
+    // What is handed on past the last vector belongs to the first ones, a lane further.
+    const Vector3<V> past_last = (load3<V>(e.received[0] + past, W) - rose) + to_next;
+    store3(e.force, W, load3<V>(e.force, W) + shifted_lanes(past_last));
+    store3(e.force + 3 * W, W, load3<V>(e.force + 3 * W, W) + shifted_lanes(to_next_2));
+}
+
+template <class V, class Real>
+CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& source, bool own, const Real* ahead = nullptr) {
+    const PendingRow<Real> pending = own ? pending_row(e) : PendingRow<Real>{};
+    if (e.features.spring_damping) sum_row<V, Real, true>(e, source, own, pending, ahead);
+    else sum_row<V, Real, false>(e, source, own, pending, ahead);
+    std::swap(e.received[0], e.received[1]);
+}
+
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
+template <class Arch, class Real>
+void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
+    using V = Lanes<Real, Arch>;
+    const bool of_state = source_is_state(e.stage);
+    const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
+    for (int row = begin; row < end; ++row) {
+        const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
+        sum_row<V>(e, sources, true, row_ahead(e, row));
+        row_is_pending<V>(e, row, sources);
+    }
+}
+
+// One of the last two rows of a cloth.
+template <class Arch, class Real>
+void edge_last_row_of_any(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
+    using V = Lanes<Real, Arch>;
+    sum_row<V>(e, source, true);
+    row_is_pending<V>(e, row, source);
+}
+
+// What the two rows before a band hand on to its first two.
+template <class Arch, class Real>
+void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const EdgeSources<Real>& before) {
+    using V = Lanes<Real, Arch>;
+    if (e.features.family[bend]) {
+        if (e.features.spring_damping) hand_down_2<V, Real, true>(e, before_2);
+        else hand_down_2<V, Real, false>(e, before_2);
+    }
+    sum_row<V>(e, before, false);
+}
+
+}  // namespace
+}  // namespace clothsim

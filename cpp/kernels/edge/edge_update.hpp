@@ -1,0 +1,197 @@
+// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres it may have met.
+#pragma once
+
+#include "kernels/edge/edge_spring.hpp"
+
+namespace clothsim {
+namespace {
+
+#define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
+
+// The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
+template <class Real>
+struct PendingRow {
+    bool there = false;
+    Real* state;
+    Real* work;
+    const Real* source;
+    const Real* inverse_mass;
+    const Real* free;
+};
+
+template <class Real>
+CLOTHSIM_INLINE PendingRow<Real> row_to_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
+    const EdgeRowPointers<Real>& r = e.rows[row];
+    return {true, r.state, r.work, source, r.inverse_mass, r.free};
+}
+
+template <class Real>
+CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
+    if (e.pending < 0) return {};
+    return row_to_finish(e, e.pending, e.pending_source);
+}
+
+// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not known here.
+template <class V, class Real, Stage stage, int fixed>
+CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k, const Vector3<V>& force) {
+    constexpr int W = int(V::size);
+    constexpr bool compensated = sizeof(Real) == 4;
+    const Real* const source = row.source + k * source_stride<V>(stage);
+    Real* const state = row.state + k * (StateRecord::count * W);
+    Real* const work = row.work + k * (WorkRecord::count * W);
+    const V step(stage == Stage::third ? e.h : e.half_h), step_a(stage == Stage::third ? e.h_a : e.half_h_a);
+    const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
+    const V h2_6(e.h2_6), h_6(e.h_6);
+    V acceleration[3] = {force.x, force.y, force.z};
+    if (__builtin_expect(e.point_damping != 0, 0))
+        each<3>(CLOTHSIM_EACH(j) {
+            acceleration[j] = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+        });
+    if (__builtin_expect(row.inverse_mass != nullptr, 0)) {
+        const V inverse_mass = V::load_aligned(row.inverse_mass + k * W);
+        each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] * inverse_mass; });
+    }
+    each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] + V(e.gravity[j]); });
+    if (__builtin_expect(row.free != nullptr, 0)) {
+        const V zero(Real(0));
+        const auto free = V::load_aligned(row.free + k * W) != zero;
+        each<3>(CLOTHSIM_EACH(j) { acceleration[j] = xsimd::select(free, acceleration[j], zero); });
+    }
+    each<3>(CLOTHSIM_EACH(j) {
+        Real* const first = work + (WorkRecord::first + j) * W;
+        Real* const sum = work + (WorkRecord::sum + j) * W;
+        Real* const x = state + j * W;
+        Real* const v = state + (3 + j) * W;
+        const V a = acceleration[j];
+        if constexpr (stage == Stage::evaluate) {
+            (a * V(e.unit)).store_aligned(first);
+        } else if constexpr (stage == Stage::fourth) {
+            add_increment<compensated>(v, v + compensation, h_6 * (V::load_aligned(sum) + a));
+        } else {
+            const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
+            xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
+            xsimd::fma(step_a, a, v0).store_aligned(work + (3 + j) * W);
+            if constexpr (stage == Stage::first) a.store_aligned(first);
+            if constexpr (stage == Stage::second) a.store_aligned(sum);
+            if constexpr (stage == Stage::third) {
+                const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
+                (three + middle).store_aligned(sum);
+                add_increment<compensated>(x, x + compensation, xsimd::fma(step, v0, h2_6 * three));
+            }
+        }
+    });
+}
+
+template <class V, class Real, Stage stage>
+CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    finish_stage<V, Real, stage, 0>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+}
+// In the stage of `e`.
+template <class V, class Real>
+__attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    switch (e.stage) {
+        case Stage::first: return finish_vector<V, Real, Stage::first>(e, row, k);
+        case Stage::second: return finish_vector<V, Real, Stage::second>(e, row, k);
+        case Stage::third: return finish_vector<V, Real, Stage::third>(e, row, k);
+        case Stage::fourth: return finish_vector<V, Real, Stage::fourth>(e, row, k);
+        case Stage::evaluate: return finish_vector<V, Real, Stage::evaluate>(e, row, k);
+    }
+}
+template <class V, class Real, Stage stage, int fixed>
+CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+    if constexpr (stage == any_stage) return finish_any<V, Real>(e, row, k);
+    else finish_stage<V, Real, stage, fixed>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+}
+
+// Whether all points of a row are beyond the sphere's plane; padding is above every plane.
+template <class V, class Real>
+CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride, const SphereOutline<Real>& sphere) {
+    if (sphere.axis < 0) return false;
+    const Real* const x = row + sphere.axis * int(V::size);
+    V nearest = V::load_unaligned(x);
+    if (sphere.above) {
+        for (int k = 1; k < e.vectors; ++k) nearest = xsimd::min(nearest, V::load_unaligned(x + k * stride));
+        return xsimd::all(nearest >= V(sphere.plane));
+    }
+    for (int k = 1; k < e.vectors; ++k) nearest = xsimd::max(nearest, V::load_unaligned(x + k * stride));
+    return xsimd::all(nearest <= V(sphere.plane));
+}
+
+// The spheres that points of rows [begin, end) have met.
+template <class V, class Real>
+__attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int begin, int end) {
+    constexpr int W = int(V::size), state_stride = StateRecord::count * W;
+    for (int s = 0; s < e.sphere_count; ++s) {
+        SphereOutline<Real>& sphere = e.spheres[s];
+        const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
+        for (int row = begin; row < end; ++row) {
+            if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
+            sphere.crossed = true;
+            for (int k = 0; k < e.vectors; ++k) {
+                const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
+                const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
+                if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
+            }
+        }
+    }
+}
+
+// What is left to do when the vectors of rows [begin, end) are finished. Not row by row: the answer to a contact is a call,
+// for which each row would save what it keeps in registers.
+template <class V, class Real>
+CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) {
+    if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
+}
+
+// Ask for the share of a row ahead that belongs to a vector. In one go the requests would wait for each other, and the
+// arithmetic with them.
+template <class V, class Real>
+CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
+    constexpr int line = 64 / int(sizeof(Real));
+    const Real* const record = ahead + k * (StateRecord::count * int(V::size));
+    for (std::ptrdiff_t i = e.ahead_begin; i < e.ahead_end; i += line) __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
+}
+
+template <class Real>
+CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
+    return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr;
+}
+
+// What the first of the two rows before a band hands on: springs that lead two rows on.
+template <class V, class Real, bool damped>
+CLOTHSIM_INLINE void hand_down_2(const EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
+    constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W;
+    const std::ptrdiff_t stride = source_stride<V>(e.stage);
+    const SpringConstants<V> constants{};
+    for (int k = 0; k < e.vectors; ++k) {
+        const Real* const p = source.here + k * stride;
+        Points<V> points{load3<V>(p, W), {}};
+        if constexpr (damped) points.v = load3<V>(p + 3 * W, W);
+        Spring<V> spring = stretch<damped>(points, source.below_2 + k * stride, constants);
+        root(spring, constants);
+        const Real* const coefficients = e.coefficients + (e.coefficient_class[k] * spring_kind_count + to_below_2) * kind_size;
+        store3(e.received_2 + k * 3 * W, W, force<damped, Springs::by_coefficient>(spring, coefficients));
+    }
+}
+
+// The forces on a row are known, and the stage of the row before is finished.
+template <class V, class Real>
+CLOTHSIM_INLINE void row_is_pending(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
+    if (e.pending >= 0) end_rows<V>(e, e.pending, e.pending + 1);
+    e.pending = row;
+    e.pending_source = source.here;
+}
+
+// The end of the stage of the row that is pending.
+template <class Arch, class Real>
+void edge_finish(EdgeArguments<Real>& e) {
+    using V = Lanes<Real, Arch>;
+    const PendingRow<Real> pending = pending_row(e);
+    if (!pending.there) return;
+    for (int k = 0; k < e.vectors; ++k) finish_any<V, Real>(e, pending, k);
+    end_rows<V>(e, e.pending, e.pending + 1);
+    e.pending = -1;
+}
+
+}  // namespace
+}  // namespace clothsim

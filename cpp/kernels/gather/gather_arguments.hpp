@@ -1,0 +1,87 @@
+// What one RK4 stage of the gather kernel reads and writes. Plain data: this header is shared by the
+// portable files and the per-instruction-set files, so it holds no code but constant expressions.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "model/stencil.hpp"
+
+namespace clothsim {
+
+// Classic RK4 on (x, v) together, in Nystroem form: with a1..a4 the accelerations at the stages,
+//   x2 = x + h/2 v           v2 = v + h/2 a1
+//   x3 = x + h/2 v2          v3 = v + h/2 a2
+//   x4 = x + h v3            v4 = v + h a3
+//   x' = x + h v + h^2/6 (a1 + a2 + a3)
+//   v' = v + h/6 (a1 + 2 (a2 + a3) + a4)
+// which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
+enum class Stage : int { first,
+                         second,
+                         third,
+                         fourth,
+                         evaluate };
+
+// Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply and
+// subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of a family by
+// the rounding of one: nothing in double, but as much as all other errors of a run together in single.
+template <class Real>
+inline constexpr bool exact_at_rest = sizeof(Real) == 8;
+
+// What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of their own, in
+// which the damping constant is 1 where all families are damped alike: that saves a product for each spring. Gravity and
+// damping per point are in that unit; what accelerations are multiplied by holds it.
+template <class Real>
+struct StepConstants {
+    Real unit;  // m / s^2
+    Real gravity[3];
+    Real point_damping;             // divided by mass where it is uniform; 0: none
+    Real half_h, h;                 // of a velocity
+    Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
+};
+
+// Scaled by 1/mass where the mass is uniform, and by 1/unit. `rest` is the rest length L; in the fused class it is
+// the tension K L / root_scale, and damping is divided by root_scale twice.
+template <class Real>
+struct SpringCoefficients {
+    Real stiffness, rest, damping;
+};
+
+// Of a vector of points in a row the lanes whose point has a neighbour so many columns on.
+struct LanesWithNeighbour {
+    std::uint16_t bits[2 * stencil_reach] = {};
+    static constexpr int index(int column) { return column < 0 ? column + stencil_reach : column + stencil_reach - 1; }
+};
+
+template <class Real>
+struct GatherArguments : StepConstants<Real> {
+    std::ptrdiff_t stride;  // elements from row to row
+    std::ptrdiff_t plane;   // elements from component to component
+    int rows;
+    bool from_memory;  // the cloth does not stay in the caches
+    Stage stage;
+    Features features;
+    SpringCoefficients<Real> spring[spring_kind_count];
+    const LanesWithNeighbour* lanes;  // for each vector of a row
+    const Real* inverse_mass;         // null: uniform
+    const Real* free;                 // one plane, 0 for pinned and padding points, else 1
+    const std::uint8_t* row_has_fixed;
+    // Six planes each (x, y, z, vx, vy, vz).
+    const Real* source;     // state at which this stage looks
+    Real* state;            // x_n, v_n; stage four writes the new state here
+    Real* target;           // state for the next stage
+    Real* compensation;     // what rounding took from x and v; null: not compensated
+    // Three planes each.
+    Real* first_acceleration;
+    Real* acceleration_sum;  // a2 + a3
+};
+
+template <class Real>
+struct SphereTest {
+    std::ptrdiff_t stride, plane;
+    const Real* position;
+    Real center[3];
+    Real radius_squared;
+};
+
+}  // namespace clothsim

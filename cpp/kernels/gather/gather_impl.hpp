@@ -1,0 +1,233 @@
+// The gather kernel: one lane is one thread of the compute shader, one thread one mass point.
+//
+// A lane looks at its neighbours in the order of `neighbours` (model/stencil.hpp), sums the spring forces
+// on its own point and finishes its own point's Runge-Kutta stage. Nothing is written for anybody else, so
+// any number of threads gives the same bits.
+//
+//   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
+//   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
+//
+// and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
+//
+// Rows are padded with far, finite points, so that a lane may look at a neighbour that its point does not have, and takes no
+// force from it. Neighbours of a family that the cloth lacks are skipped, and so are those above or below it: a bit a neighbour
+// says which, the same for a whole row, so that the processor predicts the branches.
+#pragma once
+
+#include "kernels/kernel_table.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+template <Arithmetic A, class V>
+CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
+    return multiply_add<A>(a.z, b.z, multiply_add<A>(a.y, b.y, a.x * b.x));
+}
+
+template <class V>
+struct SpringLanes {
+    V stiffness, rest, damping;
+};
+
+// Elements from a component to the ones after it.
+struct Planes {
+    std::ptrdiff_t one, three, five;
+    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane) : one(plane), three(3 * plane), five(5 * plane) {
+        // The compiler would make a pointer of each row and component, which are more than there are registers.
+        asm("" : "+r"(one), "+r"(three), "+r"(five));
+    }
+};
+
+template <class V, class Real>
+CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
+    return {V::load_unaligned(p), V::load_unaligned(p + planes.one), V::load_unaligned(p + 2 * planes.one)};
+}
+
+template <class V, class Real>
+CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
+    return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one), V::load_unaligned(p + planes.five)};
+}
+
+// `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
+template <Arithmetic A, bool damped, bool all, class V, class Real>
+CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* other,
+                                const Planes& planes, const SpringLanes<V>& spring, std::uint64_t there) {
+    const Vector3<V> d = position<V>(other, planes) - x;
+    // First what the most operations wait for.
+    V l, r;
+    if constexpr (A == Arithmetic::strict) {
+        // Coincident points: a spring without direction gives no force instead of a NaN.
+        l = xsimd::sqrt(xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>)));
+        r = V(Real(1)) / l;
+    } else {
+        V l2 = xsimd::fma(d.x, d.x, V(smallest_squared_length<Real>));
+        l2 = xsimd::fma(d.z, d.z, xsimd::fma(d.y, d.y, l2));
+        r = scaled_reciprocal_root(l2);
+    }
+    V damping_force;  // c (w.d)
+    if constexpr (damped) damping_force = spring.damping * dot<A>(velocity<V>(other, planes) - v, d);
+    V scale;
+    if constexpr (A == Arithmetic::strict) {
+        scale = spring.stiffness * (l - spring.rest);
+        if constexpr (damped) scale = damping_force * r + scale;
+        scale = scale * r;
+    } else {
+        const V pull = damped ? xsimd::fms(damping_force, r, spring.rest) : -spring.rest;
+        scale = exact_at_rest<Real> ? pull * r + spring.stiffness : xsimd::fma(pull, r, spring.stiffness);
+    }
+    if constexpr (!all) scale = xsimd::select(lanes_of<V>(there), scale, V(Real(0)));
+    force.x = multiply_add<A>(scale, d.x, force.x);
+    force.y = multiply_add<A>(scale, d.y, force.y);
+    force.z = multiply_add<A>(scale, d.z, force.z);
+}
+
+// A bit for each of `neighbours` that the points of a row may have.
+CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, int rows) {
+    unsigned present = 0;
+    each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
+        constexpr MirroredNeighbour neighbour = neighbours[n];
+        const bool there = features.has(neighbour) && row + neighbour.row >= 0 && row + neighbour.row < rows;
+        present |= unsigned(there) << n;
+    });
+    return present;
+}
+
+template <Arithmetic A, bool damped, class V, class Real>
+CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* point, const Planes& planes,
+                                 const SpringLanes<V> (&springs)[spring_kind_count], const LanesWithNeighbour& lanes, unsigned present,
+                                 std::ptrdiff_t stride) {
+    each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
+        constexpr MirroredNeighbour neighbour = neighbours[n];
+        if (!(present >> n & 1)) return;
+        constexpr bool all = neighbour.column == 0;
+        const std::uint64_t there = all ? 0 : lanes.bits[LanesWithNeighbour::index(neighbour.column)];
+        add_spring<A, damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes, springs[neighbour.kind], there);
+    });
+}
+
+template <Arithmetic A, class V, class Real>
+CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes, const V (&v_here)[3],
+                                  const V (&a)[3]) {
+    const auto each_component = [&](auto finish) __attribute__((always_inline)) {
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            const std::ptrdiff_t at = point + k * planes.one;
+            finish(at, g.state + at, g.state + at + planes.three, v_here[k], a[k]);
+        });
+    };
+    const auto advance = [&](std::ptrdiff_t at, const Real* x, const Real* v, V v_here, V a, V step, V step_a) __attribute__((always_inline)) {
+        multiply_add<A>(step, v_here, V::load_unaligned(x)).store_unaligned(g.target + at);
+        multiply_add<A>(step_a, a, V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
+    };
+    switch (g.stage) {
+        case Stage::evaluate:
+            return each_component([&](std::ptrdiff_t at, Real*, Real*, V, V a) __attribute__((always_inline)) {
+                (a * V(g.unit)).store_unaligned(g.first_acceleration + at);
+            });
+        case Stage::first:
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                a.store_unaligned(g.first_acceleration + at);
+            });
+        case Stage::second:
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                a.store_unaligned(g.acceleration_sum + at);
+            });
+        case Stage::third:
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
+                advance(at, x, v, v_here, a, V(g.h), V(g.h_a));
+                Real* const sum = g.acceleration_sum + at;
+                (V::load_unaligned(sum) + a).store_unaligned(sum);
+            });
+        case Stage::fourth:
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V, V a) __attribute__((always_inline)) {
+                const V first = V::load_unaligned(g.first_acceleration + at);
+                const V middle = V::load_unaligned(g.acceleration_sum + at);
+                const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
+                const V dv = V(g.h_6) * ((first + a) + (middle + middle));
+                constexpr bool compensated = sizeof(Real) == 4;
+                add_increment<compensated>(x, g.compensation + at, dx);
+                add_increment<compensated>(v, g.compensation + at + planes.three, dv);
+            });
+    }
+}
+
+// Ask for what the next row of a cloth from memory takes: more streams than the processor follows by itself.
+template <class Real>
+CLOTHSIM_INLINE void fetch_next_row(const GatherArguments<Real>& g, std::ptrdiff_t at) {
+    const auto fetch = [&](const Real* p, int planes, int rows = 1) __attribute__((always_inline)) {
+        for (int k = 0; k < planes; ++k) __builtin_prefetch(p + at + k * g.plane + rows * g.stride, 0, 2);
+    };
+    const bool first = g.stage == Stage::first || g.stage == Stage::evaluate, last = g.stage == Stage::fourth;
+    fetch(g.source, 6, 3);
+    if (first || last) fetch(g.first_acceleration, 3);
+    if (!first) fetch(g.state, 6);
+    if (!first) fetch(g.acceleration_sum, 3);
+    if (!last && g.stage != Stage::evaluate) fetch(g.target, 6);
+    if (last && g.compensation) fetch(g.compensation, 6);
+}
+
+template <class V, class Real, Arithmetic A, bool damped>
+__attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
+    const V zero(Real(0));
+    const Planes planes(g.plane);
+    const std::ptrdiff_t stride = g.stride;
+    SpringLanes<V> springs[spring_kind_count];
+    each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
+        springs[kind] = {V(g.spring[kind].stiffness), V(g.spring[kind].rest), V(g.spring[kind].damping)};
+    });
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
+        const unsigned present = neighbours_of_row(g.features, row, g.rows);
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
+            std::ptrdiff_t at = row * stride + column;
+            // The compiler would keep a pointer of its own to each row and array, which are more than there are registers.
+            asm("" : "+r"(at));
+            const Real* const point = g.source + at;
+            if (__builtin_expect(g.from_memory, 0)) fetch_next_row(g, at);
+            const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
+            Vector3<V> a{zero, zero, zero};
+            add_springs<A, damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present, stride);
+            if (__builtin_expect(g.point_damping != 0, 0)) {
+                const V c(g.point_damping);
+                a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
+            }
+            if (__builtin_expect(g.inverse_mass != nullptr, 0)) {
+                const V w = V::load_unaligned(g.inverse_mass + at);
+                a = {a.x * w, a.y * w, a.z * w};
+            }
+            a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
+            if (__builtin_expect(g.row_has_fixed[row], 0)) {
+                const auto moves = V::load_unaligned(g.free + at) != zero;
+                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero), xsimd::select(moves, a.z, zero)};
+            }
+            finish_stage<A>(g, at, planes, {v.x, v.y, v.z}, {a.x, a.y, a.z});
+        }
+    }
+}
+
+template <class Arch, class Real, Arithmetic A>
+void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
+    using V = Lanes<Real, Arch>;
+    if (g.features.spring_damping) gather_rows<V, Real, A, true>(g, tile);
+    else gather_rows<V, Real, A, false>(g, tile);
+}
+
+// Section 5.1 of Kim et al. a vector at a time; the rare point inside is answered in double by the caller.
+template <class Arch, class Real>
+void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit, void* context) {
+    using V = Lanes<Real, Arch>;
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
+            const Vector3<V> x = load3<V>(test.position + row * test.stride + column, test.plane);
+            const Vector3<V> m{x.x - V(test.center[0]), x.y - V(test.center[1]), x.z - V(test.center[2])};
+            const auto inside = dot<Arithmetic::strict>(m, m) < V(test.radius_squared);
+            if (__builtin_expect(xsimd::none(inside), 1)) continue;
+            for (std::uint64_t mask = inside.mask(); mask != 0; mask &= mask - 1)
+                hit(context, row, column + __builtin_ctzll(mask));
+        }
+    }
+}
+
+}  // namespace
+}  // namespace clothsim

@@ -1,0 +1,43 @@
+// Measures of a state: energies and penetration depth. Always in double, from plain arrays.
+#pragma once
+
+#include "model/scene.hpp"
+
+namespace clothsim {
+
+struct Energy {
+    double kinetic, elastic, gravity;  // J
+    double total() const { return kinetic + elastic + gravity; }
+};
+Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
+
+// Largest length over rest length - 1 of all springs; -infinity where there is no spring.
+double largest_stretch(const Cloth& cloth, const PointsView& x);
+// Of all springs of point i, were it at x; `position(j)` of the others [J].
+template <class Position>
+double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position) {
+    const int row = i / cloth.columns, column = i % cloth.columns;
+    double energy = 0;
+    for (const Neighbour& n : neighbours) {
+        const int r = row + n.row, c = column + n.column;
+        if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns) continue;
+        const double stretch = (position(r * cloth.columns + c) - x).norm() - cloth.rest_length(n);
+        energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
+    }
+    return energy;
+}
+
+// Deepest depth below the sphere's true radius [m], never negative.
+struct Penetration {
+    double points, triangles;
+};
+Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius);
+
+// The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column). Corners
+// run counterclockwise seen from above, so normals of the flat sheet point up (+y).
+Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns);
+
+// The point of triangle (a, b, c) that is closest to p.
+Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
+
+}  // namespace clothsim

@@ -1,0 +1,81 @@
+// The springs of a cloth: the one list from which the kernels, the coefficients, the measures, the compute shader and Python
+// take where a mass point's springs lead. A family is added here; what cannot follow by itself does not compile without its part.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace clothsim {
+
+enum Family : int {
+    structural,
+    shear,
+    bend,
+};
+inline constexpr int family_count = 3;
+inline constexpr std::array<const char*, family_count> family_names{"structural", "shear", "bend"};
+
+// A spring leads to the mass point so many rows and columns on.
+struct Neighbour {
+    int row, column;
+    Family family;
+};
+
+// Each spring once up to its mirror images, in the order in which a mass point sums their forces.
+enum SpringKind : int {
+    to_right,
+    to_below,
+    to_diagonal,
+    to_right_2,
+    to_below_2,
+};
+inline constexpr int spring_kind_count = 5;
+inline constexpr std::array<Neighbour, spring_kind_count> spring_kinds{
+    {{0, 1, structural}, {1, 0, structural}, {1, 1, shear}, {0, 2, bend}, {2, 0, bend}}};
+
+// Where a thread of the compute shader looks for its neighbours, in the order in which it adds their forces: every kind, mirrored
+// in columns, then in rows. The order is part of the strict arithmetic class.
+inline constexpr int neighbour_count = [] {
+    int count = 0;
+    for (const Neighbour& kind : spring_kinds) count += (kind.row ? 2 : 1) * (kind.column ? 2 : 1);
+    return count;
+}();
+struct MirroredNeighbour : Neighbour {
+    SpringKind kind;
+};
+inline constexpr std::array<MirroredNeighbour, neighbour_count> neighbours = [] {
+    std::array<MirroredNeighbour, neighbour_count> all{};
+    std::size_t next = 0;
+    for (int kind = 0; kind < spring_kind_count; ++kind) {
+        const Neighbour& n = spring_kinds[std::size_t(kind)];
+        for (const int down : {1, -1})
+            for (const int right : {1, -1}) {
+                if ((down < 0 && n.row == 0) || (right < 0 && n.column == 0)) continue;
+                all[next++] = {{down * n.row, right * n.column, n.family}, SpringKind(kind)};
+            }
+    }
+    return all;
+}();
+
+// Each spring counted from one of its ends.
+constexpr bool leads_on(const Neighbour& n) { return n.row > 0 || (n.row == 0 && n.column > 0); }
+
+// How many rows or columns away the farthest neighbour is.
+inline constexpr int stencil_reach = [] {
+    int reach = 0;
+    for (const Neighbour& n : spring_kinds) {
+        if (n.row > reach) reach = n.row;
+        if (n.column > reach) reach = n.column;
+    }
+    return reach;
+}();
+
+// What a scene needs from the force loop.
+struct Features {
+    std::array<bool, family_count> family{};
+    bool spring_damping = false;
+
+    constexpr bool has(const Neighbour& n) const { return family[std::size_t(n.family)]; }
+};
+
+}  // namespace clothsim

@@ -1,0 +1,40 @@
+"""Check that the folders of cpp/ include one another one way only.
+
+Usage: python tools/check_core.py
+"""
+
+import re
+import sys
+from pathlib import Path
+
+CORE = Path(__file__).parent.parent / "cpp"
+# Each folder may include the folders of its own entry and itself.
+BELOW = {"model": set[str]()}
+BELOW["kernels"] = {"model"}
+BELOW["engines"] = {"kernels"} | BELOW["kernels"]
+BELOW["measure"] = {"engines"} | BELOW["engines"]
+BELOW["contact"] = {"measure"} | BELOW["measure"]
+BELOW["integrators"] = {"contact"} | BELOW["contact"]
+BELOW["driver"] = {"integrators"} | BELOW["integrators"]
+BELOW["reference"] = {"model"}  # shares no code with what it judges
+BELOW["bindings"] = {"driver", "reference"} | BELOW["driver"]
+
+
+def upward(core: Path) -> list[str]:
+    """Includes of `core` that lead to a folder which may not be included from there."""
+    found = []
+    for path in sorted(core.rglob("*.[ch]pp")):
+        room = path.relative_to(core).parts[0]
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            match = re.match(r'\s*#\s*include\s+"(\w+)/', line)
+            if match and match[1] != room and match[1] not in BELOW[room]:
+                found.append(f"cpp/{path.relative_to(core)}:{number}: {room} may not include {match[1]}: {line.strip()}")
+            if room != "bindings" and re.match(r"\s*#\s*include\s+<(pybind11/|Python\.h)", line):
+                found.append(f"cpp/{path.relative_to(core)}:{number}: only bindings may include Python: {line.strip()}")
+    return found
+
+
+if __name__ == "__main__":
+    problems = upward(CORE)
+    print("\n".join(problems) or f"{len(list(CORE.rglob('*.[ch]pp')))} files of cpp/ include one way")
+    sys.exit(bool(problems))
