@@ -33,6 +33,17 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(target), f"{link}: no such heading"
 
 
+PLACE = re.compile(r"(?:cpp|python|tests|benchmarks|docs|examples|notebooks|tools|cmake)/[\w./*<>-]+$")
+
+
+@each("page", [*PAGES, ROOT / "CONTRIBUTING.md"])
+def test_files_of_the_repository_are_where_a_page_says(page):
+    for code in re.findall(r"`([^`\n]+)`", without_code(page)):
+        for word in code.split():
+            if PLACE.match(word):
+                assert list(ROOT.glob(word.rstrip("/"))), f"{word} is not there"
+
+
 def test_the_index_lists_every_page():
     index = without_code(DOCS / "index.md")
     linked = {(DOCS / link.partition("#")[0]).resolve() for link in LINK.findall(index)}

@@ -9,6 +9,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.accuracy import cache as _cache
+from clothsim.accuracy import methods
 from clothsim.accuracy import work_plot as plots
 from clothsim.accuracy import work_table as tables
 from clothsim.accuracy.labelled import pareto
@@ -263,6 +264,17 @@ def test_the_command(tmp_path, capsys):
 def test_the_command_ignores_no_option(capsys, arguments, option):
     assert main(["work-precision", *arguments.split()]) == 2
     assert f"{option} does not go with --fastest" in capsys.readouterr().err
+
+
+def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
+    (method,) = own_methods(["dopri5 adaptive"], ["single"])
+    spent = []
+    simulate = methods.simulate
+    monkeypatch.setattr(methods, "simulate", lambda *a, **k: spent.append(simulate(*a, **k)) or spent[-1])
+    monkeypatch.setattr(methods, "_MOST_EVALUATIONS", 3000)
+    method.solve(scene, DURATION, 1e-13)
+    assert spent[0].report["force_evaluations"] <= 3020
+    assert "max_evaluations" in spent[0].report["error_estimate"]["reason"]
 
 
 def test_bad_arguments(scene, solution):
