@@ -26,8 +26,9 @@ $(VENV)/.lint: pyproject.toml tools/requirements.py | $(BIN)/python
 	$(BIN)/python tools/requirements.py dev | xargs -d '\n' $(BIN)/pip install --quiet --disable-pip-version-check
 	touch $@
 
+# Two processes, each with whole files, so that what a file's tests share is made once.
 test: $(VENV)/.built-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # Tests that take minutes; those of pages want Chromium and are skipped without.
 test-slow: $(VENV)/.built-test

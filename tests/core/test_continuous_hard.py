@@ -50,6 +50,16 @@ def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, pre
     assert np.abs(stepper.velocities).max() < 1e-3
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+def test_a_point_inside_one_of_two_spheres_goes_out_no_faster_than_the_push():
+    """As beside a single sphere: by a millimetre in a step of a millisecond."""
+    spheres = [ball((0, 0, 0), 1.0, push_out_speed=1.0), ball((9.0, 9.0, 9.0))]
+    stepper = cs.Stepper(lone((0.8, 0, 0), spheres))
+    for step in range(1, 4):
+        stepper.advance(1, 1e-3)
+        np.testing.assert_allclose(stepper.positions[0, 0], (0.8 + 1e-3 * step, 0, 0), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_earliest_of_two_spheres_on_the_way_is_met(order):
     """Both stand in the way: back from the first, whatever the order in the scene."""

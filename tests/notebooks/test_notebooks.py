@@ -8,10 +8,11 @@ nbformat = pytest.importorskip("nbformat")
 nbclient = pytest.importorskip("nbclient")
 pytest.importorskip("ipykernel")
 
+SLOW = dict.fromkeys(["accuracy", "sweeps"], pytest.mark.slow)
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=SLOW.get(p.stem, ())) for p in NOTEBOOKS])
 def test_it_runs(path, tmp_path, monkeypatch):
     # Of the environment that runs the tests, not of whichever one is registered as "python3".
     from ipykernel.kernelspec import install

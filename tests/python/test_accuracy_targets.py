@@ -17,6 +17,7 @@ def solution(tmp_path_factory):
     _cache.forget()
 
 
+@pytest.mark.slow
 def test_the_reference_is_better_than_what_it_judges(solution):
     """What it is likely wrong by is far below the targets; its bound, which is the rounding of the
     second method in double, is below them too."""
@@ -27,6 +28,16 @@ def test_the_reference_is_better_than_what_it_judges(solution):
         assert estimate[t] < target / 10
 
 
+def test_double_at_50_microseconds_beside_a_method_of_order_8():
+    """At 0.25 s; against the trusted solution, and to 1 s, among the slow tests."""
+    scene = cs.scenes.paper_swing(bend=True)
+    state = scene.initial_position, scene.initial_velocity
+    x, _ = cs.step(scene, *state, 5e-5, 5_000)
+    better, _ = cs.step(scene, *state, 2.5e-4, 1_000, integrator="dop853", kernel="gather")
+    assert np.linalg.norm(x - better, axis=-1).max() <= DOUBLE[0.25]
+
+
+@pytest.mark.slow
 def test_double_at_50_microseconds(solution):
     stepper = cs.Stepper(solution.scene, kernel="edge")
     for frame, t in enumerate(solution.t):
@@ -35,6 +46,7 @@ def test_double_at_50_microseconds(solution):
             assert solution.error_of(stepper.positions, frame)["max"] <= DOUBLE[t]
 
 
+@pytest.mark.slow
 def test_single_at_the_step_of_the_paper(solution):
     run = cs.simulate(solution.scene, 0.25, 5e-6, precision="single")
     error = solution.error_of(run.x[-1], frame=1)

@@ -174,7 +174,7 @@ def test_interrupt_is_code_130(capsys, monkeypatch):
     assert code == 130 and err.count("\n") == 1
 
 
-@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize("as_json", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_json):
     pytest.importorskip("matplotlib")
     import clothsim.lab.paper as module
