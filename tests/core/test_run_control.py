@@ -267,12 +267,10 @@ def test_ctrl_c_with_error_control_counts_its_steps():
 
 
 def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
-    from clothsim.run.result import simulate as simulation
-
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulation, "estimate_of", interrupt)
+    monkeypatch.setattr(sys.modules["clothsim.run.simulate"], "estimate_of", interrupt)
     with pytest.raises(cs.RunInterrupted) as raised:
         cs.simulate(SMALL, 0.1, dt=1e-3, estimate_error=True)
     assert raised.value.run.t.tolist() == [0.0, 0.1] and raised.value.run.report["steps"] == 100
