@@ -42,7 +42,7 @@ def energy_of(scene, x, v):
 SYMPLECTIC = ("velocity_verlet", "semi_implicit_euler", "pefrl")
 
 
-@pytest.mark.parametrize(("seed", "integrator"), enumerate([*SYMPLECTIC, "dop853"]))
+@pytest.mark.parametrize(("seed", "integrator"), list(enumerate([*SYMPLECTIC, "dop853"])))
 def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed):
     """The error comes at the first step by which nine tenths are made; a growth that took more than
     128 steps was warned of before, with a step at which the state is stable."""
