@@ -1,10 +1,13 @@
 """What can be swept: every name changes what it says, and nothing else."""
 
+import itertools
+
 import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.sweeps import fields
 from clothsim.sweeps.fields import change_scene
+from clothsim.sweeps.grid import make_grid
 
 LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
 AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
@@ -139,3 +142,12 @@ def test_numerics_make_no_other_physics():
     assert np.array_equal(physics[:, 0], physics[:, 1])  # another precision
     assert len(np.unique(physics)) == 4
     assert grid.member(5) == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}
+
+
+def test_members_of_one_physics_differ_in_numerics_alone():
+    """They share a reference, which would be another one's otherwise."""
+    grid = make_grid({"stiffness": [1.0, 2.0], "dt": [1e-3, 2e-3], "mass": [3.0, 4.0, 5.0]})
+    members = [grid.member(k) for k in range(grid.size)]
+    for (i, a), (j, b) in itertools.combinations(enumerate(members), 2):
+        alike = (a["stiffness"], a["mass"]) == (b["stiffness"], b["mass"])
+        assert (grid.physics[i] == grid.physics[j]) == alike
