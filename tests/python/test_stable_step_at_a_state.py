@@ -19,7 +19,10 @@ def ratio(scene, method, x, v):
     return value / bench.Truth(*bench.dense(scene, x, v)).limit(method, value)
 
 
-@pytest.mark.parametrize("method", ["semi_implicit_euler", "velocity_verlet", "pefrl"])
+SLOW = [pytest.param(method, marks=pytest.mark.slow) for method in ("semi_implicit_euler", "pefrl")]
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", *SLOW])
 def test_of_a_sheet_whose_stiffness_and_damping_do_not_commute(method):
     stiffness = {"structural": 1e4, "shear": 6e5, "bend": 3e3}
     cloth = cs.Cloth((3, 7), mass=21 * 0.5, stiffness=stiffness, damping=32.0)
@@ -68,7 +71,7 @@ def test_nothing_limits_where_no_spring_pulls_on_a_free_point(method):
 @pytest.mark.parametrize("method", bench.METHODS)
 def test_buckling_does_not_count(method):
     """A compressed sheet is unstable in the exact motion; the limit is that of its other modes."""
-    cloth = cs.Cloth((4, 5), mass=10.0, stiffness=1e4, damping=0.3)
+    cloth = cs.Cloth((3, 4), mass=6.0, stiffness=1e4, damping=0.3)
     scene, x = cs.Scene(cloth), 0.8 * cloth.rest_positions
     assert bench.Truth(*bench.dense(scene, x, 0 * x)).rates.real.max() > 1
     assert 0.9 <= ratio(scene, method, x, 0 * x) <= 1.0
