@@ -323,7 +323,7 @@ class Playground:
             return Run(scene, t, x, v, self._report(scene, t, x, v))
 
     def _report(self, scene: Scene, t: Floats, x: Floats, v: Floats) -> Report:
-        """What can be told of a recording: measures of its frames, and how it was stepped."""
+        """Report of a recording: measures of its frames, and how it was stepped."""
         depths: dict[str, Any] = {"points": 0.0, "triangles": 0.0, "reason": ""}
         for sphere in scene.spheres:
             for name, depth in penetration(x, sphere, t).items():
