@@ -3,11 +3,12 @@
     python benchmarks/view.py [page] [import] [live] [k3d]
 
 Needs Chromium and playwright (`make test-view` installs both), "live" viser, "k3d" k3d. A busy machine
-gives worse figures: each is the best of a few trials, the median stands beside it.
+gives worse figures: each is the best of a few trials, the median stands beside it, and the load ends the output.
 """
 
 from __future__ import annotations
 
+import os
 import statistics
 import subprocess
 import sys
@@ -176,12 +177,13 @@ def live_figures() -> list[tuple[str, str, str]]:
                     page = browser.new_page(viewport={"width": 500, "height": 400})
                     page.goto(viewer.url)
                     page.get_by_text("stable step").wait_for(timeout=120_000)
-                factors, rates = [], []
+                factors, rates, costs = [], [], []
                 for _ in range(TRIALS):
                     drawn.clear()
-                    t, begun = play.time, time.perf_counter()
+                    t, begun, used = play.time, time.perf_counter(), time.process_time()
                     time.sleep(2.0)
                     passed = time.perf_counter() - begun
+                    costs.append((time.process_time() - used) / (play.time - t))
                     factors.append((play.time - t) / passed)
                     rates.append(len(drawn) / passed)
                 where = "a browser that draws on the same processors" if clients else "no browser"
@@ -189,6 +191,8 @@ def live_figures() -> list[tuple[str, str, str]]:
                 rows.append((f"real time at dt 1e-4, {where}", "1.0", f"{best:.2f} (median {median:.2f})"))
                 best, median = max(rates), statistics.median(rates)
                 rows.append((f"pictures sent in a second, {where}", "30", f"{best:.1f} (median {median:.1f})"))
+                best, median = min(costs), statistics.median(costs)
+                rows.append((f"processor time of a simulated second, {where}", "", f"{best:.2f} s (median {median:.2f} s)"))
         changes = [seconds(lambda k=k: play.change(gravity=9.0 + 0.1 * k)) for k in range(20)]
         rows.append(("a slider's change, to the scene that is stepped", "under 0.2 s", f"{max(changes):.3f} s at most"))
     finally:
@@ -253,6 +257,7 @@ def main(parts: list[str]) -> None:
         print(f"\n| {' | '.join(head)} |\n|{' --- |' * len(head)}")
         for row in PARTS[name]():
             print(f"| {' | '.join(row)} |", flush=True)
+    print(f"\n{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":
