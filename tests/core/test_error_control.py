@@ -7,12 +7,14 @@ import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from pathlib import Path
 
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.run.fixed_steps import Options, integrate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from random_cloths import Model, draw, truth
@@ -138,6 +140,105 @@ def test_what_cannot_be_reached_ends():
     assert not report["tolerance"]["reached"]
     plain = 12 * 5500  # evaluations of a run at the smallest tolerance
     assert report["force_evaluations"] < 3 * plain
+
+
+@functools.cache
+def endless(name):
+    """A scene whose errors grow at least 1e12 times, or one of stiff springs, and its duration."""
+    rng = np.random.default_rng(5)
+    cloth = cs.Cloth(shape=(5, 5), mass=1.0, stiffness=1e3, damping=0.0, pins=())
+    if name == "chaotic":
+        return cs.Scene(cloth, velocity=2 * rng.standard_normal((5, 5, 3))), 5.0
+    if name == "collapsed":
+        return cs.Scene(cloth, position=1e-3 * cloth.rest_positions + 1e-5 * rng.standard_normal((5, 5, 3))), 0.6
+    stiff = cs.Cloth(shape=(5, 5), mass=0.1, stiffness=1e7, damping=300.0, pins=((0, 0),))
+    return cs.Scene(stiff), 0.004
+
+
+@functools.cache
+def plain_evaluations(name):
+    """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
+    scene, duration = endless(name)
+    options = Options("dop853", "double", 1, "auto", False)
+    return integrate(scene, duration, 1e-14 * max(scene.cloth.size), options).evaluations
+
+
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)
+@pytest.mark.parametrize("name", ["chaotic", "collapsed", "stiff"])
+def test_no_call_is_without_an_end(name, options):
+    """It costs less than three plain runs, and what it returns is told by an estimate and a reason."""
+    scene, duration = endless(name)
+    run = cs.simulate(scene, duration, threads=1, **options)
+    plain = max(plain_evaluations(name), run.report["solution_evaluations"])
+    assert run.report["force_evaluations"] < 3 * plain
+    assert run.t[-1] == duration and run.report["stopped"] == ""
+    estimate = run.report["error_estimate"]
+    if name == "stiff" and options != {"rtol": 1e-15}:
+        assert estimate["reason"] == "" and estimate["rms"] < 1e-4
+    elif name != "stiff":
+        assert estimate["reason"].startswith("runs with more steps come no closer")
+        assert estimate["rms"] > 1e-2
+
+
+@pytest.mark.parametrize(
+    "options, reason",
+    [
+        ({"rtol": 1e-9, "integrator": "dop853", "precision": "single"}, "neither the smallest tolerance"),
+        ({"rtol": 1e-9, "integrator": "rk4", "precision": "single"}, "runs with more steps come no closer"),
+        ({"rtol": 1e-15, "integrator": "dopri5"}, "neither the smallest tolerance"),
+        ({"rtol": 1e-16, "integrator": "rk4"}, "runs with more steps come no closer"),
+    ],
+    ids=str,
+)
+def test_a_named_method_ends_at_its_rounding(options, reason):
+    run = cs.simulate(scene_of("damped"), 1.0, threads=1, **options)
+    estimate = run.report["error_estimate"]
+    assert estimate["reason"].startswith(reason)
+    assert run.report["force_evaluations"] < 1_000_000
+    single = options.get("precision") == "single"
+    assert rms(run.x[-1] - exact("damped")) < (3e-7 if single else 1e-13)
+
+
+def test_steps_that_order_1_would_need_are_not_begun():
+    """A million steps at most, as semi-implicit Euler would take a billion for this."""
+    run = cs.simulate(cs.scenes.oscillator(), 1.0, rtol=1e-12, integrator="euler", threads=1)
+    assert run.report["error_estimate"]["reason"].startswith("neither the smallest tolerance of a step nor 1,000,000")
+    assert run.report["steps"] == 1_000_000
+    true_within_factor = run.report["error_estimate"]["rms"] / rms(run.x[-1] - exact("oscillator"))
+    assert 0.5 < true_within_factor < 3
+
+
+def test_a_request_below_the_floor_of_a_long_run_ends():
+    """Folds of the swing grow from rounding: the error of 1e-9 cannot be had after 1 s."""
+    run = cs.simulate(cs.scenes.paper_swing(), 1.0, rtol=1.1e-9)
+    estimate = run.report["error_estimate"]
+    assert estimate["reason"].startswith("runs with more steps come no closer")
+    assert 1e-7 < estimate["rms"] < 1e-2
+    assert run.report["force_evaluations"] < 100_000
+
+
+def test_an_interrupt_acts_at_once():
+    """Within 0.1 s the call ends, and hands over what is done; the least of three, for busy machines."""
+    if threading.current_thread() is not threading.main_thread():
+        pytest.skip("signals go to the main thread")
+    scene, _ = endless("chaotic")
+    delays = []
+    for _ in range(3):
+        sent = []
+
+        def interrupt(sent=sent):
+            sent.append(time.perf_counter())
+            os.kill(os.getpid(), signal.SIGINT)
+
+        timer = threading.Timer(0.2, interrupt)
+        timer.start()
+        with pytest.raises(cs.RunInterrupted) as caught:
+            cs.simulate(scene, 1000.0, rtol=1e-9)
+        delays.append(time.perf_counter() - sent[0])
+        timer.join()
+        run = caught.value.run
+        assert 0 < run.t[-1] < 1000.0 and np.isfinite(run.x).all()
+    assert min(delays) < 0.1
 
 
 @pytest.mark.parametrize("options", [{}, {"integrator": "rk4"}, {"integrator": "dopri5"}])

@@ -13,7 +13,7 @@ from ..engine.build import build_config
 from ..measure.measures import energy
 from ..model.scene import Scene
 from ..typing import Report
-from .adaptive import NOT_ASKED, Controlled, Estimate
+from .estimate import NOT_ASKED, Controlled, Estimate
 from .fixed_steps import Solution
 from .frames import Floats
 

@@ -14,10 +14,11 @@ The difference d of both is then 1 - m times the error of the first run. If that
 the first run is returned. Where tolerance proportionality holds, the error of the second run is m /
 (1 - m) d. Each run sums the method's own estimates of its steps' errors. Proportionality holds if
 the sums of both are as m to 1. If that is small enough, the second run is returned. Else the next
-refinement has as many steps as the errors so far ask for.
+refinement has as many steps as the errors so far ask for. It ends at the grid of the smallest
+tolerance, where errors fall no more, and before it would cost more than `_MOST` runs at that tolerance.
 
 **Other methods**: the better run is one of dop853. Its tolerance is tightened until the sum of its
-local errors is at most `_BETTER` times the distance. The first run of the method tells how many steps
+local errors is at most `_SMALL` times the distance. The first run of the method tells how many steps
 the error asks for.
 
 After a contact no error can be told. Then the difference of two runs shows how far outcomes agree.
@@ -29,15 +30,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..engine.bound import guaranteed_dt
 from ..engine.integration import integrators
+from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
+from .estimate import CONTACT, Controlled, Estimate
 from .fixed_steps import Options, Solution, integrate, run_fixed, size_of
-from .frames import NEGLIGIBLE, Floats, Schedule
+from .frames import NEGLIGIBLE, Schedule
 from .recording import Recording, Watch
 
 # Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
@@ -54,57 +55,24 @@ _PILOT = 0.05
 _REFINEMENT = 1.25
 # Estimates are taken times this, and proportional is what differs by less.
 _MARGIN = 1.4
-# Sum of the local errors of the better run over the error that it is to tell, at most.
-_BETTER = 0.1
+# What is this part of an error does not matter beside it: the local errors of a better run.
+_SMALL = 0.1
 # Runs of one method at most.
 _RUNS = 8
-# The smallest tolerance of a step, over the size: some fifty roundings of a position.
-_SMALLEST = 1e-14
+# The smallest tolerance of a step, over the size: some fifty roundings of a position in double. Single
+# precision keeps what a step adds with fewer digits, and compensates the sum.
+_SMALLEST = {"double": 1e-14, "single": 1e-8}
 # Below this error over the size, rounding may be a part of a difference, and does not fall with m.
 _ROUNDING = 1e-9
 
 _ORDER = 8  # of dop853
 
-CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
-NOT_ASKED = "no estimate was asked for"
 _LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
-_UNSTABLE = "a run with more steps is unstable"
+_UNSTABLE = "runs with more steps are unstable"
 _NOT_REACHED = f"{_RUNS} runs did not reach the error that was asked for"
-
-
-@dataclass
-class Estimate:
-    """An error of the last positions [m], over the mass points; NaN if it cannot be told.
-
-    `reason`: why it cannot be told, or why it is larger than what was asked for.
-    """
-
-    max: float
-    rms: float
-    reason: str = ""
-
-    @classmethod
-    def of(cls, difference: Floats, factor: float = 1.0) -> Estimate:
-        distances = factor * np.linalg.norm(difference, axis=-1)
-        return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
-
-    @classmethod
-    def unknown(cls, reason: str) -> Estimate:
-        return cls(math.nan, math.nan, reason)
-
-    def because(self, reason: str) -> Estimate:
-        return Estimate(self.max, self.rms, reason)
-
-
-@dataclass
-class Controlled:
-    """A solution, its error, and what everything else has cost."""
-
-    solution: Solution
-    error: Estimate
-    companion: Solution | None  # after a contact
-    evaluations: int
-    wall_time: float  # [s]
+_NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
+# A promise, not a setting: force evaluations of everything over those of a run at the smallest tolerance.
+_MOST = 3.0
 
 
 class _Exhausted(Exception):
@@ -136,7 +104,8 @@ class _Runs:
         If it runs away at the tolerance, because stiff motion is let grow up to it, it is done
         again at a smaller one.
         """
-        smallest = _SMALLEST * size_of(self.scene)
+        options = options or self.options
+        smallest = self.smallest(options)
         tolerance = max(tolerance, smallest)
         while True:
             try:
@@ -145,7 +114,7 @@ class _Runs:
                         self.scene,
                         self.duration,
                         tolerance,
-                        options or self.options,
+                        options,
                         frames,
                         None if frames is None else self._watch,
                         given=given,
@@ -156,7 +125,11 @@ class _Runs:
             except UnstableError:
                 if given is not None or tolerance <= smallest:
                     raise
-            tolerance = max(_BETTER**3 * tolerance, smallest)
+            tolerance = max(_SMALL**3 * tolerance, smallest)
+
+    def smallest(self, options: Options) -> float:
+        """The smallest tolerance of a step [m]."""
+        return _SMALLEST[options.precision] * size_of(self.scene)
 
     def steps_ahead(self, tolerance: float) -> float:
         """Steps of a run with error control, from the first part of it."""
@@ -165,7 +138,7 @@ class _Runs:
             run = integrate(
                 self.scene,
                 _PILOT * self.duration,
-                max(tolerance, _SMALLEST * size_of(self.scene)),
+                max(tolerance, self.smallest(self.options)),
                 self.options,
                 watch=watch,
                 most=self._left,
@@ -191,8 +164,13 @@ class _Runs:
         self._done.append(run)
 
     @property
+    def spent(self) -> int:
+        """Force evaluations of the runs so far."""
+        return sum(run.evaluations for run in self._done)
+
+    @property
     def _left(self) -> float:
-        return self._most - sum(run.evaluations for run in self._done)
+        return self._most - self.spent
 
     def _add(self, run: Solution) -> Solution:
         self._done.append(run)
@@ -239,15 +217,21 @@ def _refined(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
     best, error = first, Estimate.unknown(runs.exhausted())
     ratio, least = _REFINEMENT, math.inf
     # As many steps as the smallest tolerance makes.
-    finest = max(tolerance / (_SMALLEST * size), 1.0) ** (1 / _ORDER) * _REFINEMENT
+    finest = max(tolerance / runs.smallest(runs.options), 1.0) ** (1 / _ORDER) * _REFINEMENT
+    most = _MOST * first.evaluations * finest / _REFINEMENT
     for number in range(1, _RUNS):
+        if runs.spent + ratio * first.evaluations > most:
+            return runs.close(best, error.because(_LEAST))
         given = first.grid.refined(start, ratio)
         try:
             after = runs.adaptive(tolerance, frames, given, rounded=bool(number % 2))
         except _Exhausted:
             return runs.close(best, error.because(runs.exhausted()))
         except UnstableError:
-            return runs.close(best, error.because(_UNSTABLE))
+            if ratio >= finest or number == _RUNS - 1:
+                return runs.close(best, error.because(_UNSTABLE))
+            ratio = min(ratio * _REFINEMENT, finest)
+            continue
         if before.contacts or after.contacts:
             return runs.close(before, Estimate.unknown(CONTACT), after)
         pair = _Pair(before, after)
@@ -257,13 +241,14 @@ def _refined(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
         if extrapolates and pair.after.rms <= asked:
             return runs.close(after, pair.after)
         stalled = pair.before.rms > least / 2
+        hopeless = stalled and (before.steps / best.steps) ** _ORDER >= _SMALL**-2
         if pair.before.rms < least:
             best, error, least = before, pair.before, pair.before.rms
-        if ratio >= finest:
+        if ratio >= finest or hopeless:
             return runs.close(best, error.because(_LEAST))
         wanted = pair.after.rms if pair.proportional else pair.before.rms / 2
         order = _ORDER if pair.proportional or number == 1 else _ORDER / 2
-        least_ratio = 2 * _REFINEMENT - 1 if stalled else _REFINEMENT
+        least_ratio = _SMALL ** (-2 / _ORDER) if stalled else _REFINEMENT
         ratio = min(ratio * min(max((wanted / asked) ** (1 / order), least_ratio), 3.0), finest)
         before = after
     return runs.close(best, error.because(_NOT_REACHED))
@@ -274,7 +259,7 @@ class _Pair:
 
     def __init__(self, before: Solution, after: Solution) -> None:
         difference = after.x[-1] - before.x[-1]
-        m = (before.steps / after.steps) ** _ORDER
+        m = min((before.steps / after.steps) ** _ORDER, 0.9)
         found = after.grid.local_error / max(before.grid.local_error, 1e-300)
         self.proportional = 1 / _MARGIN <= found / m <= _MARGIN
         self.before = Estimate.of(difference, _MARGIN / (1 - m))
@@ -284,25 +269,44 @@ class _Pair:
 
 def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
     method = _method(runs, asked, frames)
-    setting, better = method.first, _Better(runs, _BETTER**2 * asked)
-    run = method.run(setting)
-    best, error = run, Estimate.unknown(runs.exhausted())
-    for _ in range(_RUNS):
+    setting, better = method.first, _Better(runs, _SMALL**2 * asked)
+    best, error, size = None, Estimate.unknown(runs.exhausted()), size_of(runs.scene)
+    best_setting, stalls = setting, 0
+    for number in range(_RUNS):
         try:
+            run = method.run(setting)
+            if best is None:
+                best = run
             if better.met(run):
                 return runs.close(run, Estimate.unknown(CONTACT), better.run)
             found = better.error_of(run)
             if found.rms >= error.rms / 2 and better.tightened(asked / found.rms):
                 found = better.error_of(run)
-            if not found.rms >= error.rms:
-                best, error = run, found
-            if found.rms <= asked:
-                return runs.close(run, found)
-            wanted = (asked / (_MARGIN * found.rms)) ** (1 / method.order)
-            setting *= min(max(wanted, 1e-4), 0.9)
-            run = method.run(setting)
-        except _Exhausted:
-            return runs.close(best, error.because(runs.exhausted()))
+        except _Exhausted as exhausted:
+            return runs.close(best or exhausted.run, error.because(runs.exhausted()))
+        except UnstableError:
+            if setting <= method.least or number == _RUNS - 1:
+                if best is None:
+                    raise
+                return runs.close(best, error.because(_UNSTABLE))
+            setting = max(setting / 2, method.least)
+            continue
+        stalls = stalls + 1 if found.rms > error.rms / 2 else 0
+        tiny, lost = found.rms < _ROUNDING * size, found.rms > _SMALL**2 * size
+        # A phase that is lost takes more than one smaller setting to come back.
+        hopeless = stalls >= (1 if tiny else 2) and (best_setting / setting) ** method.order >= _SMALL**-2
+        if not found.rms >= error.rms:
+            best, error, best_setting = run, found, setting
+        if found.rms <= asked:
+            return runs.close(run, found)
+        if hopeless:
+            return runs.close(best, error.because(_LEAST))
+        if setting <= method.least:
+            return runs.close(best, error.because(_NO_FINER))
+        # The order tells what to expect only where the phase of the motion is not lost.
+        wanted = max((asked / (_MARGIN * found.rms)) ** (1 / method.order), _SMALL if lost else 1e-4)
+        setting = max(setting * min(wanted, 0.9), method.least)
+    assert best is not None
     return runs.close(best, error.because(_NOT_REACHED))
 
 
@@ -310,7 +314,7 @@ def estimate_of(scene: Scene, duration: float, run: Solution) -> Controlled:
     """The error of a run that is done."""
     runs = _Runs(scene, duration, run.options, Watch(), math.inf)
     runs.add(run)
-    better = _Better(runs, _BETTER**6 * size_of(scene))
+    better = _Better(runs, _SMALL**6 * size_of(scene))
     if better.met(run):
         return runs.close(run, Estimate.unknown(CONTACT), better.run)
     return runs.close(run, better.error_of(run))
@@ -322,13 +326,13 @@ class _Better:
     def __init__(self, runs: _Runs, tolerance: float) -> None:
         self._runs, self._tolerance = runs, tolerance
         self._run: Solution | None = None
-        self._smallest = _SMALLEST * size_of(runs.scene)
+        self._best = runs.options.replace(integrator="dop853", precision="double", backend="cpu")
+        self._smallest = runs.smallest(self._best)
 
     @property
     def run(self) -> Solution:
         if self._run is None:
-            best = self._runs.options.replace(integrator="dop853", precision="double", backend="cpu")
-            self._run = self._runs.adaptive(self._tolerance, rounded=True, options=best)
+            self._run = self._runs.adaptive(self._tolerance, rounded=True, options=self._best)
         return self._run
 
     def met(self, run: Solution) -> bool:
@@ -339,8 +343,9 @@ class _Better:
         """The distance from a better run whose own local errors do not matter."""
         while True:
             error = Estimate.of(run.x[-1] - self.run.x[-1], _MARGIN)
-            part = _BETTER * error.rms / max(self.run.grid.local_error, 1e-300)
-            if part >= 1 or not self._tighten(part):
+            part = _SMALL * error.rms / max(self.run.grid.local_error, 1e-300)
+            rounded = error.rms <= self._smallest
+            if part >= 1 or rounded or not self._tighten(part):
                 return error
 
     def tightened(self, part: float) -> bool:
@@ -351,7 +356,7 @@ class _Better:
         """Go on at a smaller tolerance, well below this part of the present one; False at the end."""
         if self._tolerance <= self._smallest:
             return False
-        self._tolerance = max(_BETTER * part * self._tolerance, self._smallest)
+        self._tolerance = max(_SMALL * part * self._tolerance, self._smallest)
         self._run = None
         return True
 
@@ -361,6 +366,7 @@ class _Method:
     """Runs of a method at a setting, a time step [s] or a tolerance of a step [m]."""
 
     first: float
+    least: float
     order: float  # of the error in the setting
     run: Callable[[float], Solution]
 
@@ -368,9 +374,12 @@ class _Method:
 def _method(runs: _Runs, asked: float, frames: Schedule) -> _Method:
     integrator = integrators()[runs.options.integrator]
     if integrator.adaptive:
-        return _Method(_TOLERANCE * asked, 1.0, lambda setting: runs.adaptive(setting, frames))
+        smallest = runs.smallest(runs.options)
+        first = max(_TOLERANCE * asked, smallest)
+        return _Method(first, smallest, 1.0, lambda setting: runs.adaptive(setting, frames))
     cloth = core_cloth(runs.scene)
     order = integrator.order_of(runs.scene)
     cost = integrator.evaluations_per_step(runs.scene.cloth.damped)
     first = min(guaranteed_dt(cloth, runs.options.integrator), runs.duration / 4)
-    return _Method(first, order, lambda setting: runs.fixed(setting, frames, cost))
+    least = min(runs.duration / MANY_STEPS, first / 4)
+    return _Method(first, least, order, lambda setting: runs.fixed(setting, frames, cost))

@@ -1,0 +1,49 @@
+"""The error of a run, as error control tells it, and what it cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .frames import Floats
+from .fixed_steps import Solution
+
+CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
+NOT_ASKED = "no estimate was asked for"
+
+
+@dataclass
+class Estimate:
+    """An error of the last positions [m], over the mass points; NaN if it cannot be told.
+
+    `reason`: why it cannot be told, or why it is larger than what was asked for.
+    """
+
+    max: float
+    rms: float
+    reason: str = ""
+
+    @classmethod
+    def of(cls, difference: Floats, factor: float = 1.0) -> Estimate:
+        distances = factor * np.linalg.norm(difference, axis=-1)
+        return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
+
+    @classmethod
+    def unknown(cls, reason: str) -> Estimate:
+        return cls(math.nan, math.nan, reason)
+
+    def because(self, reason: str) -> Estimate:
+        return Estimate(self.max, self.rms, reason)
+
+
+@dataclass
+class Controlled:
+    """A solution, its error, and what everything else has cost."""
+
+    solution: Solution
+    error: Estimate
+    companion: Solution | None  # after a contact
+    evaluations: int
+    wall_time: float  # [s]
