@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .frames import Floats
 from .fixed_steps import Solution
+from .frames import Floats
 
 CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
 NOT_ASKED = "no estimate was asked for"
