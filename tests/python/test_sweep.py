@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from clothsim.sweeps import batch, metrics
 from clothsim.sweeps.member import Member, Settings
-from clothsim.sweeps.reference import reference_steps, solve
+from clothsim.sweeps.reference import solve
 from tables import each
 
 xarray = pytest.importorskip("xarray")
@@ -178,11 +178,19 @@ def test_error_is_the_distance_from_the_solution(solution):
 def test_the_references_error_is_within_its_bound(solution):
     reference = solve(LOOSE, 0.15)
     true = np.linalg.norm(reference.x - solution, axis=-1).max()
-    assert true < 0.01 * reference.error < 1e-12
+    assert true <= reference.error < 1e-14
+    assert not reference.contact
     # In contact the motion is chaotic, and the bound says so.
-    assert solve(BALL, 0.6).error > 1e-5
-    limit = cs.max_stable_dt(LOOSE)
-    assert 0.3 / reference_steps(0.3, limit) <= limit / 32
+    chaotic = solve(BALL, 0.6)
+    assert chaotic.contact and chaotic.error > 1e-5
+
+
+def test_the_reference_is_the_solution_in_double_of_cs_reference():
+    own = cs.reference(LOOSE, 0.15, cache=False)
+    reference = solve(LOOSE, 0.15)
+    distance = np.linalg.norm(reference.x - own.x[-1], axis=-1).max()
+    assert 0 < distance < own.error_bound["max"][-1] <= distance + 2.3e-16
+    assert distance <= reference.error
 
 
 @pytest.mark.parametrize("response", ["ray", "continuous"])

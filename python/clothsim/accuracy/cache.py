@@ -60,6 +60,17 @@ def cache_directory() -> Path:
     return base / "clothsim"
 
 
+MODULES = (
+    "model/as_core.py",
+    "model/cloth.py",
+    "model/scene.py",
+    "engine/plan.py",
+    "accuracy/in_double.py",
+    "accuracy/solution.py",
+)
+"""Modules that describe a cloth to the core, or compute with it."""
+
+
 @cache
 def code() -> str:
     """A hash of what computes a solution: the built core, and the modules that describe a cloth to it.
@@ -67,7 +78,7 @@ def code() -> str:
     The version does not tell them apart while somebody is changing them.
     """
     package = Path(__file__).parent.parent
-    modules = (package / name for name in ("model/cloth.py", "engine/plan.py", "model/scene.py", "accuracy/solution.py"))
+    modules = (package / name for name in MODULES)
     found = hashlib.sha256()
     for path in (Path(_core.__file__), *modules):
         found.update(hashlib.sha256(path.read_bytes()).digest())

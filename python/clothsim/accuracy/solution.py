@@ -14,12 +14,11 @@ from .. import _core
 from ..base import check
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
-from ..engine.bound import stable_dt
 from ..engine.plan import choose_threads
-from ..engine.stepper import Stepper
 from ..model.scene import Scene
 from . import cache as _cache
 from .first_contact import first_contact
+from .in_double import solve_in_double
 
 Floats = npt.NDArray[np.float64]
 
@@ -30,11 +29,6 @@ _FORMAT = 1
 # The tolerances are per step and of the cloth's extent; long double has 5e-20.
 _TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
 _CONTROL: dict[str, Any] = {"columns": 7, "tolerance": 1e-14}
-
-# The method in double starts with this part of RK4's stable step, well below its own, and halves
-# it.
-_COARSEST = 0.5
-_MOST_HALVINGS = 8
 
 METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, double")
 
@@ -219,7 +213,7 @@ def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.nda
     start = time.perf_counter()
     x, v, evaluations = extrapolation(scene, times, **_TRUSTED, threads=threads)
     control, _, more = extrapolation(scene, times, **_CONTROL, threads=threads)
-    double, double_evaluations = _double(scene, times, threads)
+    double = solve_in_double(scene, times, threads)
     wall_time = time.perf_counter() - start
     initial = scene.initial_position, scene.initial_velocity
     # The solution is rounded to float64: half a unit in the last place, but for the state given.
@@ -228,9 +222,9 @@ def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.nda
         "t": np.array([0.0, *times]),
         "x": np.concatenate([initial[0][None], x]),
         "v": np.concatenate([initial[1][None], v]),
-        "bound": _per_frame(x, double) + rounding,
+        "bound": _per_frame(x, double.x) + rounding,
         "estimate": _per_frame(x, control),
-        "force_evaluations": np.array([evaluations + more, double_evaluations]),
+        "force_evaluations": np.array([evaluations + more, double.force_evaluations]),
         "wall_time": np.array(wall_time),
     }
 
@@ -281,37 +275,6 @@ def extrapolation(
         )
     shape = (len(times), *cloth.shape, 3)
     return result["x"].reshape(shape), result["v"].reshape(shape), result["force_evaluations"]
-
-
-def _double(scene: Scene, times: list[float], threads: int) -> tuple[Floats, int]:
-    """Positions at `times` in double by the kernels, and the force evaluations they took.
-
-    The step is halved until only rounding changes the result. No tolerance has to be chosen for a
-    scene.
-    """
-    largest = min(_COARSEST * stable_dt(scene), times[-1] / 8)
-    positions, evaluations = _dop853(scene, times, largest, threads)
-    change = math.inf
-    for _ in range(_MOST_HALVINGS):
-        largest /= 2
-        finer, more = _dop853(scene, times, largest, threads)
-        before, change = change, float(abs(finer - positions).max())
-        positions, evaluations = finer, evaluations + more
-        if change >= before / 16:  # order 8 would have made it 256 times smaller
-            break
-    return positions, evaluations
-
-
-def _dop853(scene: Scene, times: list[float], largest: float, threads: int) -> tuple[Floats, int]:
-    """Positions at `times` by equal steps between them, none above `largest`."""
-    stepper = Stepper(scene, integrator="dop853", threads=threads)
-    positions, steps = [], 0
-    for begin, end in zip([0.0, *times[:-1]], times, strict=True):
-        count = math.ceil((end - begin) / largest)
-        stepper.advance(count, (end - begin) / count)
-        positions.append(stepper.positions)
-        steps += count
-    return np.array(positions), 12 * steps
 
 
 def _distances(a: Floats, b: Floats) -> tuple[Floats, Floats]:

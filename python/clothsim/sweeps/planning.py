@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..accuracy.in_double import steps_in_double
 from ..engine.stepper import SilentStepper
 from ..stability.limit import max_stable_dt
 from .grid import Grid
 from .member import Members
-from .reference import reference_steps
 from .task import Task, TaskResult
 
 SHORTEST = 0.3  # s that a task should take: 0.2, and a margin for what is estimated
@@ -22,6 +22,7 @@ SHORTEST_HERE = 0.05  # s, on threads of this process, to which it costs nothing
 LONGEST = 1.0  # s, unless `sweep` is told otherwise: results are written as tasks end
 _TASKS_LEFT = 2  # a worker, of the size of the next: tasks get shorter, so that all end together
 _STEPS_TIMED = 16
+_STEP_OF_REFERENCE = 3.0  # of dop853, over a step of RK4
 _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 
 
@@ -82,7 +83,7 @@ class Planner:
         steps = duration / _numbers(self.grid, "dt", default, lambda dt: default if dt is None else float(dt))
         if self.references:
             shared = np.bincount(self.grid.physics)[self.grid.physics]
-            steps = steps + 1.5 * reference_steps(settings.duration, limit) / shared
+            steps = steps + _STEP_OF_REFERENCE * steps_in_double(settings.duration, limit) / shared
         return np.asarray(np.maximum(steps, 1.0))
 
     def _try_out(self) -> float:
@@ -150,7 +151,7 @@ class Planner:
         if member.likely_unstable:
             steps = min(steps, _STEPS_TO_DIVERGE)
         if self.references and new_physics:
-            steps += 1.5 * reference_steps(member.duration, max_stable_dt(member.scene))
+            steps += _STEP_OF_REFERENCE * steps_in_double(member.duration, max_stable_dt(member.scene))
         return steps * math.prod(member.scene.cloth.shape)
 
     def _task(self, indices: list[int], weight: float) -> Task:

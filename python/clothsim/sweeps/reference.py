@@ -1,11 +1,9 @@
 """The solution that the metric "error" compares with.
 
-`solve` makes it alone: RK4 in double with equal steps, at most 1/32 of the guaranteed stable step,
-and again at twice that. Richardson extrapolation of order 4 gives x = fine + (fine - coarse) / 15.
-The bound of its error is the distance of the two. While truncation rules, that is 15 times the
-error of the finer alone; where rounding rules, it is the difference of two independent roundings.
-After a contact the motion is chaotic: trajectories of nearby states part, and there is no solution
-to compare with (`incomparable`).
+It is the solution in double that `cs.reference` compares with its own (`accuracy.in_double`). Its
+bound is twice what the last halving of the step has changed, and a unit in the last place. After a
+contact the motion is chaotic: trajectories of nearby states part, and there is no solution to
+compare with (`incomparable`).
 
 It depends on the cloth alone, never on other members of a sweep. Members that differ in numerics
 share it, and each process keeps the last references.
@@ -18,23 +16,17 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..engine.stepper import SilentStepper
-from ..errors import UnstableError
+from ..accuracy.in_double import solve_in_double
+from ..errors import ContactError, UnstableError
 from ..model.scene import Scene
-from ..stability.limit import max_stable_dt
 from .batch import Stopped
 from .member import Floats, Member, Outcome
 from .plain import digest
 
-_PARTS_OF_LIMIT = 32
-_STEPS_WITHOUT_LIMIT = 1024
 _BYTES_KEPT = 1 << 27
-_STEPS_BETWEEN_LOOKS = 512  # at whether the sweep is to stop
 
 
 @dataclass(frozen=True)
@@ -61,35 +53,20 @@ def incomparable(outcome: Outcome) -> str:
     )
 
 
-def reference_steps(duration: float, limit: float) -> int:
-    """The number of steps that the finer of the two solutions takes, an even number."""
-    if not math.isfinite(limit):
-        return _STEPS_WITHOUT_LIMIT
-    return 2 * math.ceil(duration * _PARTS_OF_LIMIT / limit / 2)
-
-
 def solve(scene: Scene, duration: float, threads: int | None = 1, stopped: Callable[[], bool] = lambda: False) -> Reference:
     """The reference of one scene at `duration`."""
-    steps = reference_steps(duration, max_stable_dt(scene))
-    try:
-        (fine, contact), (coarse, _) = (_end(scene, duration, n, threads, stopped) for n in (steps, steps // 2))
-    except UnstableError:
-        return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
-    difference = fine - coarse
-    error = float(np.linalg.norm(difference, axis=-1).max())
-    return Reference(fine + difference / 15, error, contact)
 
-
-def _end(
-    scene: Scene, duration: float, steps: int, threads: int | None, stopped: Callable[[], bool]
-) -> tuple[npt.NDArray[np.floating[Any]], bool]:
-    stepper = SilentStepper(scene, threads=threads)
-    for done in range(0, steps, _STEPS_BETWEEN_LOOKS):
+    def pause() -> None:
         if stopped():
             raise Stopped
-        stepper.advance(min(_STEPS_BETWEEN_LOOKS, steps - done), duration / steps)
-    first_contact = stepper._state.core.watched[0]["first_contact"]
-    return stepper.positions, not math.isnan(first_contact)
+
+    try:
+        found = solve_in_double(scene, [duration], threads, pause)
+    except (UnstableError, ContactError):
+        return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
+    # Both runs may err by rounding, each as much as the other.
+    x = found.x[-1]
+    return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.contact)
 
 
 class _Kept:

@@ -1,0 +1,108 @@
+"""The solution in double: steps of dop853, halved until only rounding changes.
+
+`cs.reference` compares its extrapolation in long double with this solution. A sweep, which needs
+solutions by the thousand, measures its members by this solution alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.bound import stable_dt
+from ..engine.stepper import SilentStepper
+from ..model.scene import Scene
+
+Floats = npt.NDArray[np.float64]
+
+# The first steps are this part of RK4's stable step, well below the stable step of dop853.
+_COARSEST = 0.5
+_FEWEST_STEPS = 8
+_MOST_HALVINGS = 8
+_ORDER = 8
+_EVALUATIONS_PER_STEP = 12
+_STEPS_BETWEEN_PAUSES = 512
+
+
+@dataclass(frozen=True)
+class InDouble:
+    """Positions at some times, and how far they are from true.
+
+    Attributes
+    ----------
+    x : numpy.ndarray
+        Positions [m], shape (times, rows, columns, 3).
+    change : numpy.ndarray
+        What the last halving has changed [m], the largest distance of a mass point, shape (times,).
+    force_evaluations : int
+        Of all runs.
+    contact : bool
+        Whether a sphere has responded in one of the runs.
+    """
+
+    x: Floats
+    change: Floats
+    force_evaluations: int
+    contact: bool
+
+
+def solve_in_double(
+    scene: Scene, times: list[float], threads: int | None, pause: Callable[[], None] = lambda: None
+) -> InDouble:
+    """Positions at `times`, by the kernels.
+
+    The step is halved until that changes no more than rounding does: the tightest a fixed step
+    can be asked for, without a tolerance that would have to be chosen for every scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    times : list of float
+        Seconds after the start, increasing.
+    threads : int or None
+    pause : callable
+        Called every few steps; it may raise an exception.
+
+    Raises
+    ------
+    UnstableError, ContactError
+        As `Stepper.advance` does.
+    """
+    largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
+    positions, steps, contact = _run(scene, times, largest, threads, pause)
+    change, changes = math.inf, np.full(len(times), math.inf)
+    for _ in range(_MOST_HALVINGS):
+        largest /= 2
+        finer, more, contact_too = _run(scene, times, largest, threads, pause)
+        before, change = change, float(abs(finer - positions).max())
+        changes = np.linalg.norm(finer - positions, axis=-1).max(axis=(-2, -1))
+        positions, steps, contact = finer, steps + more, contact or contact_too
+        if change >= before / 2 ** (_ORDER / 2):  # truncation would have made it 256 times smaller
+            break
+    return InDouble(positions, changes, _EVALUATIONS_PER_STEP * steps, contact)
+
+
+def steps_in_double(duration: float, limit: float) -> float:
+    """About as many steps of all runs where three halvings are enough; `limit`: of RK4 [s]."""
+    return (1 + 2 + 4 + 8) * max(duration / (_COARSEST * limit), _FEWEST_STEPS)
+
+
+def _run(
+    scene: Scene, times: list[float], largest: float, threads: int | None, pause: Callable[[], None]
+) -> tuple[Floats, int, bool]:
+    """Positions at `times` by equal steps between them, none above `largest`; steps; contact."""
+    stepper = SilentStepper(scene, integrator="dop853", threads=threads)
+    positions, steps = [], 0
+    for begin, end in zip([0.0, *times[:-1]], times, strict=True):
+        count = math.ceil((end - begin) / largest)
+        for done in range(0, count, _STEPS_BETWEEN_PAUSES):
+            pause()
+            stepper.advance(min(_STEPS_BETWEEN_PAUSES, count - done), (end - begin) / count)
+        positions.append(stepper.positions)
+        steps += count
+    first_contact = stepper._state.core.watched[0]["first_contact"]
+    return np.array(positions), steps, not math.isnan(first_contact)
