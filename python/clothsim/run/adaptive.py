@@ -241,7 +241,7 @@ def _refined(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
         if extrapolates and pair.after.rms <= asked:
             return runs.close(after, pair.after)
         stalled = pair.before.rms > least / 2
-        hopeless = stalled and (before.steps / best.steps) ** _ORDER >= _SMALL**-2
+        hopeless = stalled and (before.steps / best.steps) ** _ORDER >= _SMALL**-4
         if pair.before.rms < least:
             best, error, least = before, pair.before, pair.before.rms
         if ratio >= finest or hopeless:
@@ -294,7 +294,7 @@ def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
         tiny, lost = found.rms < _ROUNDING * size, found.rms > _SMALL**2 * size
         # A phase that is lost takes more than one smaller setting to come back.
-        hopeless = stalls >= (1 if tiny else 2) and (best_setting / setting) ** method.order >= _SMALL**-2
+        hopeless = stalls >= (1 if tiny else 2) and (best_setting / setting) ** method.order >= _SMALL**-4
         if not found.rms >= error.rms:
             best, error, best_setting = run, found, setting
         if found.rms <= asked:
