@@ -241,7 +241,7 @@ def _refined(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
         if extrapolates and pair.after.rms <= asked:
             return runs.close(after, pair.after)
         stalled = pair.before.rms > least / 2
-        hopeless = stalled and (before.steps / best.steps) ** _ORDER >= _SMALL**-4
+        hopeless = stalled and (before.steps / best.steps) ** _ORDER >= _SMALL**-3
         if pair.before.rms < least:
             best, error, least = before, pair.before, pair.before.rms
         if ratio >= finest or hopeless:
@@ -294,7 +294,7 @@ def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
         tiny, lost = found.rms < _ROUNDING * size, found.rms > _SMALL**2 * size
         # A phase that is lost takes more than one smaller setting to come back.
-        hopeless = stalls >= (1 if tiny else 2) and (best_setting / setting) ** method.order >= _SMALL**-4
+        hopeless = stalls >= (1 if tiny else 2) and (best_setting / setting) ** method.order >= _SMALL**-3
         if not found.rms >= error.rms:
             best, error, best_setting = run, found, setting
         if found.rms <= asked:
@@ -305,7 +305,10 @@ def _compared(runs: _Runs, asked: float, frames: Schedule) -> Controlled:
             return runs.close(best, error.because(_NO_FINER))
         # The order tells what to expect only where the phase of the motion is not lost.
         wanted = max((asked / (_MARGIN * found.rms)) ** (1 / method.order), _SMALL if lost else 1e-4)
-        setting = max(setting * min(wanted, 0.9), method.least)
+        finer = max(setting * min(wanted, 0.9), method.least)
+        if stalls >= 2 and runs.spent + run.evaluations * setting / finer > better.most:
+            return runs.close(best, error.because(_LEAST))
+        setting = finer
     assert best is not None
     return runs.close(best, error.because(_NOT_REACHED))
 
@@ -334,6 +337,12 @@ class _Better:
         if self._run is None:
             self._run = self._runs.adaptive(self._tolerance, rounded=True, options=self._best)
         return self._run
+
+    @property
+    def most(self) -> float:
+        """Force evaluations that are worth while where errors do not fall."""
+        left = self._tolerance / self._smallest
+        return float(_MOST * self.run.evaluations * left ** (1 / _ORDER))
 
     def met(self, run: Solution) -> bool:
         """Whether a sphere responded in one of the two runs."""
