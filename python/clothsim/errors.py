@@ -188,8 +188,8 @@ class ContactError(ArithmeticError):
     --------
     >>> import clothsim as cs
     >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), x=None, v=None))
-    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
-further apart, or make them smaller
+    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres, or \
+between a sphere and pinned points; keep them further apart, or make the spheres smaller
     """
 
     run: Any = None
@@ -212,8 +212,8 @@ further apart, or make them smaller
         self.member = member
         which = "" if member is None else f" of batch member {member}"
         super().__init__(
-            f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres; "
-            "keep them further apart, or make them smaller"
+            f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres, "
+            "or between a sphere and pinned points; keep them further apart, or make the spheres smaller"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:

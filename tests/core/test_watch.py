@@ -129,7 +129,7 @@ def test_the_papers_failing_case_is_reported():
 def test_adaptive_steps(name, integrator):
     """The moment does not depend on frames, and is that of small steps, to the length of a step.
 
-    Until 0.15 s: later the sphere runs into a pinned point, which leaves triangles beside it no place.
+    Until 0.15 s: later the sphere runs into a pinned point, which gives a warning.
     """
     frames = cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator, every="step")
     runs = [cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator).report, frames.report]

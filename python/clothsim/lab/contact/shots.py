@@ -11,6 +11,7 @@ import clothsim as cs
 from clothsim.typing import Offset
 
 from .oracle import corner_indices, deepest_on_the_way, nearest_places
+from .search import finds_place
 
 _STEPS = 4  # of a shot
 
@@ -75,7 +76,8 @@ def _passed(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) 
             deepest = deepest_on_the_way(before[corners], after[corners], sphere.radius)
         else:
             points = np.stack([np.repeat(p[free][:, None], 3, axis=1) for p in (before, after)])
-            deepest = sphere.radius - np.linalg.norm(points[1][:, 0], axis=1).min(initial=np.inf)
+            radius = sphere.contact_radius(scene.cloth)
+            deepest = radius - np.linalg.norm(points[1][:, 0], axis=1).min(initial=np.inf)
         if deepest > 1e-9 * max(sphere.radius, 1.0):
             return True
     return False
@@ -100,10 +102,11 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     -------
     dict
         "shots"; "hits": shots in which a sphere changed the sheet; "passed": with a triangle or a
-        point crossed or inside; "refused": ended with a `ContactError`.
+        point crossed or inside; "refused": ended with a `ContactError`; "with_place": refused, though
+        an independent search finds a place.
     """
     rng = np.random.default_rng(seed)
-    total = {"shots": 0, "hits": 0, "passed": 0, "refused": 0}
+    total = {"shots": 0, "hits": 0, "passed": 0, "refused": 0, "with_place": 0}
     while total["shots"] < count:
         drawn = _shot(rng, several=total["shots"] % 2 == 1)
         if drawn is None:
@@ -120,6 +123,7 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
                     stepper.advance(1, dt)
                 except cs.ContactError:
                     total["refused"] += 1
+                    total["with_place"] += finds_place(scene, x, t, dt, _passed)
                     break
                 y = stepper.positions
                 passed |= _passed(scene, x, y, t, dt)
@@ -129,11 +133,44 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     return total
 
 
-def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
-    """Let two spheres close on a sheet until a gap of 1 mm to 0.01 mm is left between them.
+def _squeeze(rng: np.random.Generator) -> tuple[cs.Scene, float, float] | None:
+    """A sheet, two or three spheres that close on it, time step and duration; None: one starts inside."""
+    points, radius = int(rng.integers(3, 10)), 0.2
+    cloth = cs.Cloth((points, points), mass=0.02 * points**2, stiffness=100.0, damping=0.1, pins=())
+    axis = rng.normal(size=3) * (0.1, 0, 0.1) + (0, 1, 0)
+    axis /= np.linalg.norm(axis)
+    aside = np.cross(axis, _direction(rng))
+    aside *= rng.uniform(0.41, 0.7) / np.linalg.norm(aside)
+    middle = np.array((rng.uniform(0.2, 0.8), 0.0, rng.uniform(0.2, 0.8)))
+    start, gap, dt = 0.02, 10 ** rng.uniform(-5, -3), float(rng.choice((1e-3, 2e-4)))
+    ways = [(1, 0.0), (-1, 0.0), (-1, 1.0)][: int(rng.integers(2, 4))]
+    spheres = [
+        cs.Sphere(
+            middle + sign * axis * (radius + start) + beside * aside,
+            radius,
+            cs.Linear(-sign * axis),
+            "continuous",
+            cast(Offset, str(rng.choice(("face", "face", "edge", "none")))),
+            0.0,
+            float(rng.choice((0.0, 0.5))),
+        )
+        for sign, beside in ways
+    ]
+    flat = cloth.rest_positions.reshape(-1, 3)[corner_indices(cloth.shape)]
+    outer = [s.radius if s.offset == "face" else s.contact_radius(cloth) for s in spheres]
+    if any(nearest_places(flat - s.center_at(0.0))[1].min() < r for s, r in zip(spheres, outer, strict=True)):
+        return None
+    # The outer radii of the two opposite spheres leave the gap.
+    duration = start - gap / 2 - (outer[0] + outer[1] - 2 * radius) / 2
+    return cs.Scene(cloth, spheres, (0, 0, 0)), dt, duration
 
-    The flat sheet between the two spheres always has a place. Its slope against their line is the
-    exception: there it can turn or bend. So no step may be refused.
+
+def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
+    """Let two or three spheres close on a sheet until a gap of 1 mm to 0.01 mm is left between two.
+
+    The third sphere closes beside the second. Offsets are mixed. A flat sheet fits into the gap, so
+    that the sheet can lie between the spheres if it turns or bends. An independent search judges the
+    steps that end with a `ContactError`.
 
     Parameters
     ----------
@@ -145,48 +182,35 @@ def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
     Returns
     -------
     dict
-        "squeezes", "refused" (`ContactError`) and "inside" (a triangle of the sheet in a sphere).
+        "squeezes"; "refused": ended with a `ContactError`; "with_place": refused, though the search
+        finds a place; "inside": with a triangle, or a point for other offsets, in a sphere.
     """
     rng = np.random.default_rng(seed)
-    total = {"squeezes": 0, "refused": 0, "inside": 0}
+    total = {"squeezes": 0, "refused": 0, "with_place": 0, "inside": 0}
     while total["squeezes"] < count:
-        points, radius = int(rng.integers(3, 10)), 0.2
-        cloth = cs.Cloth((points, points), mass=0.02 * points**2, stiffness=100.0, damping=0.1, pins=())
-        axis = rng.normal(size=3) * (0.1, 0, 0.1) + (0, 1, 0)
-        axis /= np.linalg.norm(axis)
-        middle = np.array((rng.uniform(0.2, 0.8), 0.0, rng.uniform(0.2, 0.8)))
-        start, gap, dt = 0.02, 10 ** rng.uniform(-5, -3), float(rng.choice((1e-3, 2e-4)))
-        offsets: tuple[Offset, Offset] = ("face", cast(Offset, str(rng.choice(("face", "edge", "none")))))
-        spheres = [
-            cs.Sphere(
-                middle + sign * axis * (radius + start),
-                radius,
-                cs.Linear(-sign * axis),
-                "continuous",
-                offset,
-                0.0,
-                float(rng.choice((0.0, 0.5))),
-            )
-            for sign, offset in zip((1, -1), offsets, strict=True)
-        ]
-        corners = corner_indices(cloth.shape)
-        flat = cloth.rest_positions.reshape(-1, 3)[corners]
-        outer = [s.radius if s.offset == "face" else s.contact_radius(cloth) for s in spheres]
-        # What the outer radii leave is the gap; the flat sheet is outside both when they start.
-        duration = start - gap / 2 - (sum(outer) - 2 * radius) / 2
-        if any(nearest_places(flat - s.center_at(0.0))[1].min() < r for s, r in zip(spheres, outer, strict=True)):
+        drawn = _squeeze(rng)
+        if drawn is None:
             continue
+        scene, dt, duration = drawn
         total["squeezes"] += 1
-        stepper = cs.Stepper(cs.Scene(cloth, spheres, (0, 0, 0)), threads=1)
+        stepper = cs.Stepper(scene, threads=1)
         try:
             stepper.advance(int(duration / dt), dt)
-        except cs.ContactError:
+        except cs.ContactError as error:
             total["refused"] += 1
+            assert error.x is not None
+            total["with_place"] += finds_place(scene, error.x, error.time - dt, dt, _passed)
             continue
-        total["inside"] += any(
-            nearest_places(stepper.positions.reshape(-1, 3)[corners] - s.center_at(stepper.time))[1].min()
-            < s.radius * (1 - 1e-12)
-            for s in spheres
-            if s.offset == "face"
-        )
+        x = stepper.positions.reshape(-1, 3)
+        corners = corner_indices(scene.cloth.shape)
+        for sphere in scene.spheres:
+            centred = x - sphere.center_at(stepper.time)
+            if sphere.offset == "face":
+                distance = nearest_places(centred[corners])[1].min()
+            else:
+                distance = np.linalg.norm(centred, axis=1).min()
+            outer = sphere.radius if sphere.offset == "face" else sphere.contact_radius(scene.cloth)
+            if distance < outer * (1 - 1e-12):
+                total["inside"] += 1
+                break
     return total
