@@ -351,6 +351,8 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
     }
 }
 
+template class StateEngine<float, LiftedLayout>;
+template class StateEngine<double, LiftedLayout>;
 template class EdgeEngine<float>;
 template class EdgeEngine<double>;
 

@@ -72,4 +72,7 @@ private:
     std::int64_t step_ = 0;  // of the state in memory
 };
 
+extern template class StateEngine<float, LiftedLayout>;
+extern template class StateEngine<double, LiftedLayout>;
+
 }  // namespace clothsim

@@ -1,5 +1,6 @@
 #include "integrators/edge_engine.hpp"
 #include "integrators/gather_engine.hpp"
+#include "integrators/methods.hpp"
 #include "integrators/scheme_engine.hpp"
 
 namespace clothsim {
@@ -7,12 +8,7 @@ namespace {
 
 template <class Real>
 std::unique_ptr<Engine> make(const Plan& plan) {
-    const bool gather = plan.kernel == Kernel::gather;
-    if (method_of(plan.integrator).scheme != Scheme::rk4) {
-        if (gather) return std::make_unique<SchemeEngine<Real, GatherEngine<Real>>>(plan);
-        return std::make_unique<SchemeEngine<Real, EdgeEngine<Real>>>(plan);
-    }
-    if (gather) return std::make_unique<GatherEngine<Real>>(plan);
+    if (plan.kernel == Kernel::gather) return std::make_unique<GatherEngine<Real>>(plan);
     return std::make_unique<EdgeEngine<Real>>(plan, true);
 }
 
@@ -76,6 +72,7 @@ double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
 }
 
 std::unique_ptr<Engine> make_engine(const Plan& plan) {
+    if (method_of(plan.integrator).scheme != Scheme::rk4) return make_scheme_engine(plan);
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 

@@ -233,6 +233,8 @@ bool GatherEngine<Real>::collide_rows(int begin, int end, const std::vector<Cont
     return any;
 }
 
+template class StateEngine<float, PaddedLayout>;
+template class StateEngine<double, PaddedLayout>;
 template class GatherEngine<float>;
 template class GatherEngine<double>;
 

@@ -72,4 +72,7 @@ private:
     AlignedVector<Real> first_acceleration_, acceleration_sum_;  // three planes each
 };
 
+extern template class StateEngine<float, PaddedLayout>;
+extern template class StateEngine<double, PaddedLayout>;
+
 }  // namespace clothsim
