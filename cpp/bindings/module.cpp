@@ -5,7 +5,9 @@
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
+#include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
+#include "engines/caches.hpp"
 #include "engines/threads.hpp"
 #include "kernels/dispatch.hpp"
 #include "measure/limits.hpp"
@@ -75,6 +77,15 @@ void bind_build(py::module_& m) {
     m.def("available_threads", &available_threads);
     m.attr("most_threads") = most_threads;
     m.attr("points_worth_a_thread") = points_worth_a_thread;
+    // What Python needs too is written down in the core alone.
+    py::list kinds;
+    for (const Neighbour& n : spring_kinds) kinds.append(py::make_tuple(family_names[n.family], n.row, n.column));
+    m.attr("spring_kinds") = py::tuple(kinds);
+    m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
+    m.attr("extents_that_are_far") = extents_that_are_far;
+    m.attr("negligible_part") = EnergyWatch::negligible_part;
+    m.attr("runaway_part") = EnergyWatch::runaway_part;
+    m.attr("steps_between_looks") = EnergyWatch::steps_between_looks;
 }
 
 namespace {

@@ -21,7 +21,7 @@ using std::chrono::steady_clock;
 constexpr double seconds_between_polls = 0.01;
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
-constexpr std::int64_t steps_between_energies = 16;  // accepted ones, which cost several of others
+constexpr std::int64_t steps_between_energies = EnergyWatch::steps_between_looks;  // accepted ones, which cost several of others
 
 double seconds_since(steady_clock::time_point start) {
     return std::chrono::duration<double>(steady_clock::now() - start).count();

@@ -10,7 +10,7 @@ EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
     for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
         if (cloth.present[n.family])
             all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
-    negligible_ = 1e-6 * all;
+    negligible_ = negligible_part * all;
 }
 
 Energy EnergyWatch::energy_of(const Engine& engine) {

@@ -25,6 +25,11 @@ public:
     // worth a warning, more than nine tenths an error. An integrator may keep an energy of its own instead of the true
     // one, from which the true one differs by a factor (1 - (omega dt / 2)^2 for Verlet's); nine tenths leave room for it.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
+    // Energy below this part of what all springs would hold at twice their rest lengths counts as nothing: a stretch of a
+    // thousandth. What runs away doubles within steps, so that half or twice the part changes little.
+    static constexpr double negligible_part = 1e-6;
+    // Steps between two looks above the guaranteed time step, where growth is likely.
+    static constexpr std::int64_t steps_between_looks = 16;
 
     // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into engine.watched.
     std::int64_t runaway_point(Engine& engine, bool record);

@@ -19,7 +19,7 @@ using std::chrono::steady_clock;
 // is found by going back to the last checkpoint.
 constexpr std::int64_t most_steps_unchecked = 128;
 // Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth is likely.
-constexpr std::int64_t steps_between_energies = most_steps_unchecked, steps_between_energies_above = 16;
+constexpr std::int64_t steps_between_energies = most_steps_unchecked, steps_between_energies_above = EnergyWatch::steps_between_looks;
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over the steps of
 // earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;

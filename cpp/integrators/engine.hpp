@@ -14,6 +14,9 @@
 
 namespace clothsim {
 
+// Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
+inline constexpr double extents_that_are_far = 8;
+
 class Engine {
 public:
     virtual ~Engine() = default;

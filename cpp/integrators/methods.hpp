@@ -11,11 +11,13 @@
 
 namespace clothsim {
 
-enum class Scheme { rk4,
-                    splitting,
-                    verlet,
-                    explicit_rk,
-                    implicit_midpoint };
+enum class Scheme {
+    rk4,
+    splitting,
+    verlet,
+    explicit_rk,
+    implicit_midpoint,
+};
 
 // Factors of the accelerations: in x times h^2, in v times h; `drift` times h is that of v in x.
 struct Weights {

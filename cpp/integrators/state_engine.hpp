@@ -31,8 +31,6 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
-inline constexpr double extents_that_are_far = 8;
-
 // What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
 template <class Real>
 struct FieldScratch {

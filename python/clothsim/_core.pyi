@@ -3,12 +3,20 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
+from clothsim.typing import Family
+
 Floats = npt.NDArray[np.float64]
 State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
 most_threads: int
 points_worth_a_thread: int
+spring_kinds: tuple[tuple[Family, int, int], ...]
+bytes_in_shared_cache: int
+extents_that_are_far: float
+negligible_part: float
+runaway_part: float
+steps_between_looks: int
 
 class Cloth:
     def __init__(

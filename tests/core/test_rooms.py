@@ -7,6 +7,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from clothsim import _core
+from clothsim.model.cloth import FAMILIES, Cloth
 
 ROOT = Path(__file__).parents[2]
 CORE = ROOT / "cpp"
@@ -119,3 +121,15 @@ def test_what_a_fourth_family_must_be_written_into_does_not_compile_without(tmp_
     assert compiled(CORE, Path(source), tmp_path) == ""
     errors = compiled(with_a_fourth_family(tmp_path), Path(source), tmp_path)
     assert re.search(rf"static assertion failed:.*{says}", errors), errors
+
+
+def test_python_has_the_springs_of_the_core():
+    """The table from which the reference solution is made is written out in Python: it must be the core's list."""
+    kinds = _core.spring_kinds
+    assert tuple(dict.fromkeys(family for family, *_ in kinds)) == FAMILIES
+    cloth = Cloth(shape=(6, 5))
+    found = set()
+    for spring in cloth.spring_table():
+        (row, column), (other_row, other_column) = (divmod(int(spring[end]), 5) for end in ("i", "j"))
+        found.add((str(spring["family"]), abs(other_row - row), abs(other_column - column)))
+    assert found == set(kinds)

@@ -18,8 +18,8 @@ FIRST_WEIGHT = 20
 CONTACT_SIZE = 16
 ENERGY_SIZE = 13  # without masses
 
-# (row, column) of a neighbour at the end of each of the shader's five springs.
-_SPRINGS = (("structural", 0, 1), ("structural", 1, 0), ("shear", 1, 1), ("bend", 0, 2), ("bend", 2, 0))
+# Family, row and column of a neighbour at the end of each of the shader's five springs.
+_SPRINGS = _core.spring_kinds
 
 
 def rest_lengths(scene: Scene) -> list[float]:

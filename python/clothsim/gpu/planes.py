@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .. import _core
 from ..model.scene import Scene
-
-# Extents of a cloth from the origin to its middle, from which on single keeps positions relative to
-# there, as in the core.
-EXTENTS_THAT_ARE_FAR = 8
 
 
 def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
@@ -47,7 +44,7 @@ def far_origins(positions: np.ndarray) -> np.ndarray:
     low, high = positions.min(axis=2), positions.max(axis=2)
     middle = low / 2 + high / 2
     distance = np.linalg.norm(middle, axis=1)
-    far = distance > EXTENTS_THAT_ARE_FAR * np.linalg.norm(high - low, axis=1)
+    far = distance > _core.extents_that_are_far * np.linalg.norm(high - low, axis=1)
     far &= distance < np.finfo(np.float32).max
     return np.where(far[:, None], middle, 0.0)
 

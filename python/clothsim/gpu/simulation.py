@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from ..model.scene import Scene
 from . import device as devices
 from .batches import MOST_STEPS_UNCHECKED, Blocks
@@ -19,7 +20,7 @@ from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts
 from .planes import far_origins, joined, planes_of, split, vectors_of
 from .safe import SafeCopy
-from .watch import STEPS_BETWEEN_ENERGIES, EnergyWatches
+from .watch import EnergyWatches
 
 # The state is looked at after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
@@ -231,7 +232,7 @@ class Simulation:
         while done < steps:
             count = min(self._steps_unchecked, steps - done)
             if self._watched:  # at the same steps whatever the clock on the wall says
-                count = STEPS_BETWEEN_ENERGIES - self._clock.steps % STEPS_BETWEEN_ENERGIES
+                count = _core.steps_between_looks - self._clock.steps % _core.steps_between_looks
                 count = min(count, steps - done)
             start = time.monotonic()
             if self._try(count):

@@ -11,13 +11,6 @@ from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .planes import arrays_of
 
-# Steps of the clock between two looks, the core's `steps_between_energies`.
-STEPS_BETWEEN_ENERGIES = 16
-
-# J over what every spring at its rest length holds; the stretch is a thousandth then.
-_NEGLIGIBLE = 1e-6
-_MADE = 0.9  # part of the energy that a run has made of nothing when it is called unstable
-
 
 class EnergyWatch:
     """Tells of a cloth that no sphere has touched whether unstable steps made nearly all of its energy."""
@@ -25,13 +18,16 @@ class EnergyWatch:
     def __init__(self, scene: Scene) -> None:
         self._scene, self._cloth = scene, core_cloth(scene)
         cloth = scene.cloth
-        squares = {
-            "structural": cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2,
-            "shear": 2 * (cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2),
-            "bend": 4 * (cloth.spacing[0] ** 2 + cloth.spacing[1] ** 2),
-        }
-        held = sum(k / 2 * squares[family] for family, k in cloth.family_stiffness.items())
-        self._negligible = _NEGLIGIBLE * cloth.rows * cloth.columns * held
+        row, column = cloth.spacing
+        held = sum(
+            cloth.family_stiffness[family]
+            / 2
+            * ((rows * row) ** 2 + (columns * column) ** 2)
+            * (2 if rows and columns else 1)
+            for family, rows, columns in _core.spring_kinds
+            if family in cloth.families
+        )
+        self._negligible = _core.negligible_part * cloth.rows * cloth.columns * held
         self.restart()
 
     def restart(self) -> None:
@@ -51,7 +47,7 @@ class EnergyWatch:
         if self._start is None:
             self._start = total
         made = total - self._start
-        if not (made > self._negligible and made > _MADE * (kinetic + elastic)):
+        if not (made > self._negligible and made > _core.runaway_part * (kinetic + elastic)):
             return None
         return int((v**2).sum(axis=-1).argmax())
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from clothsim import _core
+
 from .figures import Missing
 from .measured_run import Measured, share_of_peak
 
@@ -24,9 +26,6 @@ single, six of 4 and as many compensations."""
 #
 # That is 108 values; in single the fourth stage also fetches and writes 6 compensations.
 _GATHER_TRAFFIC = {"single": 120 * 4, "double": 108 * 8}
-
-# Bytes of state of which more comes from memory in each step (cpp/engines/caches.hpp).
-_KEPT_IN_CACHE = 4 << 20
 
 
 def traffic(kernel: str, precision: str) -> int:
@@ -65,7 +64,7 @@ def _row(m: Measured, work: str, kernel: str, precision: str, threads: int) -> d
     measured = figure.minimum / figure.points
     moved = traffic(kernel, precision)
     memory = moved / m.limits["bandwidth"][threads]
-    through_memory = figure.points * STATE_TRAFFIC / 2 > _KEPT_IN_CACHE
+    through_memory = figure.points * STATE_TRAFFIC / 2 > _core.bytes_in_shared_cache
     return {
         "work": work,
         "kernel": kernel,

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from clothsim import _core
+from clothsim.model.cloth import FAMILIES
 from clothsim.model.scene import Scene
 from clothsim.typing import Family
 
@@ -14,11 +16,15 @@ from ..timing import Work
 
 Slices = tuple[slice, slice, slice]
 
-# Per family, the (row, column) offset of each spring's far end.
+# Per family, the (row, column) offset of each spring's far end: of a diagonal one, both diagonals.
 OFFSETS: dict[Family, tuple[tuple[int, int], ...]] = {
-    "structural": ((0, 1), (1, 0)),
-    "shear": ((1, 1), (1, -1)),
-    "bend": ((0, 2), (2, 0)),
+    family: tuple(
+        (rows, sign * columns)
+        for name, rows, columns in _core.spring_kinds
+        for sign in ((1, -1) if rows and columns else (1,))
+        if name == family
+    )
+    for family in FAMILIES
 }
 
 
