@@ -79,7 +79,7 @@ wheel: $(BIN)/python
 $(VENV)/.built: $(SOURCES) | $(BIN)/python
 	mkdir -p build
 	@set -o pipefail; $(BIN)/pip install --verbose --disable-pip-version-check . 2>&1 | tee build/install.log | \
-	  awk '/^ *\[[0-9]+\/[0-9]+\] / { print; fflush() }' || { tail -n 60 build/install.log; exit 1; }
+	  awk '/^ *\[ *[0-9]+(\/[0-9]+|%)\] / { print; fflush() }' || { tail -n 60 build/install.log; exit 1; }
 	touch $@
 
 $(VENV)/.built-%: $(VENV)/.built
