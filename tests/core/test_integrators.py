@@ -7,7 +7,8 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.integration import ALIASES, amplification, amplification_matrix
+from clothsim.engine.amplification import amplification, amplification_matrix
+from clothsim.engine.integration import ALIASES
 from clothsim.engine.plan import INTEGRATORS
 from clothsim.engine.region import box_limit
 from variants import NAMED_KERNELS, PRECISIONS, pairs

@@ -6,14 +6,14 @@ an eigenvalue of the damping per unit mass:
 
     x'' = - omega^2 x - delta x'
 
-A step of dt maps (x, dt v) linearly: by the matrix that `amplification_matrix` gives as a function
+A step of dt maps (x, dt v) linearly: by the matrix that `amplification.amplification_matrix` gives as a function
 of omega dt and delta dt. The step is stable where no eigenvalue of it is larger than 1 in size.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -345,7 +345,7 @@ def warn_of_order(integrator: str, scene: Scene) -> bool:
 
 # Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
 # further ones: b A^(k-1) 1 with their tableau (A, b).
-_FURTHER_TERMS = {
+FURTHER_TERMS = {
     "rk4": (),
     "dopri5": (1 / 600,),
     "dop853": (2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10),
@@ -355,123 +355,4 @@ _FURTHER_TERMS = {
 _XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 _PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
 _PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
-_SPLITTINGS = {"semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)), "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS)}
-
-
-@suggests
-def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
-    """The matrix by which a step maps (x, dt v) of the damped oscillator.
-
-    Parameters
-    ----------
-    integrator : str
-        A name of `integrators`.
-    omega_dt, delta_dt : array_like
-        omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0, of any shapes that broadcast.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (..., 2, 2).
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
-    Examples
-    --------
-    >>> from clothsim.engine.integration import amplification_matrix
-    >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
-    [[0.0, 1.0], [-1.0, 1.0]]
-    """
-    integrator = integrator_name(integrator)
-    omega, delta = np.broadcast_arrays(_rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt))
-    square = omega * omega
-    if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
-        one, zero = np.ones_like(square), np.zeros_like(square)
-        x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
-        k, c = square[..., None], delta[..., None]
-        x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
-        return np.stack([x, w], -2)
-    slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
-    identity = np.broadcast_to(np.eye(2), slope.shape)
-    if integrator == "implicit_midpoint":
-        return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
-    terms = [1 / math.factorial(k) for k in range(_INTEGRATORS[integrator].order + 1)]
-    result = np.zeros_like(slope)
-    for term in reversed((*terms, *_FURTHER_TERMS[integrator])):
-        result = slope @ result + term * identity
-    return result
-
-
-@suggests
-def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
-    """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
-
-    Parameters
-    ----------
-    integrator, omega_dt, delta_dt
-        As for `amplification_matrix`.
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the shape to which the two broadcast.
-
-    Examples
-    --------
-    >>> from clothsim.engine.integration import amplification
-    >>> amplification("rk4", [2.8, 2.9], 0.0).round(3).tolist()
-    [0.931, 1.193]
-    """
-    matrix = amplification_matrix(integrator, omega_dt, delta_dt)
-    half_trace = (matrix[..., 0, 0] + matrix[..., 1, 1]) / 2
-    determinant = np.linalg.det(matrix)
-    root = np.sqrt((half_trace**2 - determinant).astype(complex))
-    return np.asarray(np.maximum(abs(half_trace + root), abs(half_trace - root)))
-
-
-def _rates(name: str, value: npt.ArrayLike) -> Floats:
-    array = check.as_array(name, value, "real numbers >= 0")
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
-    array = array.astype(np.float64)
-    check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
-    return array
-
-
-def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
-
-
-def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
-    """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
-
-    Parameters
-    ----------
-    integrator : {"semi_implicit_euler", "velocity_verlet", "pefrl"}
-    acceleration : callable
-        dt^2 times the acceleration, of (x, w).
-    x, w : numpy.ndarray
-        Positions, and dt times the velocities.
-
-    Returns
-    -------
-    x, w : numpy.ndarray
-        At the end of the step.
-    stages : list of numpy.ndarray
-        The accelerations evaluated, in order.
-    """
-    if integrator == "velocity_verlet":
-        first = acceleration(x, w)
-        x = x + w + first / 2
-        second = acceleration(x, w + first)
-        return x, w + (first + second) / 2, [first, second]
-    stages = []
-    for drift, kick in zip(*_SPLITTINGS[integrator]):
-        x = x + drift * w if drift else x
-        if kick:
-            stages.append(acceleration(x, w))
-            w = w + kick * stages[-1]
-    return x, w, stages
+SPLITTINGS = {"semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)), "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS)}

@@ -16,7 +16,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from .integration import amplification_matrix, integrators
+from .amplification import amplification_matrix
+from .integration import integrators
 
 Floats = npt.NDArray[np.float64]
 

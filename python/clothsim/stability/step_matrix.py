@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.integration import integrators, splitting_step
+from ..engine.amplification import splitting_step
+from ..engine.integration import integrators
 from .subspace import Operator, Subspace
 
 Floats = npt.NDArray[np.float64]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
+from .metrics import listing
 from .session import run_sweep
 
 if TYPE_CHECKING:
@@ -64,9 +66,8 @@ def sweep(
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
-        Names: "error" (gives error, error_rms and reference_error [m], see docs/sweeps.md),
-        "energy_drift" and "energy_gained" [J], "largest_stretch", "penetration" (and
-        penetration_points) [m], "stable", "steps_per_second" [1/s], "first_contact" [s]. A function
+        {metrics}.
+        docs/sweeps.md describes them. A function
         takes a `Run`, with the frames of `every`, and returns a number, an array, or a mapping of
         them. It must pickle to run in another process. Default: "stable", "energy_drift" and
         "largest_stretch".
@@ -153,3 +154,8 @@ def sweep(
         sampling=sampling,
         task_seconds=task_seconds,
     )
+
+
+_INDENT = " " * 8
+_LISTED = textwrap.fill(f"Names: {listing()}.", 96, initial_indent=_INDENT, subsequent_indent=_INDENT)
+sweep.__doc__ = (sweep.__doc__ or "").replace(f"{_INDENT}{{metrics}}.", _LISTED)

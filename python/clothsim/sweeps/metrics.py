@@ -109,6 +109,17 @@ METRICS = {metric.name: metric for metric in _ALL}
 """The metrics that have a name."""
 
 
+def listing() -> str:
+    """Every metric with its variables and their units, for documentation."""
+    parts = []
+    for metric in _ALL:
+        units = next(iter(metric.variables.values())).get("units", "1")
+        more = [name for name in metric.variables if name != metric.name]
+        given = f" (and {', '.join(more)})" if more else ""
+        parts.append(f'"{metric.name}"{given}{"" if units == "1" else f" [{units}]"}')
+    return ", ".join(parts)
+
+
 def named(name: str) -> Metric:
     """The metric of that name; how a metric is unpickled."""
     return METRICS[name]

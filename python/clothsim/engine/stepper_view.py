@@ -1,0 +1,120 @@
+"""The readable half of a `Stepper`: its state, its options, and how it prints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base.later import later
+from ..base.record import frozen
+from ..model.scene import Scene
+from ..model.wording import cloth_text, counted, spheres_text
+from ..typing import Kernel
+from .arrays import FloatArray
+from .state import State
+
+
+class StepperView:
+    """Properties of a `Stepper` that only read."""
+
+    _state: State
+    _scene: Scene | Sequence[Scene]
+    _options: dict[str, Any]
+    _track: bool
+
+    @property
+    def frozen(self) -> npt.NDArray[np.bool_]:
+        """Which members take no part in further steps, shape (B,); see `freeze`."""
+        return np.array(self._state.core.frozen)
+
+    def _arrays(self) -> tuple[FloatArray, FloatArray]:
+        x, v = (np.empty(self._state.shape, self._state.dtype) for _ in "xv")
+        self._state.store(x, v)
+        return x, v
+
+    @property
+    def positions(self) -> FloatArray:
+        """Positions [m], a read-only copy, of the shape and dtype that the state was given in.
+
+        `set_state` changes the state.
+        """
+        x = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(x, None)
+        return frozen(x)
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities [m/s], a read-only copy, of the shape and dtype of the state."""
+        v = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(None, v)
+        return frozen(v)
+
+    @property
+    def scene(self) -> Scene | Sequence[Scene]:
+        """The scene, or the scenes of a batch; `set_scene` changes it."""
+        return self._scene
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+        return float(self._state.core.time)
+
+    @property
+    def threads(self) -> int:
+        """Threads used; 1 with the backend "gpu"."""
+        return self._state.threads
+
+    @property
+    def kernel(self) -> Kernel:
+        """Kernel used, "gather" or "edge"."""
+        return cast("Kernel", self._state.kernel)
+
+    @property
+    def instruction_set(self) -> str:
+        """Instruction set of the kernels used, or the graphics adapter."""
+        return str(self._state.instruction_set)
+
+    @property
+    def backend(self) -> str:
+        """Backend used, "cpu" or "gpu"."""
+        return self._state.backend
+
+    @property
+    def contact_energy(self) -> float | npt.NDArray[np.float64]:
+        """Energy that the collision passes have added so far [J]; per member for a batch.
+
+        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point that
+        a response moved or turned. An elastic, frictionless contact at the exact time of impact
+        gives 0 in exact arithmetic. Other values are made or lost by the method.
+
+        Raises
+        ------
+        RuntimeError
+            If the stepper was made without ``track_contact_energy=True``.
+        """
+        if not self._track:
+            raise RuntimeError("contact_energy is counted by Stepper(..., track_contact_energy=True)")
+        energy = self._state.core.contact_energy
+        return np.array(energy) if self._state.batched else float(energy[0])
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """Lines, and a picture of the state for a notebook; of a batch, its first member."""
+        bundle: dict[str, Any] = later("bundle of a stepper")(self)
+        return bundle
+
+    def __repr__(self) -> str:
+        return f"<{'; '.join(self._lines())}>"
+
+    def _lines(self) -> list[str]:
+        """The scene, the time, and how steps are computed."""
+        scenes, shape = self._state.scenes, self._state.shape
+        batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
+        how = f"{self._state.integrator} in {self._options['precision']}, kernel {self.kernel}"
+        return [
+            f"Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}",
+            f"t = {self.time:.6g} s",
+            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}",
+        ]

@@ -1,0 +1,70 @@
+"""Arguments that a sweep refuses, and the documentation of its metrics."""
+
+import operator
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweeps import metrics
+from tables import each
+
+pytest.importorskip("xarray")
+
+SMALL = cs.scenes.hanging(shape=(6, 7), springs=("structural", "shear"))
+
+
+def sweep(*args, **options):
+    return cs.sweep(*args, progress=False, **options)
+
+
+@each(
+    ("arguments", "error", "message"),
+    [
+        ({"over": {"stiffness": [1.0, -5.0]}}, ValueError, "member stiffness=-5.0.*stiffness must be"),
+        ({"over": {"dt": [0.0]}}, ValueError, "dt must be"),
+        ({"over": {"precision": ["half"]}}, ValueError, "precision must be one of"),
+        ({"over": {"integrator": ["rk5"]}}, ValueError, "integrator must be one of"),
+        ({"over": {"stiffness": []}}, ValueError, "at least one value"),
+        ({"over": {"stiffness": 3.0}}, TypeError, "sequence of values"),
+        ({"over": {"precision": "single"}}, TypeError, "sequence of values"),
+        ({"over": {("dt", "mass"): [(1.0,)]}}, ValueError, "rows of 2 values"),
+        ({"over": {("dt", "mass"): [(1e-3, 1.0)], "dt": [1e-3]}}, ValueError, "more than once"),
+        ({"over": [{"mass": 1.0}, {"dt": 1.0}]}, ValueError, "the same names"),
+        ({"over": [3.0]}, TypeError, "sequence of mappings"),
+        ({"metrics": "eror"}, ValueError, "'error'"),
+        ({"metrics": ["stable", 3]}, TypeError, "metrics"),
+        ({"metrics": {"error": len}}, ValueError, "must not be named"),
+        ({"metrics": {"no name": len}}, ValueError, "needs a name"),
+        ({"metrics": {"mass": operator.length_hint}, "over": {"mass": [1.0]}}, ValueError, "swept"),
+        ({"duration": -1.0}, ValueError, "duration"),
+        ({"every": 0}, ValueError, "every"),
+        ({"sampling": 0}, ValueError, "sampling"),
+        ({"threads": 0}, ValueError, "threads"),
+        ({"task_seconds": 0.1}, ValueError, "task_seconds"),
+        ({"progress": 1}, TypeError, "progress"),
+        ({"executor": 4}, TypeError, "executor"),
+        ({"frames": True, "over": {"duration": [1.0]}}, ValueError, "frames"),
+        ({"frames": True, "every": 3, "over": {"dt": [1e-3]}}, ValueError, "every"),
+        ({"store": __file__}, ValueError, "store"),
+    ],
+)
+def test_what_is_refused(arguments, error, message, tmp_path):
+    given = {"duration": 0.01, "progress": False, **arguments}
+    with pytest.raises(error, match=message):
+        cs.sweep(SMALL, **given)
+
+
+def test_what_no_member_can_be_is_found_in_a_large_grid():
+    over = {"stiffness": np.linspace(1, 2, 100), "mass": [*np.linspace(1, 2, 99), -1.0]}
+    with pytest.raises(ValueError, match="mass=-1.0"):
+        sweep(SMALL, over, duration=1.0)
+
+
+def test_no_scene_is_a_type_error():
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        sweep("paper_swing")
+
+
+def test_metric_names_are_documented():
+    for name in metrics.METRICS:
+        assert f'"{name}"' in cs.sweep.__doc__
