@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..model.scene import Scene
-from .integration import Integrator, integrators
+from .integration import UPDATES, Integrator, integrators
 from .limiting import limiting_term
 from .plan import check_options, choose_kernel, choose_threads, core_plan, point_radius
 
@@ -21,15 +21,6 @@ _FLOPS_RK4_POINT = 81  # of a whole step of the fused kernel
 _FLOPS_UPDATE = 6  # a vector times a number, added to a vector
 _FLOPS_COMPENSATION = 18
 _FLOPS_SPHERE_TEST = 9
-# Such updates in a step of each method without and with damping (cpp/integrators/methods.cpp): of x one for
-# the velocity and one per weight that is not 0, of v one per weight that is not 0.
-_UPDATES = {
-    "semi_implicit_euler": (2, 2),
-    "velocity_verlet": (3, 7),
-    "pefrl": (9, 9),
-    "dopri5": (40, 40),
-    "dop853": (126, 126),
-}
 
 
 class Explanation(Mapping[str, Any]):
@@ -78,10 +69,10 @@ def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> 
     cloth = scene.cloth
     points = cloth.rows * cloth.columns
     evaluations = method.evaluations_per_step(cloth.damped)
-    state = _FLOPS_RK4_POINT
-    if method.name in _UPDATES:
-        state = _FLOPS_UPDATE * _UPDATES[method.name][cloth.damped]
-        state += _FLOPS_ACCELERATION * evaluations
+    if method.name == "rk4":
+        state = _FLOPS_RK4_POINT
+    else:
+        state = _FLOPS_UPDATE * UPDATES[method.name][cloth.damped] + _FLOPS_ACCELERATION * evaluations
     per_point = {
         "state": state,
         "point damping": evaluations * _FLOPS_POINT_DAMPING * (cloth.point_damping > 0),

@@ -343,6 +343,16 @@ def warn_of_order(integrator: str, scene: Scene) -> bool:
     return lower
 
 
+# Vectors times a number, added to a vector, in a step of each explicit method but RK4, without and with damping
+# (cpp/integrators/methods.cpp). The velocity in x counts one, and each weight that is not 0 counts one.
+UPDATES = {
+    "semi_implicit_euler": (2, 2),
+    "velocity_verlet": (3, 7),
+    "pefrl": (9, 9),
+    "dopri5": (40, 40),
+    "dop853": (126, 126),
+}
+
 # Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
 # further ones: b A^(k-1) 1 with their tableau (A, b).
 FURTHER_TERMS = {
