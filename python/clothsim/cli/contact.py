@@ -12,6 +12,7 @@ from clothsim.lab import contact
 
 from ..base.plain_json import as_json
 from ..base.progress import ProgressBar, wanted_by_command
+from ..base.table import aligned
 from ._common import add_command, as_table, short
 
 SLOPE = math.tan(0.35)
@@ -125,10 +126,7 @@ def _text(result: Any) -> str:
     headings = list(result[0])
     cells = [[_cell(row.get(heading)) for heading in headings] for row in result]
     titles = [_title(heading) for heading in headings]
-    widths = [max(map(len, column)) for column in zip(titles, *cells)]
-    return "\n".join(
-        "  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in (titles, *cells)
-    )
+    return aligned(titles, cells, left=range(len(titles)), indent="  ")
 
 
 def _title(name: str) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from clothsim.base.table import aligned
+
 from .figures import A_STEP_A_CALL, CS_STEP, FEATURE
 from .measured_run import ALL_SPRINGS
 from .ratios import COLUMNS
@@ -12,14 +14,8 @@ from .ratios import COLUMNS
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Columns aligned: the first to the left, the others to the right."""
-    lines = [tuple(head), *map(tuple, rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-
-    def line(cells: Sequence[str]) -> str:
-        first, *others = (f"{c:>{w}}" for c, w in zip(cells, widths, strict=True))
-        return "  ".join([f"{cells[0]:<{widths[0]}}", *others]).rstrip()
-
-    return [line(lines[0]), "  ".join("-" * w for w in widths), *map(line, lines[1:])]
+    first, *others = aligned(head, [tuple(row) for row in rows]).split("\n")
+    return [first, "-" * max(map(len, (first, *others))), *others]
 
 
 def _label(figure: dict[str, Any]) -> str:

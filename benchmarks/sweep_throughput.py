@@ -1,4 +1,4 @@
-"""How fast a sweep is beside the bare batch: ``python -m clothsim.lab.bench.throughput``.
+"""How fast a sweep is beside the bare batch: ``python benchmarks/sweep_throughput.py``.
 
 The batch is that of ``clothsim bench --section batch``: 64 cloths of 32 x 32 mass points that
 differ in stiffness, in one call. The sweep runs equal cloths for equal steps from an equal state,
@@ -19,16 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from clothsim.engine.stepper import SilentStepper
 from clothsim.engine.stepping import step
+from clothsim.lab.bench import works
+from clothsim.lab.bench.bench_settings import PAPER_DT
 from clothsim.model.ready import oscillator
 from clothsim.model.scene import Scene
 from clothsim.sweeps.api import sweep
 from clothsim.typing import Precision
-
-from . import works
-from .bench_settings import PAPER_DT
 
 
 class Pair:
@@ -180,7 +178,7 @@ def _free(scene: Any, v: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m clothsim.lab.bench.throughput", description="A sweep's speed beside the batch's."
+        prog="python benchmarks/sweep_throughput.py", description="A sweep's speed beside the batch's."
     )
     parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
     parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
