@@ -1,4 +1,4 @@
-"""What a call with arrays in and arrays out costs beside the steps it asks for; docs/dev quotes the table.
+"""What a call with arrays in and arrays out costs beside the steps it asks for; docs/dev/step-call.md quotes the table.
 
     python benchmarks/step_call.py              # one thread
     python benchmarks/step_call.py --threads 2

@@ -30,9 +30,12 @@ public:
         SharedSimulation& shared_;
     };
     Use use() { return Use(*this); }
+    // Whether the environment would choose the same kernels now.
+    bool current() const { return environment_ == kernel_environment(); }
 
 private:
     Simulation simulation_;
+    std::string environment_ = kernel_environment();
     std::atomic<bool> busy_{false};
 };
 
@@ -126,12 +129,12 @@ bool can_hold(const Array<T>& out, const Array<U>& x) {
         std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
 }
 
-// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done, where an array cannot
-// be used: the state is not finite, or the results have no place.
+// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done, where other kernels
+// are wanted or an array cannot be used: the state is not finite, or the results have no place.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v, std::int64_t steps, double dt, int threads,
                 bool optional, Array<T>& x_out, Array<T>& v_out) {
-    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
+    if (!shared.current() || !can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
@@ -151,7 +154,7 @@ template <class T>
 bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a, int threads) {
     // A member is written before the next one is read.
     const auto in_the_way = [&](const Array<T>& given) { return overlap(given, a) && static_cast<const void*>(given.data()) != a.data(); };
-    if (!can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
+    if (!shared.current() || !can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();

@@ -61,15 +61,6 @@ py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, c
 
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
-    // What may choose other kernels for the next engine: environment variables, cheaper to read here than in Python.
-    m.def("kernel_environment", [] {
-        std::string all;
-        for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_HAND_ON"}) {
-            const char* const value = std::getenv(name);
-            all += (value ? value : "") + std::string(1, ' ');
-        }
-        return all;
-    });
     m.def("choose_instruction_set",
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
     m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());

@@ -36,7 +36,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     AdaptiveOutcome outcome;
     const bool continuous = engine.has_continuous();
     const double end = continuous ? request.until : request.end;
-    steps_kept_ = none_kept;
+    checkpoint_.drop();
     begin_watches();
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);

@@ -101,44 +101,38 @@ void Simulation::restart(std::size_t i) {
     members_[i]->watched = {};
     age_ = 0;
     bad_points_[i] = -1;
-    steps_kept_ = none_kept;
+    checkpoint_.drop();
 }
 
-std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt, int threads, bool optional,
                                         const std::function<bool()>& interrupted) {
     clock = {time, 0, clock.dt};
     set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
     std::atomic<bool> finite{true};
     each_member(optional && !choice_.team() ? 1 : threads, [&](std::size_t i, int team) {
-        Engine& member = *members_[i];
-        member.threads = team;
-        member.contact_energy = 0;
-        member.contacts_answered = 0;
-        member.evaluations = 0;
-        member.contact_report = {};
+        members_[i]->threads = team;
+        members_[i]->begin_anew();
         if (!load(i)) finite = false;
     });
     for (const std::size_t i : all_) restart(i);
     if (!finite) return {};
-    input_ = &load;
-    steps_kept_ = 0;
-    seconds_kept_ = 0;
+    checkpoint_.take_input(load);
     const Outcome outcome = advance(steps, dt, threads, optional, interrupted);
-    if (std::exchange(input_, nullptr)) steps_kept_ = none_kept;
+    checkpoint_.drop();
     return outcome;
 }
 
 void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
-    steps_kept_ = none_kept;
+    checkpoint_.drop();
 }
 
 void Simulation::set_step(double dt) {
     if (dt == clock.dt && !speed_limits_.empty()) return;
     clock.set_step(dt);
-    steps_kept_ = none_kept;
+    checkpoint_.drop();
     speed_limits_.clear();
     for (std::size_t i = 0; i < plans_.size(); ++i)
         speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
@@ -215,15 +209,15 @@ std::int64_t Simulation::first_bad_member() const {
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
-void Simulation::run_member(std::size_t i, const Block& block, std::int64_t kept, int threads) {
+void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
-    if (block.keep) member.save_checkpoint();
+    if (copy) checkpoint_.copy(i);
     if (!member.advance_in_contact(block.steps, clock, threads, true)) {
-        restore_member(i);
+        checkpoint_.restore(i);
         Clock from = clock;
-        from.steps -= kept;
-        member.advance_in_contact(kept + block.steps, from, threads, false);
+        from.steps -= checkpoint_.steps();
+        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false);
     }
     if (block.look) look(i, age_ + block.steps, block.each);
     if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
@@ -249,44 +243,38 @@ void Simulation::each_of(const std::vector<std::size_t>& members, int threads, c
 }
 
 void Simulation::run(const Block& block, int threads) {
-    // In front of them since the checkpoint. Without one, the state was taken from it just now.
-    const std::int64_t kept = block.keep ? 0 : std::max<std::int64_t>(0, steps_kept_);
-    steps_kept_ = none_kept;
-    if (block.keep) input_ = nullptr;
+    const bool copy = !checkpoint_.taken();
+    if (copy) checkpoint_.take();
     moving_.clear();
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
-    each_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, block, kept, team); });
-    steps_kept_ = kept + block.steps;
+    try {
+        each_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, block, copy, team); });
+    } catch (...) {
+        checkpoint_.drop();  // some members have a copy of another step
+        throw;
+    }
+    checkpoint_.pass(block.steps);
     clock.steps += block.steps;
     age_ += block.steps;
 }
 
-void Simulation::restore_member(std::size_t i) {
-    if (!input_) return members_[i]->restore_checkpoint();
-    members_[i]->contact_energy = 0;
-    members_[i]->contacts_answered = 0;
-    members_[i]->watched = {};
-    (*input_)(i);
-}
-
-void Simulation::restore_checkpoint(std::int64_t steps) {
+void Simulation::back_to_checkpoint() {
     for (std::size_t i = 0; i < members_.size(); ++i) {
-        if (!frozen_[i]) restore_member(i);
+        if (!frozen_[i]) checkpoint_.restore(i);
         members_[i]->contact_report = {};
         bad_points_[i] = -1;
     }
-    clock.steps -= steps;
-    age_ -= steps;
-    steps_kept_ = none_kept;
+    clock.steps -= checkpoint_.steps();
+    age_ -= checkpoint_.steps();
+    checkpoint_.restored();
 }
 
-void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
-    const std::int64_t kept = steps_kept_;
-    restore_checkpoint(kept);
-    begin_watches();  // if that was not worth while
-    const std::int64_t of_this_call = std::min(kept, outcome.steps);
-    if (kept > of_this_call) run({kept - of_this_call, false, false}, threads);
+void Simulation::repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
+    const std::int64_t steps = checkpoint_.steps(), of_this_call = std::min(steps, outcome.steps);
+    back_to_checkpoint();
+    begin_watches();  // at the input, if it was not worth while
+    if (steps > of_this_call) run({steps - of_this_call, false}, threads);
     outcome.steps -= of_this_call;
     auto last_poll = steady_clock::now();
     for (std::int64_t k = 0; k < of_this_call; ++k, ++outcome.steps) {
@@ -297,17 +285,18 @@ void Simulation::rewind_to_last_good(Outcome& outcome, int threads, const std::f
             }
             last_poll = steady_clock::now();
         }
-        run({1, true, true, true}, threads);
+        checkpoint_.drop();
+        run({1, true, true}, threads);
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const std::int64_t shut_in = members_[std::size_t(bad)]->contact_report.shut_in;
-        restore_checkpoint(1);
+        back_to_checkpoint();
         outcome.unstable = {bad, point >= 0 ? point : shut_in, outcome.steps + 1, clock.at(1), point < 0};
         break;
     }
     for (auto& member : members_) member->contact_report = {};
-    steps_kept_ = none_kept;
+    checkpoint_.drop();
 }
 
 Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
@@ -315,29 +304,28 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     set_step(dt);
     Outcome outcome;
     const std::int64_t energy_period = this->energy_period();
-    // A call by itself that ends before energies are compared asks for none; the way back would begin with the first.
-    const bool watched = above_stable_dt() || !input_ || steps >= energy_period;
+    // A call with arrays that ends before energies are compared needs none of them.
+    const bool watched = above_stable_dt() || !checkpoint_.is_input() || steps >= energy_period;
     if (steps > 0 && watched) begin_watches();
-    if (steps_kept_ > 0 && (above_stable_dt() || seconds_kept_ > most_seconds_of_earlier_calls)) steps_kept_ = none_kept;
+    const bool of_earlier_calls = checkpoint_.steps() > 0;
+    if (of_earlier_calls && (above_stable_dt() || checkpoint_.seconds() > most_seconds_of_earlier_calls)) checkpoint_.drop();
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
-        const bool keep = steps_kept_ == none_kept;
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
         const std::int64_t to_energies = energy_period - age_ % energy_period;
         const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
-        const std::int64_t unchecked = keep ? 0 : steps_kept_;
-        const std::int64_t to_look = std::min({most_steps_unchecked - unchecked, to_energies,
+        const std::int64_t to_look = std::min({most_steps_unchecked - checkpoint_.steps(), to_energies,
                                                to_sample, steps - outcome.steps});
         const bool choose = optional && threads > 1;
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
         const int team = choose && !choice_.team() ? 1 : threads;
-        run({n, keep, n == to_look}, team);
+        run({n, n == to_look}, team);
         outcome.steps += n;
         const auto end = steady_clock::now();
         const double seconds = seconds_between(start, end);
         const double per_step = seconds / double(n);
         start = end;
-        seconds_kept_ = (keep ? 0 : seconds_kept_) + seconds;
+        checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
         const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
         chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1), most_steps_unchecked);
@@ -349,13 +337,13 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         if (poll) outcome.interrupted = interrupted();
         if (outcome.interrupted && n < to_look) look();
         if (first_bad_member() >= 0) {
-            rewind_to_last_good(outcome, threads, interrupted);
+            repeat_step_by_step(outcome, threads, interrupted);
             return outcome;
         }
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
-        // A checkpoint is taken at the state of each look, so that steps which are done again pass none.
-        if (steps_kept_ >= most_steps_unchecked || n == to_energies || n == to_sample) steps_kept_ = none_kept;
+        // The next checkpoint is the state of this inspection, so that steps which are repeated pass none.
+        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample) checkpoint_.drop();
         if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();
     }

@@ -4,6 +4,7 @@
 #include <functional>
 #include <optional>
 
+#include "driver/checkpoint.hpp"
 #include "driver/energy_watch.hpp"
 
 namespace clothsim {
@@ -71,10 +72,8 @@ public:
     Clock clock;
 
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a member, and advance.
-    // `load` is asked again if steps have to be taken back, so the first of them need no copy of the state. None if it tells
-    // that a state is not finite.
-    using Load = std::function<bool(std::size_t i)>;
-    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt, int threads, bool optional,
+    // None if `load` tells that a state is not finite.
+    std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt, int threads, bool optional,
                                 const std::function<bool()>& interrupted);
 
     // `work(i, threads)` of every member, or of some, shared among threads like steps.
@@ -127,14 +126,13 @@ private:
     // Steps of all members, with what goes before and after them.
     struct Block {
         std::int64_t steps;
-        bool keep;  // a checkpoint before them
-        bool look;  // at the state after them
-        bool each = false;  // of steps that are done again one by one, to find the one that went wrong
+        bool look;          // at the state after them
+        bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
     };
+    // From a checkpoint, which is taken if there is none.
     void run(const Block& block, int threads);
     void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
-    // `kept`: steps since the checkpoint before this block.
-    void run_member(std::size_t i, const Block& block, std::int64_t kept, int threads);
+    void run_member(std::size_t i, const Block& block, bool copy, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
     // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at the end of a
@@ -149,10 +147,9 @@ private:
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last looked at, or -1
-    void restore_member(std::size_t i);
-    void restore_checkpoint(std::int64_t steps);
-    // From a state that is bad back to the checkpoint, and on to the last good state.
-    void rewind_to_last_good(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
+    void back_to_checkpoint();
+    // A state is bad: the steps since the checkpoint again one by one, up to the last good state.
+    void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
     TeamChoice choice_{false};
     std::int64_t chunk_ = 1;  // steps between two looks at the clock
@@ -162,12 +159,9 @@ private:
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
     std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
-    static constexpr std::int64_t none_kept = -1;
-    std::int64_t steps_kept_ = none_kept;  // since the checkpoint
-    double seconds_kept_ = 0;              // that they took
+    Checkpoint checkpoint_{members_};
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
-    const Load* input_ = nullptr;  // of this call, while it is the checkpoint
     std::int64_t age_ = 0;           // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
     double sample_interval_ = 0;     // [s]

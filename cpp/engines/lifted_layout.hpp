@@ -20,7 +20,7 @@
 #include "engines/row_band.hpp"
 #include "kernels/contact/contact_arguments.hpp"
 #include "kernels/edge/edge_arguments.hpp"
-#include "kernels/state_rows.hpp"
+#include "kernels/state_row_kernels.hpp"
 #include "model/cloth.hpp"
 
 namespace clothsim {

@@ -86,6 +86,9 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
             row_has_fixed_[row] |= cloth.pinned[point];
             if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
         });
+    for (int k = 0; k < layout_.vectors; ++k)
+        for (int component = 0; component < 3; ++component)
+            acceleration_place_.push_back((k * WorkRecord::count + WorkRecord::first + component) * layout_.lanes);
     build_coefficients();
     edge_ = kernels().edge(plan_.features(), damped_alike_);
 }
@@ -317,13 +320,10 @@ template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
     const auto& take = state_row_kernels(plan_.kernels->set).template of<Real, double>().take_lifted;
     AlignedVector<double> window(std::size_t(layout_.in_one_strip() ? 0 : 3 * layout_.window));
-    std::vector<std::ptrdiff_t> place;
     for (auto& band : bands(1)) {
         band->begin();
         if (!this->state_known_) band->give_borders();
     }
-    for (int k = 0; k < layout_.vectors; ++k)
-        for (int component = 0; component < 3; ++component) place.push_back((k * WorkRecord::count + WorkRecord::first + component) * layout_.lanes);
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
         for (int r = 0; r < rows(); ++r) band.take_border(r);
@@ -344,7 +344,7 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
             for (; taken < (end == rows() ? end : end - 1); ++taken) {
                 double* const row = a + std::ptrdiff_t(taken) * 3 * columns();
                 double* const to = layout_.in_one_strip() ? row : window.data();
-                take(sweep[std::size_t(taken)].work, 0, {layout_.window, layout_.lanes, layout_.vectors, place.data()}, {}, to);
+                take(sweep[std::size_t(taken)].work, 0, {layout_.window, layout_.lanes, layout_.vectors, acceleration_place_.data()}, {}, to);
                 if (to != row) layout_.copy_own(strip, to, row);
             }
         }

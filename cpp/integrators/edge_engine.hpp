@@ -64,6 +64,7 @@ private:
     EdgeKernels<Real> edge_;
     AlignedVector<Real> coefficients_, reach_, inverse_mass_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
+    std::vector<std::ptrdiff_t> acceleration_place_;  // of (x, y, z) of each vector in a row of work
     double unit_ = 1;  // of the accelerations the kernel sums
     bool damped_alike_ = false;
     const bool hand_on_in_registers_ = hands_on_in_registers();

@@ -49,7 +49,7 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
         if (depths_watched_) note_depths(t1);
         return touched;
     }
-    const std::vector<double> start = raw_state();
+    save_checkpoint();
     keep_state();
     bool touched = method.accept_step(t1, threads);
     const double before = track_contact_energy ? total_energy() : 0;
@@ -58,7 +58,7 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
     if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
     if (report.shut_in >= 0) {
         contact_report.note_shut_in(report.shut_in);
-        set_raw_state(start);
+        restore_checkpoint();
         return true;
     }
     if (report.changed) lower(watched.first_contact, t1);

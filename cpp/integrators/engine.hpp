@@ -47,6 +47,15 @@ public:
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
     virtual void accelerations(double* a, int threads) = 0;
 
+    // Counts begin again, before another state is loaded.
+    void begin_anew() {
+        contact_energy = 0;
+        contacts_answered = 0;
+        evaluations = 0;
+        contact_report = {};
+        watched = {};
+    }
+
     // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or -1.
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
@@ -58,7 +67,7 @@ public:
     // Whether a raw state of so many values may be one of this cloth.
     virtual bool fits(std::size_t size) const = 0;
 
-    // The same for the core's own use, without copies through double.
+    // A copy that the engine keeps, with its counts and extremes; see driver/checkpoint.hpp.
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 

@@ -64,6 +64,15 @@ const StateRowKernels& state_row_kernels(InstructionSet set) {
     }
 }
 
+std::string kernel_environment() {
+    std::string all;
+    for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_HAND_ON"}) {
+        const char* const value = std::getenv(name);
+        all.append(value ? value : "").append(1, ' ');
+    }
+    return all;
+}
+
 bool hands_on_in_registers() {
     const char* const environment = std::getenv("CLOTHSIM_HAND_ON");
     const std::string wanted = environment ? environment : "";

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "kernels/kernel_table.hpp"
-#include "kernels/state_rows.hpp"
+#include "kernels/state_row_kernels.hpp"
 
 namespace clothsim {
 
@@ -19,6 +19,9 @@ const KernelTable& choose_instruction_set(const std::string& name);
 
 // The kernels that move a state in and out.
 const StateRowKernels& state_row_kernels(InstructionSet set);
+
+// What may choose other kernels for the next engine: the environment variables.
+std::string kernel_environment();
 
 // Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as the environment
 // variable CLOTHSIM_HAND_ON says, "registers" or "memory", else as this processor is faster. The bits are the same. Throws

@@ -1,11 +1,12 @@
 // CMake compiles this file for each instruction set.
-#include "kernels/state_rows.hpp"
+#include "kernels/state_row_kernels.hpp"
 
 #include <immintrin.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "kernels/this_instruction_set.hpp"
 
@@ -73,27 +74,30 @@ CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
 }
 #endif
 CLOTHSIM_INLINE void put(float* p, Four a) { _mm_storeu_ps(p, rounded(a)); }
-CLOTHSIM_INLINE __m128 bits_of_both(__m128 a, __m128 b) { return _mm_or_ps(a, b); }
-CLOTHSIM_INLINE __m128 times_zero(__m128 a) { return _mm_mul_ps(a, _mm_setzero_ps()); }
 CLOTHSIM_INLINE bool all_numbers(__m128 a) { return _mm_movemask_ps(_mm_cmpunord_ps(a, a)) == 0; }
 
-// Finite numbers times 0 are 0: they leave no bits in it but the sign.
+// Whether all numbers are finite in the layout. Of four at a time, so that none waits for the last.
 template <class Real>
 struct NotFinite {
-    Four bits{};
-    CLOTHSIM_INLINE void note(Four a) { bits = bits_of_both(bits, times_zero(a)); }
-    CLOTHSIM_INLINE bool none() const { return all_numbers(bits); }
+    Four bits[4] = {};
+    // Finite ones times 0 are 0.
+    CLOTHSIM_INLINE void note(int i, Four a) { bits[i] = bits_of_both(bits[i], times_zero(a)); }
+    CLOTHSIM_INLINE bool none() const { return all_numbers(bits_of_both(bits_of_both(bits[0], bits[1]), bits_of_both(bits[2], bits[3]))); }
 };
 template <>
 struct NotFinite<float> {
-    __m128 bits{};
-    CLOTHSIM_INLINE void note(__m128 a) { bits = bits_of_both(bits, times_zero(a)); }
-    CLOTHSIM_INLINE bool none() const { return all_numbers(bits); }
+    __m128 sum[4] = {};
+    // What rounding takes from a number is infinite or no number where that has become so, else so little that the sum is finite.
+    CLOTHSIM_INLINE void note(int i, __m128 lost) { sum[i] = _mm_add_ps(sum[i], lost); }
+    CLOTHSIM_INLINE bool none() const {
+        const __m128 all = _mm_add_ps(_mm_add_ps(sum[0], sum[1]), _mm_add_ps(sum[2], sum[3]));
+        return all_numbers(_mm_mul_ps(all, _mm_setzero_ps()));
+    }
 };
 
 // A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The first `kept` of
 // four elements are moved; the others are only read, or written where a later square writes again.
-template <int lanes, int kept, class Real, class Outside, class Place>
+template <int lanes, int kept, bool shifted, class Real, class Outside, class Place>
 CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const double* shift, Real* inside, ptrdiff_t compensation,
                                 Place place, NotFinite<Real>& bad) {
     Four row[4];
@@ -102,19 +106,19 @@ CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const 
     for (int i = 0; i < kept; ++i) {
         Real* const to = inside + place(i);
         if constexpr (sizeof(Real) == 4) {
-            const Four value = sum(row[i], four_of(shift[i]));
-            const __m128 high = rounded(value);
-            bad.note(high);
+            const Four value = shifted ? sum(row[i], four_of(shift[i])) : row[i];
+            const __m128 high = rounded(value), lost = rounded(difference(value, four(high)));
+            bad.note(i, lost);
             _mm_storeu_ps(to, high);
-            put(to + compensation, difference(value, four(high)));
+            _mm_storeu_ps(to + compensation, lost);
         } else {
-            bad.note(row[i]);
+            bad.note(i, row[i]);
             if constexpr (lanes == 4) put(to, row[i]);
             else put_two(to, row[i]);
         }
     }
 }
-template <int lanes, int kept, bool compensated, class Real, class Outside, class Place>
+template <int lanes, int kept, bool compensated, bool shifted, class Real, class Outside, class Place>
 CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Place place, const double* shift, Outside* outside,
                                  ptrdiff_t stride) {
     Four row[4];
@@ -122,7 +126,8 @@ CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Pla
         const Real* const from = inside + place(std::min(i, kept - 1));
         if constexpr (lanes == 4) row[i] = four(from);
         else row[i] = two(from);
-        if constexpr (compensated) row[i] = sum(sum(row[i], four(from + compensation)), four_of(shift[i]));
+        if constexpr (compensated) row[i] = sum(row[i], four(from + compensation));
+        if constexpr (shifted) row[i] = sum(row[i], four_of(shift[i]));
     }
     transpose(row);
     for (int l = 0; l < lanes; ++l) put(outside + l * stride, row[l]);
@@ -165,8 +170,17 @@ CLOTHSIM_INLINE void each_lifted(const LiftedRow& row, Square square, One one) {
 template <class Real>
 constexpr int lanes_at_once = std::min(4, int(Lanes<Real, ThisArch>::size));
 
-template <class Real, class Outside>
-bool put_lifted(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& given) {
+// `work` with whether there is a shift, and whether there is compensation, known to the compiler; only single has them.
+CLOTHSIM_INLINE bool any(const RowShift& shift) { return shift.of[0] != 0 || shift.of[1] != 0 || shift.of[2] != 0; }
+template <class Real, class Work>
+CLOTHSIM_INLINE auto with_shift(const RowShift& shift, Work work) {
+    if constexpr (sizeof(Real) == 4)
+        if (any(shift)) return work(std::true_type{});
+    return work(std::false_type{});
+}
+
+template <bool shifted, class Real, class Outside>
+CLOTHSIM_INLINE bool put_lifted_any(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& given) {
     constexpr int lanes = lanes_at_once<Real>;
     const LiftedRow lifted = given;  // nothing that is written can be part of it
     const ptrdiff_t width = 3 * lifted.vectors;
@@ -176,15 +190,21 @@ bool put_lifted(const Outside* row, const RowShift& shift, Real* records, ptrdif
         lifted,
         [&](int lane, int element) __attribute__((always_inline)) {
             const auto place = [&](int i) { return lifted.place[element + i] + lane; };
-            put_square<lanes, 4>(row + lane * width + element, width, shift.of + element % 3, records, compensation, place, bad);
+            put_square<lanes, 4, shifted>(row + lane * width + element, width, shift.of + element % 3, records, compensation, place, bad);
         },
         [&](int lane, int element) __attribute__((always_inline)) {
             finite &= put_one(row[lane * width + element], shift.of[element % 3], records + lifted.place[element] + lane, compensation);
         });
     return finite & bad.none();
 }
+template <class Real, class Outside>
+bool put_lifted(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& lifted) {
+    return with_shift<Real>(shift, [&](auto shifted) __attribute__((always_inline)) {
+        return put_lifted_any<shifted.value>(row, shift, records, compensation, lifted);
+    });
+}
 
-template <bool compensated, class Real, class Outside>
+template <bool compensated, bool shifted, class Real, class Outside>
 CLOTHSIM_INLINE void take_lifted_any(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift,
                                      Outside* row) {
     constexpr int lanes = lanes_at_once<Real>;
@@ -193,7 +213,7 @@ CLOTHSIM_INLINE void take_lifted_any(const Real* records, ptrdiff_t compensation
         lifted,
         [&](int lane, int element) __attribute__((always_inline)) {
             const auto place = [&](int i) { return lifted.place[element + i] + lane; };
-            take_square<lanes, 4, compensated>(records, compensation, place, shift.of + element % 3, row + lane * width + element, width);
+            take_square<lanes, 4, compensated, shifted>(records, compensation, place, shift.of + element % 3, row + lane * width + element, width);
         },
         [&](int lane, int element) __attribute__((always_inline)) {
             take_one<compensated>(records + lifted.place[element] + lane, compensation, shift.of[element % 3], row + lane * width + element);
@@ -202,8 +222,11 @@ CLOTHSIM_INLINE void take_lifted_any(const Real* records, ptrdiff_t compensation
 template <class Real, class Outside>
 void take_lifted(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift, Outside* row) {
     if constexpr (sizeof(Real) == 4)
-        if (compensation != 0) return take_lifted_any<true>(records, compensation, lifted, shift, row);
-    take_lifted_any<false>(records, compensation, lifted, shift, row);
+        if (compensation != 0)
+            return with_shift<Real>(shift, [&](auto shifted) __attribute__((always_inline)) {
+                take_lifted_any<true, shifted.value>(records, compensation, lifted, shift, row);
+            });
+    take_lifted_any<false, false>(records, compensation, lifted, shift, row);
 }
 
 // Squares of four columns, of whose four elements the last is the next column's x: the last column of all is no part of one.
@@ -222,7 +245,7 @@ bool put_planes(const Outside* row, const RowShift& shift, Real* planes, ptrdiff
     each_of_planes(
         columns,
         [&](int column) __attribute__((always_inline)) {
-            put_square<4, 3>(row + 3 * column, 3, shift.of, planes + column, compensation, [=](int i) { return i * plane; }, bad);
+            put_square<4, 3, sizeof(Real) == 4>(row + 3 * column, 3, shift.of, planes + column, compensation, [=](int i) { return i * plane; }, bad);
         },
         [&](int column, int k) __attribute__((always_inline)) {
             finite &= put_one(row[3 * column + k], shift.of[k], planes + k * plane + column, compensation);
@@ -236,7 +259,7 @@ CLOTHSIM_INLINE void take_planes_any(const Real* planes, ptrdiff_t compensation,
     each_of_planes(
         columns,
         [&](int column) __attribute__((always_inline)) {
-            take_square<4, 3, compensated>(planes + column, compensation, [=](int i) { return i * plane; }, shift.of, row + 3 * column, 3);
+            take_square<4, 3, compensated, compensated>(planes + column, compensation, [=](int i) { return i * plane; }, shift.of, row + 3 * column, 3);
         },
         [&](int column, int k) __attribute__((always_inline)) {
             take_one<compensated>(planes + k * plane + column, compensation, shift.of[k], row + 3 * column + k);

@@ -44,8 +44,7 @@ def waiting_engines(
     else:
         return None
     processors = _core.available_threads() if threads is None else 0
-    environment = _core.kernel_environment()
-    key = (shape, dtype, integrator, precision, threads, kernel, strict, environment, processors, others)
+    key = (shape, dtype, integrator, precision, threads, kernel, strict, processors, others)
     try:
         waiting: Waiting | None = first.engines.get(key)
     except TypeError:  # an option that is no name

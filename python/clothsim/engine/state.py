@@ -131,8 +131,10 @@ class State:
         steps, dt = self._checked(steps, dt)
         if steps > MANY_STEPS:
             return None
-        self._warn_of_start(x, t or 0.0)
-        self.warn_of_order()
+        if self._inspected:
+            self._warn_of_start(x, t or 0.0)
+        if self._may_lose_order:
+            self.warn_of_order()
         try:
             outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, self.threads_optional, *out)
         except TypeError:  # of another dtype, or not contiguous
@@ -152,7 +154,8 @@ class State:
             return None
         if type(t) is not float or not isfinite(t):
             return None
-        self._warn_of_start(x, t)
+        if self._inspected:
+            self._warn_of_start(x, t)
         try:
             return out if self.core.accelerations(x, v, out, self.threads) else None
         except TypeError:

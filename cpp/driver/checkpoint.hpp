@@ -1,0 +1,70 @@
+// The way back, all of it; docs/dev/rollback.md explains it.
+//
+// Steps are taken first and judged afterwards, which costs less than to look before each. There are two judges:
+//   separating planes (contact/guards.hpp): steps beyond them go without a contact pass, and a row of mass points may cross one;
+//   inspection of the state (Simulation::look): it is not finite, it runs away, or a mass point is trapped between spheres.
+// Each ends in the same way: back to the checkpoint, and the steps since then again with more care.
+//
+//   checkpoint         inspection           inspection
+//        |----- steps ------|------ steps -------x
+//        |<~~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
+//        |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~ a bad state: all members repeat them one by one, each inspected
+//
+// A checkpoint is a state that an inspection has found good, at most 128 steps ago. It outlasts a call of one step. It is a copy in
+// the engines, or, at the start of a call with arrays, those arrays: they stay as they are until the call has succeeded.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "integrators/engine.hpp"
+
+namespace clothsim {
+
+class Checkpoint {
+public:
+    // Brings the state that a call was given into member i; whether it is finite.
+    using Load = std::function<bool(std::size_t i)>;
+
+    explicit Checkpoint(const std::vector<std::unique_ptr<Engine>>& members) : members_(members) {}
+
+    bool taken() const { return steps_ >= 0; }
+    bool is_input() const { return input_ != nullptr; }
+    // Since it was taken.
+    std::int64_t steps() const { return taken() ? steps_ : 0; }
+    double seconds() const { return seconds_; }
+    void pass(std::int64_t steps) { steps_ += steps; }
+    void spend(double seconds) { seconds_ += seconds; }
+
+    // At the present state, which every member copies, by any thread.
+    void take() { set(nullptr, 0); }
+    void copy(std::size_t i) const { members_[i]->save_checkpoint(); }
+    // At the state that `load` has just brought; it is asked again to go back.
+    void take_input(const Load& load) { set(&load, 0); }
+    void drop() { set(nullptr, none); }
+
+    // A member back to it; when all are back, none of the steps has passed.
+    void restore(std::size_t i) const {
+        Engine& member = *members_[i];
+        if (!input_) return member.restore_checkpoint();
+        member.begin_anew();
+        (*input_)(i);
+    }
+    void restored() { steps_ = 0; }
+
+private:
+    static constexpr std::int64_t none = -1;
+    void set(const Load* input, std::int64_t steps) {
+        input_ = input;
+        steps_ = steps;
+        seconds_ = 0;
+    }
+
+    const std::vector<std::unique_ptr<Engine>>& members_;
+    const Load* input_ = nullptr;
+    std::int64_t steps_ = none;
+    double seconds_ = 0;
+};
+
+}  // namespace clothsim
