@@ -37,12 +37,20 @@ private:
     std::array<std::atomic<std::uint64_t>, most / bits> taken_{};
 };
 
+inline void pause_briefly() {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    asm volatile("yield");
+#endif
+}
+
 // A neighbour answers within microseconds unless its processor is taken; then it may need this one. Who sleeps is late, and so
 // is who waits for it; that is left for long waits, and ends by itself: to wake a sleeper `tell` would have to look for one.
 inline void wait_for(const std::atomic<int>& reached, int wanted) {
     constexpr int spins = 500, spins_and_yields = spins + 3000;
     for (int turn = 0; reached.load(std::memory_order_acquire) < wanted; ++turn) {
-        if (turn < spins) __builtin_ia32_pause();
+        if (turn < spins) pause_briefly();
         else if (turn < spins_and_yields) std::this_thread::yield();
         else std::this_thread::sleep_for(std::chrono::microseconds(50));
     }

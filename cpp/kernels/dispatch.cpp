@@ -6,6 +6,10 @@
 namespace clothsim {
 namespace {
 
+#if defined(CLOTHSIM_PORTABLE)
+bool processor_has(InstructionSet) { return true; }
+bool takes_512_bits_at_once() { return false; }
+#else
 bool processor_has(InstructionSet set) {
     __builtin_cpu_init();
     switch (set) {
@@ -14,6 +18,7 @@ bool processor_has(InstructionSet set) {
                 __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
         case InstructionSet::avx2: return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
         case InstructionSet::sse2: return __builtin_cpu_supports("sse2");
+        case InstructionSet::portable: break;  // built alone
     }
     return false;
 }
@@ -24,13 +29,18 @@ bool takes_512_bits_at_once() {
     __builtin_cpu_init();
     return __builtin_cpu_is("amd") && !__builtin_cpu_is("amdfam19h");
 }
+#endif
 
 }  // namespace
 
 const std::vector<const KernelTable*>& built_instruction_sets() {
+#if defined(CLOTHSIM_PORTABLE)
+    static const std::vector<const KernelTable*> built{&KernelTableOf<InstructionSet::portable>::table};
+#else
     static const std::vector<const KernelTable*> built{
         &KernelTableOf<InstructionSet::avx512>::table, &KernelTableOf<InstructionSet::avx2>::table,
         &KernelTableOf<InstructionSet::sse2>::table};
+#endif
     return built;
 }
 
@@ -56,6 +66,9 @@ const KernelTable& choose_instruction_set(const std::string& name) {
                                 "'; this processor runs, of those built: " + accepted);
 }
 
+#if defined(CLOTHSIM_PORTABLE)
+const StateRowKernels& state_row_kernels(InstructionSet) { return StateRowKernelsOf<InstructionSet::portable>::kernels; }
+#else
 const StateRowKernels& state_row_kernels(InstructionSet set) {
     switch (set) {
         case InstructionSet::avx512: return StateRowKernelsOf<InstructionSet::avx512>::kernels;
@@ -63,6 +76,7 @@ const StateRowKernels& state_row_kernels(InstructionSet set) {
         default: return StateRowKernelsOf<InstructionSet::sse2>::kernels;
     }
 }
+#endif
 
 std::string kernel_environment() {
     std::string all;

@@ -5,6 +5,9 @@
 
 #include <cstdint>
 #include <utility>
+#if defined(CLOTHSIM_PORTABLE) && !defined(__aarch64__)
+#define XSIMD_WITH_EMULATED 1
+#endif
 #include <xsimd/xsimd.hpp>
 
 namespace clothsim {
@@ -56,8 +59,10 @@ CLOTHSIM_INLINE V in_register(V a) {
 
 template <class V>
 CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
-    constexpr bool single = sizeof(typename V::value_type) == 4;
-#if defined(__AVX512F__)  // to 2^-14
+    [[maybe_unused]] constexpr bool single = sizeof(typename V::value_type) == 4;
+#if defined(CLOTHSIM_PORTABLE)
+    return a;  // not asked for
+#elif defined(__AVX512F__)  // to 2^-14
     if constexpr (single) return V(_mm512_rsqrt14_ps(a));
     else return V(_mm512_rsqrt14_pd(a));
 #elif defined(__AVX__)  // to 1.5 * 2^-12, single only
@@ -85,7 +90,9 @@ constexpr Real newton_constant = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(
 template <class V>
 CLOTHSIM_INLINE V scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typename V::value_type>)) {
     using Real = typename V::value_type;
-#if defined(__AVX512F__)
+#if defined(CLOTHSIM_PORTABLE)
+    return V(Real(1)) / xsimd::sqrt(a);
+#elif defined(__AVX512F__)
     // One step gives 2^-27, two 2^-54.
     V y = reciprocal_root_estimate(a);
     y = y * xsimd::fnma(a * y, y, newton);
@@ -161,8 +168,12 @@ CLOTHSIM_INLINE V zero_elsewhere(SomeLanes<V> lanes, V a) {
 // Lane l takes lane l - 1, lane 0 takes 0.
 template <class V>
 CLOTHSIM_INLINE V next_lane(V a) {
-    constexpr bool single = sizeof(typename V::value_type) == 4;
-#if defined(__AVX512F__)
+    [[maybe_unused]] constexpr bool single = sizeof(typename V::value_type) == 4;
+#if defined(CLOTHSIM_PORTABLE)
+    using Bits = xsimd::as_unsigned_integer_t<typename V::value_type>;
+    return xsimd::bitwise_cast<typename V::value_type>(
+        xsimd::slide_left<sizeof(Bits)>(xsimd::bitwise_cast<Bits>(a)));
+#elif defined(__AVX512F__)
     if constexpr (single)
         return V(_mm512_castsi512_ps(_mm512_alignr_epi32(_mm512_castps_si512(a), _mm512_setzero_si512(), 15)));
     else

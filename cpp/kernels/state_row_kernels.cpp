@@ -1,10 +1,12 @@
 // CMake compiles this file for each instruction set.
 #include "kernels/state_row_kernels.hpp"
 
+#if defined(__x86_64__)
 #include <immintrin.h>
-
+#endif
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 
@@ -16,7 +18,47 @@ namespace {
 using std::ptrdiff_t;
 
 // Four doubles, in two registers where there are no longer ones.
-#if defined(__AVX2__)
+#if !defined(__x86_64__)
+// Vectors of the compiler's own, for every processor that g++ and clang know.
+using Four [[gnu::vector_size(32)]] = double;
+using FourSingles [[gnu::vector_size(16)]] = float;
+template <class V, class T>
+CLOTHSIM_INLINE V loaded(const T* p, std::size_t bytes = sizeof(V)) {
+    V a{};
+    std::memcpy(&a, p, bytes);
+    return a;
+}
+CLOTHSIM_INLINE Four four(const double* p) { return loaded<Four>(p); }
+CLOTHSIM_INLINE Four four(FourSingles a) { return __builtin_convertvector(a, Four); }
+CLOTHSIM_INLINE Four four(const float* p) { return four(loaded<FourSingles>(p)); }
+CLOTHSIM_INLINE Four four_of(double a) { return Four{a, a, a, a}; }
+CLOTHSIM_INLINE Four two(const double* p) { return loaded<Four>(p, 16); }
+CLOTHSIM_INLINE Four least(Four a, Four b) { return a < b ? a : b; }
+CLOTHSIM_INLINE Four most(Four a, Four b) { return a > b ? a : b; }
+CLOTHSIM_INLINE FourSingles rounded(Four a) { return __builtin_convertvector(a, FourSingles); }
+CLOTHSIM_INLINE void put(double* p, Four a) { std::memcpy(p, &a, sizeof a); }
+CLOTHSIM_INLINE void put(float* p, FourSingles a) { std::memcpy(p, &a, sizeof a); }
+CLOTHSIM_INLINE void put_two(double* p, Four a) { std::memcpy(p, &a, 16); }
+CLOTHSIM_INLINE Four sum(Four a, Four b) { return a + b; }
+CLOTHSIM_INLINE Four difference(Four a, Four b) { return a - b; }
+template <class V>
+CLOTHSIM_INLINE V times_zero(V a) { return a * V{}; }
+// Zeros of either sign and what is no number: their sum is a zero or no number, as the bits of both are.
+template <class V>
+CLOTHSIM_INLINE V bits_of_both(V a, V b) { return a + b; }
+template <class V>
+CLOTHSIM_INLINE bool all_numbers(V a) {
+    const auto equal = a == a;
+    bool all = true;
+    for (std::size_t i = 0; i < sizeof equal / sizeof equal[0]; ++i) all &= equal[i] != 0;
+    return all;
+}
+CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
+    const Four a = r[0], b = r[1], c = r[2], d = r[3];
+    for (int i = 0; i < 4; ++i) r[i] = Four{a[i], b[i], c[i], d[i]};
+}
+#elif defined(__AVX2__)
+using FourSingles = __m128;
 using Four = __m256d;
 CLOTHSIM_INLINE Four four(const double* p) { return _mm256_loadu_pd(p); }
 CLOTHSIM_INLINE Four four(const float* p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
@@ -42,6 +84,7 @@ CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
     r[3] = _mm256_permute2f128_pd(b, d, 0x31);
 }
 #else
+using FourSingles = __m128;
 struct Four {
     __m128d low, high;
 };
@@ -73,8 +116,11 @@ CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
     r[3] = {_mm_unpackhi_pd(a.high, b.high), _mm_unpackhi_pd(c.high, d.high)};
 }
 #endif
-CLOTHSIM_INLINE void put(float* p, Four a) { _mm_storeu_ps(p, rounded(a)); }
+#if defined(__x86_64__)
+CLOTHSIM_INLINE void put(float* p, FourSingles a) { _mm_storeu_ps(p, a); }
 CLOTHSIM_INLINE bool all_numbers(__m128 a) { return _mm_movemask_ps(_mm_cmpunord_ps(a, a)) == 0; }
+#endif
+CLOTHSIM_INLINE void put(float* p, Four a) { put(p, rounded(a)); }
 
 // Whether all numbers are finite in the layout. Of four at a time, so that none waits for the last.
 template <class Real>
@@ -86,13 +132,10 @@ struct NotFinite {
 };
 template <>
 struct NotFinite<float> {
-    __m128 sum[4] = {};
+    FourSingles sum[4] = {};
     // What rounding takes from a number is infinite or no number where that has become so, else so little that the sum is finite.
-    CLOTHSIM_INLINE void note(int i, __m128 lost) { sum[i] = _mm_add_ps(sum[i], lost); }
-    CLOTHSIM_INLINE bool none() const {
-        const __m128 all = _mm_add_ps(_mm_add_ps(sum[0], sum[1]), _mm_add_ps(sum[2], sum[3]));
-        return all_numbers(_mm_mul_ps(all, _mm_setzero_ps()));
-    }
+    CLOTHSIM_INLINE void note(int i, FourSingles lost) { sum[i] = sum[i] + lost; }
+    CLOTHSIM_INLINE bool none() const { return all_numbers(((sum[0] + sum[1]) + (sum[2] + sum[3])) * FourSingles{}); }
 };
 
 // A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The first `kept` of
@@ -107,10 +150,10 @@ CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const 
         Real* const to = inside + place(i);
         if constexpr (sizeof(Real) == 4) {
             const Four value = shifted ? sum(row[i], four_of(shift[i])) : row[i];
-            const __m128 high = rounded(value), lost = rounded(difference(value, four(high)));
+            const FourSingles high = rounded(value), lost = rounded(difference(value, four(high)));
             bad.note(i, lost);
-            _mm_storeu_ps(to, high);
-            _mm_storeu_ps(to + compensation, lost);
+            put(to, high);
+            put(to + compensation, lost);
         } else {
             bad.note(i, row[i]);
             if constexpr (lanes == 4) put(to, row[i]);

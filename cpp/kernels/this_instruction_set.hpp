@@ -7,7 +7,14 @@
 namespace clothsim {
 namespace {
 
-#if defined(__AVX512F__)
+#if defined(CLOTHSIM_PORTABLE)
+#if XSIMD_WITH_NEON64
+using ThisArch = xsimd::neon64;
+#else
+using ThisArch = xsimd::emulated<128>;
+#endif
+inline constexpr InstructionSet this_instruction_set = InstructionSet::portable;
+#elif defined(__AVX512F__)
 using ThisArch = xsimd::avx512bw;
 inline constexpr InstructionSet this_instruction_set = InstructionSet::avx512;
 #elif defined(__AVX2__)
