@@ -26,7 +26,7 @@ public:
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
 
-protected:  // for cpp/dynamics, in edge_evaluate.cpp
+protected:  // for cpp/integrators, in edge_evaluate.cpp
     using Base = StateEngine<Real, LiftedLayout>;
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 

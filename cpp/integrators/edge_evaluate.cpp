@@ -1,4 +1,4 @@
-// The edge engine as a field for the integrators of cpp/dynamics: accelerations at any state in its layout, row by
+// The edge engine as a field for the integrators of cpp/integrators: accelerations at any state in its layout, row by
 // row of a band, by the kernel's `evaluate` stage.
 //
 // That stage writes an acceleration where a work record holds the first one. So the records of four stages

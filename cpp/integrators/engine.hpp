@@ -79,7 +79,7 @@ public:
     // Answers of the spheres to mass points so far.
     std::atomic<std::int64_t> contacts_answered{0};
 
-    // Force evaluations so far, of the integrators in cpp/dynamics; the fused RK4 takes four a step.
+    // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a step.
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }

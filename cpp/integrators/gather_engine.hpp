@@ -43,7 +43,7 @@ public:
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
     void accelerations(double* a, int threads) override;
 
-protected:  // for cpp/dynamics; see EdgeEngine
+protected:  // for cpp/integrators; see EdgeEngine
     using Base = StateEngine<Real, PaddedLayout>;
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 

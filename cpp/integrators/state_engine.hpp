@@ -31,7 +31,7 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
-// What a thread needs to itself to evaluate accelerations for the integrators of cpp/dynamics.
+// What a thread needs to itself to evaluate accelerations for the integrators of cpp/integrators.
 template <class Real>
 struct FieldScratch {
     RowBand band;
