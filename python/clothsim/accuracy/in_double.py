@@ -37,7 +37,7 @@ class InDouble:
     x : numpy.ndarray
         Positions [m], shape (times, rows, columns, 3).
     change : numpy.ndarray
-        What the last halving has changed [m], the largest distance of a mass point, shape (times,).
+        Change by the last halving [m]: the largest distance of a mass point, shape (times,).
     force_evaluations : int
         Of all runs.
     contact : bool
@@ -55,8 +55,8 @@ def solve_in_double(
 ) -> InDouble:
     """Positions at `times`, by the kernels.
 
-    The step is halved until that changes no more than rounding does: the tightest a fixed step
-    can be asked for, without a tolerance that would have to be chosen for every scene.
+    The step is halved until a halving changes no more than rounding does. No tolerance has to be
+    chosen for a scene.
 
     Parameters
     ----------

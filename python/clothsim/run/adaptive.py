@@ -14,8 +14,9 @@ The difference d of both is then 1 - m times the error of the first run. If that
 the first run is returned. Where tolerance proportionality holds, the error of the second run is m /
 (1 - m) d. Each run sums the method's own estimates of its steps' errors. Proportionality holds if
 the sums of both are as m to 1. If that is small enough, the second run is returned. Else the next
-refinement has as many steps as the errors so far ask for. It ends at the grid of the smallest
-tolerance, where errors fall no more, and before it would cost more than `_MOST` runs at that tolerance.
+refinement has as many steps as the errors so far ask for. Refinement ends at the
+grid of the smallest tolerance, and where errors fall no more. It also ends before it would cost more
+than `_MOST` runs at the smallest tolerance.
 
 **Other methods**: the better run is one of dop853. Its tolerance is tightened until the sum of its
 local errors is at most `_SMALL` times the distance. The first run of the method tells how many steps
