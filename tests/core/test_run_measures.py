@@ -146,7 +146,7 @@ def test_a_run_is_six_short_lines(run):
         assert part in text
     report = run.report
     change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
-    assert f"({change:+.4g} J)" in text
+    assert f"(drift {change:.4g} J)" in text
     assert f"points {report['penetration']['points']:.4g} m" in text
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
@@ -174,7 +174,7 @@ def test_runs_are_equal_by_what_they_computed(run, tmp_path):
 
 
 def test_the_summary_of_a_scene():
-    from clothsim.model.summary import scene_lines
+    from clothsim.measure.summary import scene_lines
 
     lines = scene_lines(SCENE)
     assert len(lines) <= 6 and max(map(len, lines)) < 100

@@ -41,7 +41,7 @@ def test_the_response_continuous_is_refused(offset, narrow):
 def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
     """Without spheres nothing of a step in single needs float64."""
     scene, x, v, dt = crumpled()
-    gpu, cpu = (cs.Stepper(scene, x, v, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
     for stepper in (gpu, cpu):
         stepper.advance(200, dt)
     assert np.abs(gpu.positions - cpu.positions).max() < 1e-7
@@ -68,9 +68,9 @@ def test_a_batch_of_different_scenes_has_the_bits_of_its_members(crumpled, same_
     states = [crumpled(seed=k, spheres=(ball.replace(radius=0.2 + 0.03 * k),)) for k in range(3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
-    result = cs.step(scenes, x, v, dt, 60, **GPU)
+    result = cs.step(scenes, x, v, dt, 60, t=0.0, **GPU)
     for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], v[k], dt, 60, **GPU)
+        alone = cs.step(scene, x[k], v[k], dt, 60, t=0.0, **GPU)
         assert same_bits([part[k] for part in result], alone), k
 
 
@@ -90,7 +90,7 @@ def test_a_response_errs_by_units_in_the_last_place(narrow, response):
     x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
     v = rng.normal(size=(*shape, 3))
     dt = 1e-6
-    gpu, cpu = (cs.Stepper(scene, x, v, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
     for stepper in (gpu, cpu):
         stepper.advance(1, dt)
     x_gpu, v_gpu = gpu.positions, gpu.velocities

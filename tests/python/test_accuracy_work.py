@@ -274,7 +274,7 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
     monkeypatch.setattr(methods, "_MOST_EVALUATIONS", 3000)
     method.solve(scene, DURATION, 1e-13)
     assert spent[0].report["force_evaluations"] <= 3020
-    assert "max_evaluations" in spent[0].report["error_estimate"]["reason"]
+    assert "smallest tolerance" in spent[0].report["error_estimate"]["reason"]
 
 
 def test_bad_arguments(scene, solution):

@@ -29,7 +29,7 @@ _FORMATS: dict[str, tuple[str, str | None]] = {
     ".vtkhdf": ("vtk", "h5py"),
     ".vtp": ("vtk", None),
     ".pvd": ("vtk", None),
-    ".csv": ("table", None),
+    ".csv": ("rows", None),
 }
 SUFFIXES = tuple(_FORMATS)
 
