@@ -102,6 +102,7 @@ def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch
         numba_peer.import_kernels()
 
 
+@pytest.mark.peers
 @pytest.mark.parametrize("parallel", [False, True])
 def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, parallel):
     monkeypatch.setattr("clothsim.lab.peers.numba_peer.most_threads", lambda: 2)
