@@ -31,7 +31,8 @@ def loaded_beside_numpy():
 
 def test_import_loads_the_rooms_of_a_simulation_alone():
     """What takes time to load, laboratory and pictures, comes with its first use."""
-    rooms = {name.split(".")[1] for name in loaded_beside_numpy() if name.startswith("clothsim.")}
+    loaded = loaded_beside_numpy()
+    rooms = {name.split(".")[1] for name in loaded if name.startswith("clothsim.")}
     assert {"model", "engine", "measure", "run"} <= rooms
     assert rooms <= {
         "_core",
@@ -46,7 +47,7 @@ def test_import_loads_the_rooms_of_a_simulation_alone():
         "sweeps",
         "typing",
     }
-    assert not any("clothsim.stability.map" in name for name in loaded_beside_numpy())
+    assert not any("clothsim.stability.map" in name for name in loaded)
 
 
 def test_import_loads_numpy_and_light_parts_of_the_standard_library():

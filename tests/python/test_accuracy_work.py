@@ -275,6 +275,10 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
     method.solve(scene, DURATION, 1e-13)
     assert spent[0].report["force_evaluations"] <= 3020
     assert "smallest tolerance" in spent[0].report["error_estimate"]["reason"]
+    monkeypatch.setattr(methods, "_MOST_EVALUATIONS", 500)
+    method.solve(scene, DURATION, 1e-13)
+    assert spent[1].report["force_evaluations"] <= 520
+    assert "max_evaluations" in spent[1].report["error_estimate"]["reason"]
 
 
 def test_bad_arguments(scene, solution):

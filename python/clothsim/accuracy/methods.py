@@ -25,7 +25,7 @@ OWN = "clothsim"
 _SAFETY = 0.95
 _HALVINGS = 7
 
-# Force evaluations of error control in all: a tolerance below the rounding of a method would never be reached. On the
+# Force evaluations of error control in all, so that a search does not wait for a tolerance that it does not need. On the
 # paper's cloth dop853 takes 19,200 for 1e-11 m, so half would do there; twice only takes longer.
 _MOST_EVALUATIONS = 100_000
 
