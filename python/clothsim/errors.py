@@ -1,4 +1,4 @@
-"""Errors and warnings of a computation, as against errors of its arguments."""
+"""Errors and warnings of a computation. Wrong arguments give a `ValueError` or `TypeError` instead."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from .base.keywords import suggesting
 
 
 class StabilityWarning(UserWarning):
-    """The time step is above the one that is guaranteed to be stable (`max_stable_dt`).
+    """The time step is above the guaranteed stable step (`max_stable_dt`).
 
-    A run may be stable all the same. The guarantee holds for all but extreme states, and a cloth
-    near rest often takes twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit
-    at a state.
+    A run may be stable all the same. The guarantee holds for all but extreme states. A cloth near rest is often stable
+    at twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit at a state.
 
-    The other cause is energy out of nothing. No sphere had responded, and the time step made more
-    than half of the kinetic and elastic energy.
+    The second cause is energy out of nothing. No sphere has responded yet, and the time step has made more than half of
+    the kinetic and elastic energy.
 
-    `Stepper` and `simulate` give each of the two once. `step` gives it once per line of the
-    caller's code; `warnings.filterwarnings` changes that. A run that grows further ends with an
+    `Stepper` and `simulate` give at most one warning of each cause. `step` gives it once per line of your code, which
+    is Python's default for warnings; `warnings.filterwarnings` changes that. A run that grows further ends with an
     `UnstableError`.
 
     Examples
@@ -60,7 +59,7 @@ def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None, ter
 
 
 def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: int | None) -> None:
-    """Give a `StabilityWarning` of energy that the time step has made."""
+    """Give a `StabilityWarning` about energy that the time step has made."""
     which = "" if member is None else f" of batch member {member}"
     advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
     warn_caller(
@@ -74,9 +73,9 @@ def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: i
 class OrderWarning(UserWarning):
     """The integrator does not keep its order for this scene.
 
-    `step`, `Stepper`, `simulate` and `sweep` give it for "pefrl" with damping. Its kicks have order
-    4 for forces that depend on positions alone, and order 1 for damping.
-    ``integrators()[name].order_of(scene)`` gives the order.
+    `step`, `Stepper`, `simulate` and `sweep` give this warning for "pefrl" with damping. Its kicks have order 4 for
+    forces that depend on positions alone, and order 1 for damping. ``integrators()[name].order_of(scene)`` gives the
+    order.
 
     Examples
     --------
@@ -93,9 +92,8 @@ class OrderWarning(UserWarning):
 class LongRunWarning(UserWarning):
     """A run of more than a million steps is about to begin; the message says how long it takes.
 
-    Given by `simulate`, `step` and `Stepper.advance` before the first step. The time is that of
-    some steps of the same scene, measured then, times their number. A sweep does not give it: its
-    progress bar shows the time left.
+    `simulate`, `step` and `Stepper.advance` give this warning before the first step. They time some steps of the scene,
+    and multiply by the number of steps. A sweep shows the time left in its progress bar instead.
 
     Examples
     --------
@@ -129,13 +127,12 @@ class ContactWarning(UserWarning):
 
 @suggesting
 class RunInterrupted(KeyboardInterrupt):
-    """Ctrl-C has ended a call of `simulate`; what is done so far is in `run`.
+    """Ctrl-C has ended a call of `simulate`; `run` has the run so far.
 
     Parameters
     ----------
     run : Run or None
-        The run up to the last whole step, or None where the first state was not stored yet. Its
-        last frame is that step.
+        The run up to the last whole step, whose last frame is the state after it. None if no state was stored yet.
 
     Examples
     --------
@@ -169,7 +166,7 @@ class ContactError(ArithmeticError):
     Parameters
     ----------
     step : int
-        The step, counted from 1 at the start of the call, that could not be done.
+        The failed step, counted from 1 at the start of the call.
     time : float
         Time of the scene at its end [s].
     point : tuple of int
@@ -240,8 +237,8 @@ class UnstableError(ArithmeticError):
     max_stable_dt : float, optional
         The time step guaranteed to be stable [s]; see `clothsim.max_stable_dt`.
     term : str, optional
-        Which term limits the time step, in words: stiffness or damping, of which springs, and
-        the value that would not; see `Scene.explain`.
+        The term that limits the time step, in words: stiffness or damping, its springs, and the value below which it no
+        longer limits; see `Scene.explain`.
     x, v : numpy.ndarray, optional
         The last finite state: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional

@@ -1,4 +1,4 @@
-"""Ready scenes: those of Kim et al., a hanging sheet, an oscillator, two fabrics, and the hard cases."""
+"""Ready scenes: the scenes of Kim et al., a hanging sheet, an oscillator, two fabrics, and the hard cases."""
 
 from typing import TYPE_CHECKING
 

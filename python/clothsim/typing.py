@@ -79,7 +79,7 @@ class EnergyParts(TypedDict):
 
 
 class Energies(TypedDict):
-    """Energy at the start and at the end, and the most by which the total rose [J]."""
+    """Energy at the start and at the end, and the largest rise of the total above its start [J]."""
 
     start: EnergyParts
     end: EnergyParts

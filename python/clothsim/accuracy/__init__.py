@@ -1,4 +1,4 @@
-"""Trusted solutions, and the errors of everything else against them. See docs/accuracy.md."""
+"""Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
 from .cache import cache_directory
 from .order import Convergence, convergence

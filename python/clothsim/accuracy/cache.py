@@ -1,8 +1,8 @@
-"""Solutions kept in memory and on disk, so that a trusted one is computed once.
+"""Solutions kept in memory and on disk, so that a trusted solution is computed once.
 
 A file is written under another name in its folder and then renamed, which replaces it at once.
-Readers see a whole file or none. Of several writers, on a shared folder too, the last one wins,
-with equal content. A damaged file is computed again and replaced.
+Readers see a whole file or none. Several processes may write one file, also in a shared folder: the last writer wins,
+and all write equal content. A damaged file is computed again and replaced.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def cache_directory() -> Path:
     pathlib.Path
         The environment variable CLOTHSIM_CACHE_DIR if it is set, else "clothsim" in the user's
         cache folder: XDG_CACHE_HOME or ~/.cache, ~/Library/Caches on macOS, LOCALAPPDATA on
-        Windows. It is made when the first solution is kept; it may be deleted at any time.
+        Windows. The first solution that is kept makes the folder. You may delete it at any time.
 
     Examples
     --------
@@ -73,9 +73,9 @@ MODULES = (
 
 @cache
 def code() -> str:
-    """A hash of what computes a solution: the built core, and the modules that describe a cloth to it.
+    """A hash of the code that computes a solution: the built core and the modules that pass a cloth to it.
 
-    The version does not tell them apart while somebody is changing them.
+    The version number does not suffice: it stays equal while a developer changes the code.
     """
     package = Path(__file__).parent.parent
     modules = (package / name for name in MODULES)
@@ -86,7 +86,7 @@ def code() -> str:
 
 
 def key_of(facts: Mapping[str, Any]) -> str:
-    """A name for what `facts` (plain data) determine."""
+    """The key of a solution: a hash of `facts` (plain data)."""
     text = json.dumps(facts, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -96,7 +96,7 @@ def _path(key: str) -> Path:
 
 
 def load(key: str) -> tuple[dict[str, np.ndarray], str] | None:
-    """The arrays kept under `key` and where they were, "memory" or "disk"; None if nowhere."""
+    """The arrays kept under `key` and their place, "memory" or "disk"; None if there are none."""
     with _lock:
         if key in _memory:
             _memory.move_to_end(key)
@@ -123,7 +123,7 @@ def _remember(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Keep `arrays`, read-only from here on, under `key` in memory and on disk."""
+    """Keep `arrays` under `key` in memory and on disk, and make the arrays read-only."""
     path = _path(key)
     part = None
     try:
@@ -145,6 +145,6 @@ def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def forget() -> None:
-    """Drop what is kept in memory."""
+    """Forget the solutions in memory."""
     with _lock:
         _memory.clear()

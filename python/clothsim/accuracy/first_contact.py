@@ -1,4 +1,4 @@
-"""Whether and when a cloth that falls freely meets a sphere."""
+"""The first contact of a freely moving cloth with a sphere, if there is one."""
 
 from __future__ import annotations
 

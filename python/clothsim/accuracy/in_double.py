@@ -30,7 +30,7 @@ _STEPS_BETWEEN_PAUSES = 512
 
 @dataclass(frozen=True)
 class InDouble:
-    """Positions at some times, and how far they are from true.
+    """Positions at some times, and their error.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class InDouble:
     change : numpy.ndarray
         Change by the last halving [m]: the largest distance of a mass point, shape (times,).
     force_evaluations : int
-        Of all runs.
+        Force evaluations of all runs together.
     contact : bool
         Whether a sphere has responded in one of the runs.
     """
@@ -87,14 +87,16 @@ def solve_in_double(
 
 
 def steps_in_double(duration: float, limit: float) -> float:
-    """About as many steps of all runs where three halvings are enough; `limit`: of RK4 [s]."""
+    """Steps of all runs together, if three halvings are enough; `limit` is the stable step of RK4 [s]."""
     return (1 + 2 + 4 + 8) * max(duration / (_COARSEST * limit), _FEWEST_STEPS)
 
 
 def _run(
     scene: Scene, times: list[float], largest: float, threads: int | None, pause: Callable[[], None]
 ) -> tuple[Floats, int, bool]:
-    """Positions at `times` by equal steps between them, none above `largest`; steps; contact."""
+    """One run with steps of at most `largest`: positions at `times`, number of steps, and whether a sphere
+    responded.
+    """
     stepper = SilentStepper(scene, integrator="dop853", threads=threads)
     positions, steps = [], 0
     for begin, end in zip([0.0, *times[:-1]], times, strict=True):

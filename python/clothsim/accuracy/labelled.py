@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which points no other beats in both error and cost.
+    """The points that no other point beats in both error and cost (the Pareto front).
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
 
 
 def label(method: Method) -> str:
-    """Name and precision, and the number of threads of a peer."""
+    """Label of a method: its name and precision; for a peer also its number of threads."""
     threads = f", {method.threads} threads" if method.library != OWN and method.threads != 1 else ""
     return f"{method.name} {method.precision}{threads if method.threads else ''}"
 

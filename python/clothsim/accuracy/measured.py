@@ -50,7 +50,7 @@ class Bench:
     ----------
     scene : Scene
     solution : Reference
-        Its last frame is the end of every run.
+        Every run ends at the time of its last frame.
     """
 
     def __init__(self, scene: Scene, solution: Reference) -> None:
@@ -59,7 +59,7 @@ class Bench:
         self.energy = energy(scene, solution.x[-1], solution.v[-1])["total"]
 
     def first(self, method: Method, setting: float) -> Measured:
-        """The error of a run, whose time does not count: it may compile or fill caches."""
+        """Measure the error of a run. Its time does not count, because a first run compiles code and fills caches."""
         result = Measured(method, setting)
         outcome = self._solve(result)
         if outcome is not None and np.isfinite(outcome.x).all():
@@ -72,7 +72,7 @@ class Bench:
         return result
 
     def time(self, results: Sequence[Measured], windows: int) -> Iterator[Measured]:
-        """Time stable runs in turns, `windows` times each, in another order every round."""
+        """Time every stable run `windows` times. The runs take turns, in another order every round."""
         shuffle = random.Random(0).shuffle
         turns = [one for one in results if one.stable]
         for _ in range(windows):

@@ -63,9 +63,8 @@ class Method(Protocol):
     precision : str
     threads : int or None
     control : {"dt", "rtol"}
-        Kind of a setting: a time step [s], or a relative tolerance. `simulate` takes the tolerance
-        for the error at the end, over the cloth's size. The peers take it for a step, with an
-        absolute tolerance of that part of the cloth's size.
+        Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at the end by the
+        tolerance times the cloth's size. The peers bound the error of each step.
     """
 
     @property
@@ -139,8 +138,8 @@ def own_methods(
     Parameters
     ----------
     names : sequence of str, optional
-        Names of `clothsim.integrators`; "NAME adaptive" is the one that chooses its steps by a
-        tolerance. Default: all.
+        Names of `clothsim.integrators`. "NAME adaptive" is the variant that chooses its steps by a tolerance. Default:
+        all.
     precisions : sequence of {"double", "single"}
     threads : int, optional
 
@@ -157,7 +156,7 @@ def own_methods(
 
 
 def _known(name: str, known: Mapping[str, tuple[str, str]]) -> str:
-    """The key of `known` that the name of an integrator, with " adaptive" or without, stands for."""
+    """The key of `known` for the name of an integrator, which may end in " adaptive"."""
     if isinstance(name, str) and name.endswith(" adaptive"):
         name = integrator_name(name.removesuffix(" adaptive"), argument="methods") + " adaptive"
         return check.choice("methods", name, known)

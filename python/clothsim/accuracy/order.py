@@ -35,7 +35,7 @@ _STALLED = 0.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(EqualByValue):
-    """Errors of a method over time steps; what `convergence` returns.
+    """Errors of a method over time steps, the result of `convergence`.
 
     Attributes
     ----------
@@ -43,21 +43,22 @@ class Convergence(EqualByValue):
     dt : numpy.ndarray
         Time steps as taken [s], decreasing, shape (steps,).
     steps, force_evaluations : numpy.ndarray
-        How many there were, shape (steps,).
+        Numbers of steps and of force evaluations of each run, shape (steps,).
     rms, max : numpy.ndarray
         Distances of the mass points from the reference at the end [m], shape (steps,); infinite
         where the run was unstable.
     order : float
-        Slope of log rms over log dt, least squares over `fitted`; NaN if fewer than two are.
+        Slope of log rms over log dt, a least-squares fit of the steps in `fitted`. NaN if `fitted` has fewer than two
+        steps.
     fitted : numpy.ndarray
-        True where the error is that of the method, shape (steps,). It is at least ten times the
-        `floor`, and below a tenth of the rms distance that the cloth has moved.
+        True where the method causes the error, shape (steps,). The error is then at least ten times the `floor`, and
+        below a tenth of the rms distance that the cloth has moved.
     floor : numpy.ndarray
-        An error below it is rounding, or the error of the reference [m], shape (steps,). It is the
-        largest of three figures. The first is the rms of the reference's error estimate. The second
-        is the least error from where smaller steps no longer help (slope < 1/2). The third is eps/2
-        times the cloth's size, in double times the root of the number of steps. There rounding of
-        the positions adds up like a random walk; "single" compensates it.
+        Smallest error that the comparison can show [m], shape (steps,). Smaller differences are rounding or the error
+        of the reference. The floor is the largest of three figures. The first is the rms of the reference's error
+        estimate. The second is the least error from where smaller steps no longer help (slope < 1/2). The third is
+        eps/2 times the cloth's size, in double times the root of the number of steps. In double the rounding of the
+        positions adds up like a random walk; "single" compensates it.
     reference : Reference
 
     Examples
@@ -120,8 +121,8 @@ def convergence(
     duration : float
         Simulated time [s], > 0.
     dts : sequence of float
-        Time steps [s], > 0, at least one. Each is shortened to the next that divides the duration,
-        so that no run has a step of another size at its end.
+        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so that all steps of a
+        run are equal.
     integrator : str, default "rk4"
         A name of `clothsim.integrators`; an adaptive one runs at the fixed steps given.
     precision : {"double", "single"}, default "double"
@@ -189,7 +190,7 @@ def convergence(
 
 
 def _steps(duration: float, name: str, dt: Any) -> int:
-    """How many steps of at most `dt` the duration has."""
+    """The number of equal steps of at most `dt` in the duration."""
     dt = check.number(name, dt, minimum=0, exclusive=True)
     if not duration / dt <= check.INT64_MAX:
         raise ValueError(f"{name} must be above duration / {check.INT64_MAX:.3g}, got {dt:g}")
@@ -197,7 +198,7 @@ def _steps(duration: float, name: str, dt: Any) -> int:
 
 
 def solution_for(scene: Scene, duration: float, given: Reference | None) -> Reference:
-    """`given`, checked to be one of this scene and duration, or the one computed for it."""
+    """The reference `given`, checked to fit the scene and duration; where it is None, a new reference."""
     if given is None:
         return reference(scene, duration)
     if not isinstance(given, Reference):
@@ -219,7 +220,7 @@ def _error_at(scene: Scene, solution: Reference, dt: float, **options: Any) -> t
 
 
 def _floor(dt: Floats, rms: Floats, own: float) -> float:
-    """The reference's own error, or the least error seen from where smaller steps stop helping."""
+    """The larger of two errors: the reference's own, and the least error once smaller steps no longer help."""
     stalled = np.flatnonzero(_slopes(dt, rms) < _STALLED)
     return max(own, float(rms[stalled[0] :].min())) if stalled.size else own
 

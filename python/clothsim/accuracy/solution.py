@@ -35,7 +35,7 @@ METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, doubl
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reference(EqualByValue):
-    """A solution to measure others by; what `reference` returns.
+    """A trusted solution, the result of `reference`.
 
     Attributes
     ----------
@@ -50,11 +50,11 @@ class Reference(EqualByValue):
         method, plus half a unit in the last place. Most of it is rounding of double, amplified by
         the cloth.
     error_estimate : dict
-        The same, between the extrapolation that is returned and a looser one of other order, both
-        in long double: what `x` is likely wrong by.
+        The likely error of `x`, with the same keys: the distance to a looser extrapolation of another order, in long
+        double.
     report : dict
         "methods", "force_evaluations" (of each method), "wall_time" [s] of the computation and
-        "kept": where this one came from: "computed", "memory" or "disk".
+        "kept": the place of the solution, "computed", "memory" or "disk".
 
     Examples
     --------
@@ -79,14 +79,14 @@ class Reference(EqualByValue):
         )
 
     def error_of(self, x: npt.ArrayLike, frame: int = -1) -> dict[str, float]:
-        """How far positions are from this solution.
+        """Distance of positions from this solution.
 
         Parameters
         ----------
         x : array_like
             Positions [m], shape (rows, columns, 3).
         frame : int, default -1
-            Which frame they are of.
+            Index of the frame to compare with.
 
         Returns
         -------
@@ -138,15 +138,15 @@ def reference(
     Parameters
     ----------
     scene : Scene
-        Spheres may be in it as long as the cloth does not reach them.
+        Its spheres must stay out of the cloth's reach.
     duration : float
         Simulated time [s], > 0.
     every : float, optional
         Seconds between frames. Default: only the first and the last state.
     threads : int, optional
-        Threads used, 1 to 256; the solution does not depend on it. Default: those available.
+        Threads used, 1 to 256; the solution does not depend on it. Default: all available threads.
     cache : bool, default True
-        False computes it anew and keeps nothing.
+        False computes the solution anew and keeps nothing.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def reference(
         thousand times within a sixth of a second. No arithmetic then determines where a point is.
         Compare outcomes there (`penetration`, `energy`, the centre of mass).
     ArithmeticError
-        If the extrapolation cannot go on: points coincide, or something grows beyond bounds.
+        If the extrapolation cannot continue, because points coincide or the state grows beyond bounds.
     KeyboardInterrupt
         On Ctrl-C.
 
@@ -250,7 +250,7 @@ def _assemble(scene: Scene, arrays: dict[str, np.ndarray], kept: str) -> Referen
 def extrapolation(
     scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
 ) -> tuple[Floats, Floats, int]:
-    """States at `times` by extrapolation in long double, and the force evaluations they took."""
+    """States at `times` by extrapolation in long double, and the number of force evaluations."""
     cloth = scene.cloth
     table = cloth.spring_table()
     fields = ("i", "j", "rest_length", "stiffness", "damping")

@@ -55,23 +55,23 @@ def work_precision(
         Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances;
         or objects of the protocol `clothsim.accuracy.methods.Method`. Default: all integrators.
     precisions : sequence of {"double", "single"}, default both
-        For the methods given by name.
+        Precisions of the methods that are given by name.
     dts : sequence of float, optional
-        Time steps [s] of fixed-step methods. Default: seven, each half of the one before, from 0.95
-        of the guaranteed stable step (8 times RK4's for an implicit method).
+        Time steps [s] of fixed-step methods. Default: seven steps. The first is 0.95 of the guaranteed stable step (8
+        times that of RK4 for an implicit method). Each next step is half as long.
     rtols : sequence of float, optional
         Tolerances of adaptive methods, over the cloth's larger side. `simulate` takes them for the
         error at the end; the cost leaves out its error estimate. The peers take them for a step.
         Default: 1e-3, 1e-4, ..., 1e-13.
     peers : bool, default False
-        True adds what is installed of numba's RK4, SciPy's DOP853 and RK45 over numba's forces,
-        and diffrax (extras "bench" and "peers").
+        True adds the installed peers: numba's RK4, SciPy's DOP853 and RK45 over numba's forces, and diffrax (extras
+        "bench" and "peers").
     threads : int, optional
         Threads of every method. Default: as in `simulate`; one for the peers.
     windows : int, default 5
-        Timed runs of each.
+        Timed runs of each method and setting.
     longest : float, default 10.0
-        The finer settings of a method are left out once a run took longer than this [s].
+        Once a run takes longer than this [s], the finer settings of its method are left out.
     reference : Reference, optional
         Default: `reference(scene, duration)`.
     progress : bool, default False

@@ -27,7 +27,7 @@ COLUMNS = (
 
 
 def rows_of(data: Any) -> list[dict[str, Any]]:
-    """One mapping per run of a dataset of `work_precision`; levels that are not there left out."""
+    """One mapping for each run in a dataset of `work_precision`."""
     rows = []
     for m, name in enumerate(data["solver"].values):
         labels = {c: data[c].values[m] for c in ("library", "precision", "threads", "control")}
@@ -40,7 +40,7 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
 
 
 def write_csv(data: Any, path: Path) -> None:
-    """The runs of a dataset of `work_precision`, one a line, after its attributes as # lines."""
+    """Write a dataset of `work_precision` as CSV: its attributes as lines that begin with #, then one line per run."""
     with path.open("w", newline="") as file:
         for name, value in data.attrs.items():
             file.write(f"# {name}: {value}\n")
@@ -50,7 +50,7 @@ def write_csv(data: Any, path: Path) -> None:
 
 
 def text_of_runs(data: Any) -> str:
-    """A table of the runs, method by method; * marks the front of this package's, + that of all."""
+    """A table of the runs, method by method: * marks the Pareto front of clothsim, + the front of all solvers."""
     peers = len(set(data["library"].values.tolist())) > 1
     header = ("solver", "setting", "rms [m]", "max [m]", "evaluations", "s/s", "drift [J]", "front")
     lines = []

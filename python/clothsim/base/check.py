@@ -1,9 +1,8 @@
 """Argument checks shared by all modules.
 
-Each returns the value in the one form that the package works with, or raises an error. The error
-names the argument, the accepted values and the given value. Objects that are no number, array or
-name give a ``TypeError``, other values a ``ValueError``. A ``bool`` is no number; a NumPy scalar
-is.
+Each check returns the value in the form that the package uses, or raises an error. The error names the argument, the
+accepted values and the given value. An object of a wrong type gives a ``TypeError``, a wrong value a ``ValueError``. A
+``bool`` does not count as a number, and a NumPy scalar does.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ INT64_MAX = 2**63 - 1
 
 
 def shown(value: Any) -> str:
-    """`value` and its type for an error message, short whatever it is."""
+    """`value` and its type as a short text for an error message."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
     try:
@@ -39,7 +38,7 @@ def shown(value: Any) -> str:
 
 
 def _failed(name: str, accepted: str, value: Any, error: Exception) -> Exception:
-    """The error of a value whose own conversion raised `error`."""
+    """The error to raise if the conversion of a value raised `error`."""
     kind = ValueError if isinstance(error, ValueError) else TypeError
     return kind(f"{_wrong(name, accepted, value)}: {type(error).__name__}: {error}")
 
@@ -64,7 +63,7 @@ def _range(minimum: float | None, exclusive: bool, maximum: float | None) -> str
 
 
 def is_iterable(value: Any) -> bool:
-    """Whether `value` has entries; an array without dimensions has none."""
+    """Whether `value` can be iterated over; an array without dimensions cannot."""
     return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)
 
 
@@ -75,7 +74,7 @@ def is_masked(value: Any) -> bool:
 
 
 def is_number(value: Any) -> bool:
-    """Whether `value` is one real number: no bool, no string, a 0-d array of numbers is one."""
+    """Whether `value` is one real number. A 0-d array of a number counts; a bool or a string does not."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]  # of numpy.ma.masked it is that again, and no number
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
@@ -153,7 +152,7 @@ def boolean(name: str, value: Any) -> bool:
 
 
 def size(name: str, value: Any, accepted: str = "a sequence of finite numbers") -> int:
-    """The number of entries of an ordered sequence or one-dimensional array."""
+    """The length of a value, checked to be a sequence or a one-dimensional array."""
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         raise TypeError(_wrong(name, accepted, value))
     if is_masked(value):
@@ -164,7 +163,7 @@ def size(name: str, value: Any, accepted: str = "a sequence of finite numbers") 
 
 
 def items(name: str, value: Any, count: int, what: str) -> list[Any]:
-    """The entries of an ordered sequence or one-dimensional array that has `count` of them."""
+    """The entries of a sequence or one-dimensional array that must have `count` entries."""
     accepted = f"a sequence of {count} {what}"
     if size(name, value, accepted) != count:
         raise ValueError(_wrong(name, accepted, value))
@@ -176,7 +175,7 @@ MOST_POINTS = 2**31 - 1
 
 
 def shape(value: Any, least: int = 1) -> tuple[int, int]:
-    """`value` as (rows, columns) of a grid with at least so many mass points."""
+    """`value` as (rows, columns) of a grid with at least `least` mass points."""
     given = items("shape", value, 2, "integers (rows, columns)")
     rows, columns = (integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(given))
     if not least <= rows * columns <= MOST_POINTS:
@@ -222,7 +221,7 @@ def choices(name: str, value: Any, options: Collection[Name]) -> list[Name]:
 
 
 def path(name: str, value: Any, accepted: str = "a path") -> Path:
-    """`value`, a str or what gives one as `os.fspath`, as a path."""
+    """`value` as a path: a str, or an object that `os.fspath` turns into a str."""
     if not isinstance(value, (str, os.PathLike)):
         raise TypeError(_wrong(name, accepted, value))
     try:
@@ -237,7 +236,7 @@ def path(name: str, value: Any, accepted: str = "a path") -> Path:
 
 
 def folder(name: str, value: Any) -> Path:
-    """`value` as the path of a folder that is there or can be made: nothing in its way is a file."""
+    """`value` as the path of a folder that exists or can be made, because no part of the path is a file."""
     where = path(name, value, "the path of a folder")
     there = next((one for one in (where, *where.parents) if one.exists()), where)
     if there.exists() and not there.is_dir():
@@ -246,7 +245,7 @@ def folder(name: str, value: Any) -> Path:
 
 
 def keys(name: str, value: Any, known: Collection[str], required: Collection[str] = ()) -> dict[str, Any]:
-    """A plain copy of the mapping `value`, whose keys are all `known` and none `required` lacks."""
+    """A plain copy of the mapping `value`, checked to have only keys of `known` and all keys of `required`."""
     if not isinstance(value, Mapping):
         raise TypeError(_wrong(name, f"a mapping with the keys {_listed(known)}", value))
     for key in value:
@@ -259,9 +258,9 @@ def keys(name: str, value: Any, known: Collection[str], required: Collection[str
 
 
 def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
-    """`value` as NumPy makes an array of it. An error of its own ``__array__`` raises passes as it is.
+    """`value` as a NumPy array. An error that its own ``__array__`` raises is passed on unchanged.
 
-    A masked array is refused: NumPy drops the mask on the way, and what it hides would count.
+    A masked array is refused: NumPy would drop the mask, and masked entries would count.
     """
     if is_masked(value) or (isinstance(value, (list, tuple)) and any(map(is_masked, value))):
         raise TypeError(

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def how_to_install(extra: str) -> str:
-    """How a user gets the packages of an extra: from a clone, as no package index has clothsim."""
+    """The command that installs an extra. It works in a clone, because no package index has clothsim yet."""
     return f"run pip install '.[{extra}]' in a clone of clothsim"
 
 

@@ -26,7 +26,7 @@ def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
 
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
-    """Write arrays and texts, by a file beside `path` that replaces it once it is complete."""
+    """Write arrays and texts to a temporary file beside `path`, then rename the complete file to `path`."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with open(part, "wb") as file:

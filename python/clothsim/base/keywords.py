@@ -1,4 +1,4 @@
-"""Unknown keyword arguments: an error that says how clothsim calls what was meant."""
+"""Unknown keyword arguments: an error that suggests the name of clothsim that was likely meant."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
 
 
 def suggests(function: F) -> F:
-    """`function`, whose error for an unknown keyword argument suggests a known one.
+    """Wrap `function` so that its error for an unknown keyword argument suggests a known keyword.
 
-    A call that goes well costs one more call of a function and nothing else.
+    A correct call costs one more function call and nothing else.
     """
 
     @functools.wraps(function)
@@ -99,7 +99,7 @@ def suggests(function: F) -> F:
 
 
 def suggesting(cls: C) -> C:
-    """The class `cls`, whose constructor is as `suggests` makes functions."""
+    """Apply `suggests` to the constructor of the class `cls`."""
     cls.__init__ = suggests(cls.__init__)  # type: ignore[misc]
     return cls
 

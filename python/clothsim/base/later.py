@@ -1,8 +1,8 @@
-"""Functions of later rooms that objects of earlier rooms offer as methods.
+"""Functions of later rooms of the package that objects of earlier rooms offer as methods.
 
-A scene shows itself in a notebook and a run draws itself, but a later room makes the pictures. A room
-imports only from earlier rooms. So the front door, `clothsim/__init__.py`, says here where each such
-function is, and its first call imports the module.
+A room is a folder of the package, and imports only from earlier rooms. A scene shows itself in a notebook and a run
+draws itself, but a later room makes the pictures. `clothsim/__init__.py` therefore registers the place of each such
+function here. The first call of the function imports its module.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ _places: dict[str, str] = {}
 
 
 def provide(places: Mapping[str, str]) -> None:
-    """Say where functions are: "module:function" of each name."""
+    """Register the places of functions: a name, and its "module:function"."""
     _places.update(places)
 
 
 def later(name: str) -> Callable[..., Any]:
-    """The function that the front door has provided under a name."""
+    """The function that `provide` registered under a name."""
     module, _, function = _places[name].partition(":")
     found: Callable[..., Any] = getattr(import_module(module), function)
     return found
 
 
 def module_of(name: str) -> ModuleType:
-    """The module of that full name, imported now: of a command, or of a format of files."""
+    """Import the module with this full name, which implements a command or a file format."""
     return import_module(name)

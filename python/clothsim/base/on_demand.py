@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first asked for: what a simulation does without."""
+"""Names of a package that are imported at their first use, because a simulation does not need them."""
 
 from __future__ import annotations
 

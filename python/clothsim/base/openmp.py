@@ -1,9 +1,8 @@
-"""How OpenMP's threads wait: asleep, once a call has returned.
+"""Set how OpenMP's threads wait after a call: they sleep.
 
-A thread of a team that is done stays awake for the next piece of work, libgomp's for some 8 ms by
-default. It reads for how long when it is loaded, so this module is imported before the core. Your
-own `OMP_WAIT_POLICY` or `GOMP_SPINCOUNT` is respected, as is a process that has loaded libgomp
-before clothsim.
+A thread that has finished its work stays awake for the next work, in libgomp for some 8 ms by default. The runtime
+reads this time when it is loaded, so this module is imported before the core. Your own `OMP_WAIT_POLICY` or
+`GOMP_SPINCOUNT` is respected. A process that loads libgomp before clothsim keeps its settings.
 """
 
 import os

@@ -64,18 +64,18 @@ class ProgressBar:
             self.bar = None if bar.disable else bar
 
     def advance(self, count: float = 1) -> None:
-        """Move on by so many units."""
+        """Advance the bar by `count` units."""
         if self.bar is not None:
             self.bar.update(count)
 
     def count(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The items, each counted once it has been used."""
+        """Iterate over the items, and count each item after its use."""
         for item in items:
             yield item
             self.advance()
 
     def say(self, text: str) -> None:
-        """Show what is being done in front of the bar."""
+        """Show a text in front of the bar."""
         if self.bar is not None:
             self.bar.set_description(text)
 

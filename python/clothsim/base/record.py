@@ -25,7 +25,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _hashable(value: Any) -> Any:
-    """A value that has a hash, equal where `_same` holds."""
+    """A hashable form of a value; two forms are equal where `_same` holds."""
     if isinstance(value, np.ndarray):
         # 0.0 and -0.0 are equal and have other bytes: adding 0 leaves 0.0 of both.
         return value.shape, (value + 0.0).tobytes()
@@ -107,7 +107,7 @@ class Record(EqualByValue):
         return f"{type(self).__name__}({values})"
 
     def _open_values(self) -> dict[str, Any]:
-        """The arguments, with plain dicts in place of read-only views of them."""
+        """The arguments by name; read-only mappings become plain dicts."""
         return {
             name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in self._values().items()
         }
@@ -147,8 +147,8 @@ class Record(EqualByValue):
         Returns
         -------
         dict
-            One key per argument of the constructor; arguments that are None are left out, as
-            TOML has no None. ``from_dict`` makes an equal object of it.
+            One key per argument of the constructor. Arguments that are None are left out, because TOML has no None.
+            ``from_dict`` makes an equal object of it.
 
         Examples
         --------
@@ -165,7 +165,7 @@ class Record(EqualByValue):
         Parameters
         ----------
         data : mapping
-            Arguments of the constructor; what is missing takes its default.
+            Arguments of the constructor; missing arguments take their defaults.
 
         Returns
         -------
@@ -174,8 +174,8 @@ class Record(EqualByValue):
         Raises
         ------
         ValueError
-            For an unknown key (the nearest known one is named), a missing one without default,
-            or a value that the constructor refuses.
+            If a key is unknown (the message suggests the nearest known key), if a required key is missing, or if the
+            constructor refuses a value.
         TypeError
             If `data` is no mapping.
 

@@ -6,7 +6,9 @@ from collections.abc import Collection, Iterable, Sequence
 
 
 def aligned(header: Sequence[str], lines: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "") -> str:
-    """Columns as wide as their widest cell, two blanks apart; those in `left` are aligned left, others right."""
+    """Align a table: columns are as wide as their widest cell and two blanks apart. Columns in `left` are aligned left,
+    others right.
+    """
     table = [header, *lines] if header else list(lines)
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     return "\n".join(

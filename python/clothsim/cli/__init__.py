@@ -1,8 +1,8 @@
 """The `clothsim` command: one module per subcommand.
 
-A subcommand is a line of `COMMANDS` and a module with ``add_parser(subparsers)``, which sets its
-function ``run(args)`` as the parser's default. Exit codes: 0 done, 1 the computation failed or a
-part is not installed, 2 wrong input, 130 interrupted. Every failure is one line on stderr.
+A subcommand is a line of `COMMANDS` and a module with two functions. ``add_parser(subparsers)`` defines the options,
+and ``run(args)`` does the work. Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input,
+130 interrupted. Every failure is one line on stderr.
 """
 
 from __future__ import annotations

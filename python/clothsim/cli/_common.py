@@ -59,7 +59,7 @@ def integrator(text: str) -> str:
 
 
 def written(files: Sequence[Path]) -> str:
-    """Which files there are, in a line."""
+    """A line that names the written files."""
     more = f" and {len(files) - 1} more beside it" if len(files) > 1 else ""
     return f"Written: {files[0]}{more}"
 
@@ -80,7 +80,7 @@ def every(text: str) -> int | float | str:
 
 
 def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) -> None:
-    """Raise ValueError if one of the options is given that `flag` would ignore."""
+    """Raise ValueError if an option is given that `flag` would ignore."""
     for option in options:
         name = option.lstrip("-").lower()
         if getattr(args, name) != args.parser.get_default(name):
@@ -103,8 +103,8 @@ def as_text(data: Mapping[str, Any], indent: str = "") -> str:
 def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = "") -> str:
     """One line per entry: its name in words, and its value in four digits with its unit.
 
-    Mappings of plain values take one line. A unit is looked up by the entry's own name, then by
-    that of the mapping it is in. An unknown value shows its "reason" in place of its numbers.
+    A mapping of plain values takes one line. A unit is looked up by the entry's own name, then by that of the mapping
+    it is in. An unknown value shows its "reason" in place of its numbers.
 
     Examples
     --------

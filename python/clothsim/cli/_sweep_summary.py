@@ -11,7 +11,7 @@ _OWN = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 
 
 def summary(dataset: Any) -> str:
-    """Fates of the members, and each metric: a table where one fits, else its range."""
+    """Number of members by status, and each metric as a table, or as its range where a table is too large."""
     status = dataset["status"].values
     session = dataset.clothsim.provenance["sessions"][-1]
     counts = ", ".join(
@@ -57,7 +57,7 @@ def _table(dataset: Any, name: str) -> list[str]:
 
 
 def _labels(dataset: Any, dimension: str) -> list[str]:
-    """Labels of places along a dimension; of zipped lists and samples all their values."""
+    """Labels along a dimension. For zipped lists and samples, a label has all values of the member."""
     own = dataset[dimension]
     if own.attrs:  # else they are mere numbers
         return [_text(value) for value in own.values]

@@ -1,4 +1,4 @@
-"""`clothsim info`: how this installation was built and what it runs on."""
+"""`clothsim info`: the build of this installation and the machine."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def parse_values(name: str, text: str) -> list[Any]:
-    """The values that an option's text stands for.
+    """Parse the text of an option into values.
 
     Examples
     --------

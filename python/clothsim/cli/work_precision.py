@@ -1,4 +1,4 @@
-"""`clothsim work-precision`: error against cost of every integrator, and what is fastest when."""
+"""`clothsim work-precision`: error against cost of every integrator, and the fastest integrator at each error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments of every call: scenes, arrays of a state, arrays for results, the time of the start."""
+"""Checks of the arguments of every call: scenes, states, arrays for results, time of the start."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
 
 
 def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
-    """`value` as a finite float32 or float64 array, C-contiguous, not copied where it is one.
+    """`value` as a finite, C-contiguous float32 or float64 array, copied only where necessary.
 
-    Its shape is (rows, columns, 3), or (B, rows, columns, 3). B is the number of scenes if they
-    came as a sequence (`batched`), else free.
+    Its shape is (rows, columns, 3), or (B, rows, columns, 3). If the scenes came as a sequence (`batched`), B is their
+    number, else B is free.
     """
     shape = (*scenes[0].cloth.shape, 3)
     if batched:
@@ -76,7 +76,7 @@ def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[Fl
 
 
 def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
-    """As `state_arrays`, and of numbers that the precision can hold."""
+    """As `state_arrays`; the numbers are also checked to fit the precision."""
     x, v = state_arrays(x, v, scenes, batched)
     if precision == "single":
         largest = float(np.finfo(np.float32).max)
@@ -89,7 +89,7 @@ def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision:
 
 
 def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[FloatArray, FloatArray]:
-    """`out` checked to be two arrays that can hold results; new ones where it is None."""
+    """`out` checked to be two arrays that can hold the results; new arrays if it is None."""
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
     x, v = check.items("out", out, 2, "arrays (x, v)")
@@ -114,7 +114,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
-    """`t` checked; 0 where it is not given, which is refused where a sphere moves."""
+    """`t` checked. None means 0, and is refused where a sphere moves."""
     if t is not None:
         return check.number("t", t)
     for scene in scenes:

@@ -18,7 +18,7 @@ def guaranteed_dt(cloth: _core.Cloth, integrator: str) -> float:
 
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
-    """The same of a scene."""
+    """The guaranteed time step of a scene [s]."""
     return guaranteed_dt(core_cloth(scene), integrator)
 
 

@@ -1,4 +1,4 @@
-"""How this package was built and what it uses here."""
+"""The build of this package, and its settings on this machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..base.keywords import suggests
 
 @suggests
 def build_config() -> dict[str, Any]:
-    """How clothsim was compiled and what it will use on this machine.
+    """The build of clothsim, and its settings on this machine.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Calls with arrays in and arrays out: engines wait at their scene for the next call.
+"""Calls with arrays in and arrays out. A scene keeps its engines for the next call.
 
 To compile a scene and to build an engine for it costs ten steps of a small cloth. A scene is
 immutable, so an engine serves later calls with equal arithmetic and arrays of equal shape.
@@ -27,7 +27,7 @@ Waiting = list[State]
 def waiting_engines(
     scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, strict: Any, backend: Any = "cpu"
 ) -> Waiting | None:
-    """Where engines for such a call wait; None if it needs a new one, or the checks of arguments."""
+    """The list of engines that can serve this call; None if the call needs a new engine or full checks."""
     if not type(x) is type(v) is np.ndarray:
         return None
     shape, dtype = x.shape, x.dtype
@@ -57,7 +57,9 @@ def waiting_engines(
 
 
 def take(waiting: Waiting | None) -> State | None:
-    """An engine that waits, for the caller alone until it is given back; None if there is none."""
+    """Take an engine from the list; None if the list is empty. Other callers cannot use it until `give_back` returns
+    it.
+    """
     try:
         return waiting.pop() if waiting else None
     except IndexError:  # another thread was quicker
@@ -65,6 +67,6 @@ def take(waiting: Waiting | None) -> State | None:
 
 
 def give_back(waiting: Waiting | None, state: State) -> None:
-    """Let the engine wait for the next call of its kind. After an error it is not given back."""
+    """Put the engine back for the next call of its kind. Callers do not put it back after an error."""
     if waiting is not None and len(waiting) < _MOST_WAITING:
         waiting.append(state)

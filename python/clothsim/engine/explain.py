@@ -1,4 +1,4 @@
-"""An account of what a scene computes per step: kernels, threads, operations, and the stable step."""
+"""An account of a scene's work per step: kernels, threads, operations, and the stable step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time integration methods: what each is, what it costs and where it is stable.
+"""The time integration methods, with their cost and their stable steps.
 
 The damped oscillator, one mode of a cloth near rest, decides stability. Its angular frequency omega
 [1/s] is the root of an eigenvalue of the stiffness per unit mass. Its damping rate delta [1/s] is
@@ -39,21 +39,20 @@ class Integrator:
     name : str
         The name that `step`, `simulate` and `Stepper` take as ``integrator``.
     order, order_damped : int
-        The error of a smooth motion falls with this power of the time step, without damping and
-        with damping; see `order_of`.
+        Power of the time step with which the error of a smooth motion falls, without and with damping; see `order_of`.
     stages : int
         Force evaluations per step of an undamped scene; see `evaluations_per_step`.
     stages_damped : int
         Force evaluations per step of a scene with damping.
     explicit : bool
-        False: a step solves a system of equations.
+        False if a step solves a system of equations.
     adaptive : bool
-        Carries an error estimate, so that `simulate` can choose the step by it. Where a time step
-        is given, it runs at that step.
+        Whether the method estimates its error, so that `simulate` can choose the step by it. With a given time step,
+        the method runs at that step.
     symplectic : bool
-        Keeps the energy of an undamped scene bounded over any number of steps.
+        Whether the energy of an undamped scene stays bounded over any number of steps.
     damped : bool
-        Whether it keeps its order with forces that depend on the velocity, as damping does.
+        Whether the method keeps its order with damping forces, which depend on the velocity.
     imaginary_limit : float
         Largest stable omega * dt of the undamped oscillator.
     real_limit : float
@@ -98,7 +97,7 @@ class Integrator:
 
     @property
     def _traits(self) -> tuple[str, ...]:
-        """The properties in words, as they are printed."""
+        """The properties as printed text."""
         order = "" if self.damped else " (damped: order 1)"
         damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
         return (
@@ -266,16 +265,15 @@ ALIASES: Mapping[str, str] = {
 
 
 def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
-    """The name of a method as `integrators` has it.
+    """The name of a method in the spelling of `integrators`.
 
-    Case does not count, nor whether words are joined by "_", "-" or a space; `ALIASES` are taken
-    as well.
+    Case, "_", "-" and spaces do not count, and `ALIASES` are accepted.
 
     Parameters
     ----------
     name : str
     *more : str
-        Names accepted beside those of the methods, such as "auto".
+        Further accepted names, such as "auto".
     argument : str, default "integrator"
         Name of the argument in error messages.
 
@@ -330,7 +328,7 @@ def integrators() -> Mapping[str, Integrator]:
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:
-    """Give an `OrderWarning` where damping lowers the order of this integrator; whether it did."""
+    """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it was given."""
     method = _INTEGRATORS[integrator]
     lower = method.order_of(scene) < method.order
     if lower:

@@ -1,4 +1,4 @@
-"""Which term of the forces limits the time step: stiffness or damping, and of which springs."""
+"""The term of the forces that limits the time step: stiffness or damping, with its spring families."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class LimitingTerm:
     ----------
     kind : {"stiffness", "damping", "nothing"}
     families : tuple of str
-        The spring families that it belongs to, or ("points",) for point damping.
+        The spring families of the term, or ("points",) for point damping.
     values : tuple of float
-        Its value for each of them [N/m] or [N s/m].
+        The term's value for each family [N/m] or [N s/m].
     below : tuple of float
-        The values below which the other kind limits the step; 0 where there is no other kind. The
-        values of all families are taken down in proportion.
+        The values below which the other kind limits the step, with all families reduced in proportion. 0 if there is no
+        other kind.
     max_stable_dt : float
         The guaranteed time step [s].
     """

@@ -1,4 +1,4 @@
-"""From a scene to what the core computes: kernels and threads."""
+"""The plan of the core for a scene: kernels and threads."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _POINTS_WORTH_A_THREAD = 128
 
 
 def choose_kernel(kernel: str, strict: bool) -> str:
-    """The kernel that "auto" stands for: the fast one, unless the strict class is asked for."""
+    """The kernel that "auto" stands for: "edge", or "gather" with `strict`."""
     return kernel if kernel != "auto" else "gather" if strict else "edge"
 
 
 def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> str:
-    """Raise the errors of arguments that every stepping function takes; the integrator's name."""
+    """Check the options that every stepping function takes, and return the integrator's name."""
     check.choice("precision", precision, PRECISIONS)
     check.choice("kernel", kernel, KERNELS)
     integrator = integrator_name(integrator)
@@ -41,7 +41,7 @@ def check_options(precision: str, kernel: str, strict: bool, integrator: str = "
 
 
 def check_backend(backend: str, kernel: str, threads: int | None, integrator: str) -> None:
-    """Raise the errors of a backend and of options that it does not have."""
+    """Check the backend, and refuse options that it does not have."""
     if check.choice("backend", backend, BACKENDS) == "cpu":
         return
     if integrator != "rk4":
@@ -53,7 +53,7 @@ def check_backend(backend: str, kernel: str, threads: int | None, integrator: st
 
 
 def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1) -> int:
-    """The number of threads used: `threads` checked, or a choice by size where it is None."""
+    """The number of threads: `threads` checked; None is a choice by size."""
     if threads is not None:
         return check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
     rows, columns = shape
@@ -78,7 +78,7 @@ def _core_motion(sphere: Sphere) -> _core.Motion:
 
 
 def point_radius(sphere: Sphere, cloth: Any) -> float:
-    """Distance at which a mass point is answered; with offset "face" triangles ask for more."""
+    """Contact radius of mass points. With offset "face" it is the true radius, because triangles are tested apart."""
     return sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
 
 

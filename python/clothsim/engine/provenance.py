@@ -1,4 +1,4 @@
-"""Where numbers come from: the build, the machine and the time."""
+"""Provenance of numbers: the build, the machine and the time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def provenance() -> dict[str, Any]:
 
 
 def processor() -> dict[str, Any]:
-    """The processor's name, and what tells apart those of one name.
+    """The processor's name, with the numbers that distinguish processors of equal name.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) ->
 
 @cache
 def _exits(integrator: str) -> tuple[Floats, Floats]:
-    """Angles from the omega axis to the delta axis, and the radius where each ray leaves."""
+    """Angles of rays from the omega axis to the delta axis, and the radius where each ray leaves the region."""
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
     return angle, _exit_radii(integrator, angle)
 
@@ -65,9 +65,9 @@ def _exit_radii(integrator: str, angle: Floats) -> Floats:
 
 @cache
 def notched(integrator: str) -> bool:
-    """Whether slow modes with little damping can limit the step more than fast ones do.
+    """Whether slow modes with little damping can limit the step more than fast modes.
 
-    So it is with dopri5, whose region ends at 1 on the omega axis and at 3 right beside it.
+    This holds for dopri5: its region ends at 1 on the omega axis, and at 3 right beside the axis.
     """
     _, radius = _exits(integrator)
     return bool(np.isfinite(radius[0]) and radius[0] < 0.5 * radius.max())
@@ -102,9 +102,8 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
 def box_limit(integrator: str, omega: float, delta: float) -> float:
     """Largest time step that is stable for every mode with at most this omega and this delta [s].
 
-    The box [0, omega dt] x [0, delta dt] has to lie in the stable region, whatever combination of
-    frequency and damping the modes have. Between two rays the box is taken at its widest and the
-    region at its narrowest.
+    Modes may combine frequency and damping in any way. So the whole box [0, omega dt] x [0, delta dt] has to lie in the
+    stable region. Between two rays the box is taken at its widest and the region at its narrowest.
     """
     if omega == 0 or delta == 0:
         return float(mode_limit(integrator, omega, delta))

@@ -148,7 +148,7 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
-    """The snapshot that `to_arrays` took apart."""
+    """The snapshot whose arrays `to_arrays` returned."""
     header = json.loads(str(arrays["snapshot"]))
     if header["schema"] != SCHEMA:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
@@ -172,7 +172,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
 
 
 def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
-    """A snapshot of a `_state.State` that was made with these options."""
+    """A snapshot of a state that was made with these options."""
     arguments = {
         **{name: options[name] for name in _OPTIONS},
         "scene": scene,

@@ -41,7 +41,7 @@ def duration_text(seconds: float) -> str:
 
 
 class State:
-    """A core simulation of checked arguments that turns its outcomes into results and errors."""
+    """A simulation of the core: arguments are checked, and its outcomes become results, warnings and errors."""
 
     def __init__(
         self,
@@ -120,7 +120,9 @@ class State:
     def call(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray] | None:
-        """One call of `step` on arrays like the last ones; None, with nothing done, where a new state has to check them."""
+        """One call of `step` with arrays of known shape. Returns None, and does nothing, where the arguments need full
+        checks.
+        """
         if out is None:
             out = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
         elif not (type(out) is tuple and len(out) == 2 and type(out[0]) is type(out[1]) is np.ndarray):
@@ -176,7 +178,7 @@ class State:
             self._go_on(outcome, steps, dt)
 
     def _checked(self, steps: Any, dt: Any) -> tuple[int, float]:
-        """The two as plain numbers; a `StabilityWarning` where dt is too long."""
+        """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long."""
         # What nearly every call is, told apart in a tenth of the time that the checks take.
         if type(steps) is int and type(dt) is float and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self._least_stable_dt:
             return steps, dt
@@ -192,7 +194,7 @@ class State:
         return steps, dt
 
     def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
-        """Judge what the core told, and do the steps that it has left to do for that."""
+        """Give the warnings and errors of an outcome, then do the remaining steps."""
         done = 0
         while outcome:
             if "point" in outcome:
@@ -204,7 +206,7 @@ class State:
             outcome = self.core.advance(steps - done, dt, self.threads, self.threads_optional)
 
     def judge(self, outcome: dict[str, Any], dt: float) -> None:
-        """Warn of what the core has found, and raise an error for what it could not do."""
+        """Give a warning for each finding of the core, and raise an error for a failed step."""
         if "pinned_inside" in outcome and not self._warned_of_pins:
             self._warned_of_pins = True
             member, point = outcome["pinned_inside"]
@@ -240,7 +242,7 @@ class State:
             any(warn_of_order(self.integrator, scene) for scene in self.scenes)
 
     def announce(self, steps: float, dt: float) -> None:
-        """Give a `LongRunWarning`, once, before so many steps of dt where they are too many."""
+        """Give one `LongRunWarning` before a run of too many steps."""
         if self.announced or steps <= MANY_STEPS:
             return
         self.announced = True
@@ -250,7 +252,7 @@ class State:
         warn_caller(f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}", LongRunWarning)
 
     def _seconds_per_step(self, dt: float) -> float:
-        """Measured on steps of a copy of this state, for a twentieth of a second or so."""
+        """Measure the time of a step on a copy of this state, for about 0.05 s."""
         x, v = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
         self.store(x, v)
         copy = State(self.scenes if self.batched else self.scenes[0], x, v, **self._options)
@@ -303,7 +305,7 @@ class State:
         )
 
     def store(self, x: FloatArray | None, v: FloatArray | None) -> None:
-        """Write positions and velocities where they are wanted."""
+        """Write positions and velocities into the arrays that are not None."""
         self.core.store(x, v)
 
 

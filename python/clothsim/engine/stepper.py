@@ -30,8 +30,8 @@ class Stepper(StepperView):
         Initial positions [m] and velocities [m/s], shape (rows, columns, 3) or
         (B, rows, columns, 3). Default: the scene's own.
     t : float, optional
-        Time of that state [s]. Required where a sphere moves and `x` is given; else 0, at which
-        the scene's own state is.
+        Time of that state [s]. Required where a sphere moves and `x` is given. Default: 0, the time of the scene's own
+        state.
     integrator, precision, threads, kernel, strict, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
     track_contact_energy : bool, default False
@@ -99,8 +99,8 @@ class Stepper(StepperView):
         steps : int
             Number of steps, >= 0.
         dt : float
-            Time step [s], > 0. The order is that of `steps`, then `dt`, where `step` has `dt`
-            first: both can be given by name. Swapped numbers are refused, as `steps` is an int.
+            Time step [s], > 0. `steps` comes before `dt` here, but after it in `step`; give both by name if in doubt.
+            Swapped numbers are refused, because `steps` is an int.
 
         Raises
         ------
@@ -111,10 +111,10 @@ class Stepper(StepperView):
             and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if a
             point crosses the whole sheet within a step. The state is inspected at least every 128
             steps. The stepper then returns to the state before the failing step. All members of a
-            batch return to that step, with the bits that they have when run alone. `freeze` lets
-            the others go on.
+            batch return to that step, with the bits that they have when run alone. After `freeze` of the failed member,
+            the other members can continue.
         KeyboardInterrupt
-            On Ctrl-C. The stepper then stands at a whole step; `time` tells which.
+            On Ctrl-C. The stepper then stands at a whole step, at the time `time`.
         RuntimeError
             If another thread is advancing this stepper.
         clothsim.gpu.AdapterLostError
@@ -138,9 +138,9 @@ class Stepper(StepperView):
         self._state.advance(steps, dt)
 
     def freeze(self, member: int) -> None:
-        """Take a member of the batch out of all further steps; it keeps the state it has.
+        """Exclude a member of the batch from all further steps; it keeps its present state.
 
-        So a batch can go on without a member that became unstable: `UnstableError.member`.
+        A batch can thus continue without the unstable member that `UnstableError.member` names.
 
         Parameters
         ----------
@@ -171,16 +171,16 @@ class Stepper(StepperView):
 
     @suggests
     def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
-        """Put other positions, velocities or another time in place of the present ones.
+        """Replace the positions, the velocities or the time.
 
-        Pinned points can be moved in this way: a point that is dragged is a pinned one, whose
-        position is set between calls of `advance`. It moves at once, and is at rest then.
+        This also moves pinned points: drag a point by pinning it and setting its position between calls of `advance`.
+        The point jumps to its new position, and rests there.
 
         Parameters
         ----------
         x, v : array_like, optional
             Positions [m] and velocities [m/s], of the shape of `positions`. Velocities of pinned
-            points are taken as 0. Default: those of the present state, with all their digits.
+            points are taken as 0. Default: the present positions and velocities, with all their digits.
         t : float, optional
             Time of the state [s]. Default: the present time.
 
@@ -220,17 +220,16 @@ class Stepper(StepperView):
 
     @suggests
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
-        """Put another scene in place of the present one, and keep the state.
+        """Replace the scene, and keep the state.
 
         Positions, velocities (with the compensation of "single"), the clock, the energy of
-        contacts and frozen members stay. Points that become pinned stay where they are and stop;
-        points that are pinned no longer move on from rest. The scene's own initial state is not
-        taken.
+        contacts and frozen members stay. Newly pinned points stop where they are. Points that are no longer pinned
+        start from rest. The new scene's initial state is ignored.
 
         Parameters
         ----------
         scene : Scene or sequence of Scene
-            Of the shape of the present one; a batch of as many scenes where it is one.
+            A scene of the present shape. For a batch, a sequence of as many scenes as members.
 
         Raises
         ------
@@ -279,7 +278,7 @@ class Stepper(StepperView):
         Returns
         -------
         Snapshot
-            ``snapshot.save(path)`` writes it to a file, ``Snapshot.load(path)`` reads it.
+            ``snapshot.save(path)`` writes the snapshot to a file, and ``Snapshot.load(path)`` reads it.
 
         Raises
         ------
@@ -299,7 +298,7 @@ class Stepper(StepperView):
 
     @classmethod
     def restore(cls, snapshot: Snapshot) -> Stepper:
-        """A new stepper that stands where `snapshot` was taken and continues with the same bits.
+        """A new stepper with the state and time of `snapshot`; it continues with the same bits.
 
         Parameters
         ----------
@@ -345,6 +344,6 @@ class Stepper(StepperView):
 
 
 class SilentStepper(Stepper):
-    """A stepper of the package's own, whose caller announces long runs and lower orders itself."""
+    """A stepper for use inside the package: its caller warns of long runs and lower orders."""
 
     _announces = False

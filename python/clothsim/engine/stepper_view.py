@@ -1,4 +1,4 @@
-"""The readable half of a `Stepper`: its state, its options, and how it prints."""
+"""The read-only half of a `Stepper`: its state, its options and its text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class StepperView:
 
     @property
     def frozen(self) -> npt.NDArray[np.bool_]:
-        """Which members take no part in further steps, shape (B,); see `freeze`."""
+        """True for members that take no further steps, shape (B,); see `freeze`."""
         return np.array(self._state.core.frozen)
 
     def _arrays(self) -> tuple[FloatArray, FloatArray]:
@@ -86,9 +86,9 @@ class StepperView:
     def contact_energy(self) -> float | npt.NDArray[np.float64]:
         """Energy that the collision passes have added so far [J]; per member for a batch.
 
-        It is the sum of the changes of kinetic, elastic and gravity energy at every mass point that
-        a response moved or turned. An elastic, frictionless contact at the exact time of impact
-        gives 0 in exact arithmetic. Other values are made or lost by the method.
+        Each response changes the kinetic, elastic and gravity energy of a mass point. The value is the sum of these
+        changes. An elastic, frictionless contact at the exact time of impact gives 0 in exact arithmetic. Any other
+        value is energy that the method makes or loses.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class StepperView:
         return np.array(energy) if self._state.batched else float(energy[0])
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """Lines, and a picture of the state for a notebook; of a batch, its first member."""
+        """Lines and a picture of the state, for a notebook. For a batch, the picture shows the first member."""
         bundle: dict[str, Any] = later("bundle of a stepper")(self)
         return bundle
 

@@ -37,9 +37,8 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    Each step is one of the integrator's (default: classic Runge-Kutta of order 4 on (x, v)
-    together), followed by one collision pass per sphere. Pinned points do not move; velocities given
-    for them are taken as 0.
+    The integrator takes each step (default: classic Runge-Kutta of order 4 on (x, v) together). One collision pass per
+    sphere follows. Pinned points do not move; velocities given for them are taken as 0.
 
     Parameters
     ----------
@@ -54,28 +53,27 @@ def step(
     steps : int, default 1
         Number of steps, >= 0.
     t : float, optional
-        Time of the state given [s]. Required where a sphere moves, which is at its place at that
-        time; else 0.
+        Time of the state given [s]. Required where a sphere moves, because its place depends on the time. Default: 0.
     integrator : str, default "rk4"
-        Time integration method, a name of `integrators`. Adaptive ones run at `dt` like the rest.
+        Time integration method, a name of `integrators`. Adaptive methods also run at the fixed step `dt`.
     precision : {"double", "single"}, default "double"
         Arithmetic. "single" computes in float32. A second float32 of each number keeps the rounding
         of x and v (compensated summation), so small steps do not stall.
     threads : int, optional
-        Threads used, 1 to 256. Default: by size, and by what steps are seen to cost: one thread
-        wherever that is faster. The result has the same bits for any number.
+        Threads used, 1 to 256. Default: chosen by the size of the cloth and by measured times of steps, so that one
+        thread works where it is faster. The result has the same bits for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"
-        "gather" is the compute shader's: a lane is a mass point that gathers its neighbours. "edge"
-        takes each spring once and is faster. "auto" is "edge", or "gather" if `strict`.
+        "gather" computes each mass point from its neighbours, as the compute shader does. "edge" computes each spring
+        once and is faster. "auto" is "edge", or "gather" if `strict`.
     strict : bool, default False
-        True: exact roots and divisions, and nothing fused, so every instruction set gives the same
-        bits. A step takes 2.7 times as long as with the kernel "edge", which has no strict class.
+        True computes roots and divisions exactly and fuses no operations, so every instruction set gives the same bits.
+        A step takes 2.7 times as long as with the kernel "edge", which has no strict class.
     backend : {"cpu", "gpu"}, default "cpu"
         "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather"; `strict` then
         keeps products apart from sums, so that an adapter that rounds correctly gives the bits of
-        the core's strict class. Takes no `threads`.
+        the core's strict class. With "gpu", `threads` is refused.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class Blocks:
     ----------
     device : Device
     scenes : sequence of Scene
-        One a member, of one shape.
+        The scene of each member; all have one shape.
     precision : {"single", "double"}
     strict : bool
     """
@@ -55,7 +55,7 @@ class Blocks:
         self._ahead = False
 
     def make(self, frozen: Sequence[bool], origins: np.ndarray) -> None:
-        """Make them anew, without frozen members; `origins` is what positions are relative to."""
+        """Make the blocks anew, without frozen members; `origins` are the origins of positions."""
         alike: dict[Features, list[int]] = {}
         for member, scene in enumerate(self._scenes):
             if not frozen[member]:
@@ -70,12 +70,12 @@ class Blocks:
             self._blocks.append(block)
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
-        """Take the state of all members, as `planes.split` gives it."""
+        """Upload the state of all members, in the form of `planes.split`."""
         for block in self._blocks:
             block.upload([part[block.members] for part in parts])
 
     def download(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """The same back; of members that are frozen what `parts` has."""
+        """Download the state of all members; frozen members keep their values of `parts`."""
         parts = [part.copy() for part in parts]
         for block in self._blocks:
             for part, values in zip(parts, block.download(), strict=True):
@@ -83,12 +83,12 @@ class Blocks:
         return parts
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Take `dt` [s] for the steps from here on; `stable_dt` is each member's guaranteed one."""
+        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
         for block in self._blocks:
             block.set_step(dt, [stable_dt[m] for m in block.members])
 
     def run(self, times: Sequence[float]) -> Told:
-        """The steps between `times`, from a checkpoint on; `accept` or `take_back` ends them."""
+        """Save a checkpoint and take the steps between `times`. `accept` keeps them, and `take_back` undoes them."""
         handle, steps = self._device.handle, len(times) - 1
         for block in self._blocks:
             block.begin(times)
@@ -118,7 +118,7 @@ class Blocks:
         return Told(first_bad, min(pinned, default=None))
 
     def take_back(self) -> None:
-        """Stand again where `run` began, unless it has been accepted, or has not begun."""
+        """Return to the checkpoint of `run`, unless its steps were accepted."""
         if not self._ahead:
             return
         encoder = self._device.handle.create_command_encoder()
@@ -128,7 +128,7 @@ class Blocks:
         self._ahead = False
 
     def accept(self, contacts: list[int]) -> None:
-        """Keep the last `run`, and add the spheres' answers in it to those of each member."""
+        """Keep the steps of the last `run`, and add their contact responses to the count of each member."""
         self._ahead = False
         for block in self._blocks:
             for member, count in zip(block.members, block.contacts, strict=True):

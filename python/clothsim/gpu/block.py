@@ -1,4 +1,4 @@
-"""Members of a batch whose scenes have the same features: one dispatch a stage for all of them."""
+"""Members of a batch whose scenes have equal features. One dispatch per stage serves all of them."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Block:
     ----------
     device : Device
     members : sequence of int
-        Their places in the batch.
+        Indices of the members in the batch.
     scenes : sequence of Scene
-        One a member, of one shape and equal `Features`.
+        The scene of each member; all have one shape and equal `Features`.
     origins : numpy.ndarray
         Origin of each member's positions [m], shape (members, 3).
     precision : {"single", "double"}
@@ -181,7 +181,7 @@ class Block:
     # Stepping -------------------------------------------------------------------------------------
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Take `dt` [s] for the steps from here on; `stable_dt` is each member's guaranteed one."""
+        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
         numbers = parameters.step_constants(dt, self.real)
         constants = np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
         self._write(self.constants, constants)
@@ -196,7 +196,7 @@ class Block:
             self._write_contacts([0.0, 0.0])
 
     def begin(self, times: Sequence[float]) -> None:
-        """Be ready for the steps between `times`."""
+        """Prepare the steps between `times`."""
         if self.features.moving:
             self._write_contacts(times)
         self._write(self.results, self._results)
@@ -206,7 +206,7 @@ class Block:
         self._write(self.contact_table, table, self._energies.nbytes)
 
     def save(self, encoder: Any) -> None:
-        """Copy the state, on the adapter, to where `restore` finds it."""
+        """Copy the state, on the adapter, to the buffers that `restore` reads."""
         for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
 
@@ -235,8 +235,9 @@ class Block:
         encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, 4 * self._told)
 
     def told(self) -> tuple[dict[str, Any] | None, tuple[int, int] | None]:
-        """First member of this block in trouble, and first with a sphere in a pinned point, each
-        with its point. Valid once the results are copied."""
+        """The first member with a bad point, and the first member with a sphere in a pinned point, each with its point.
+        Valid once the results are copied.
+        """
         self.readback.map_sync("READ")
         results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
         self.readback.unmap()

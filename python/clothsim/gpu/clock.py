@@ -1,4 +1,4 @@
-"""Time of step k counted from an origin, so that rounding does not pile up: the core's `Clock`."""
+"""Clock of a run: the time of step k is counted from an origin, so that rounding does not add up."""
 
 from __future__ import annotations
 

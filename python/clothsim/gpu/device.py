@@ -1,6 +1,6 @@
-"""Adapters of this machine, the one that is used, and its errors in the words of this package.
+"""The adapters of this machine, the choice of an adapter, and its errors as errors of clothsim.
 
-wgpu is imported here, when an adapter is first asked for, and nowhere else in the package.
+Only this module imports wgpu, at the first use of an adapter.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 class AdapterLostError(RuntimeError):
     """The graphics adapter stopped answering: unplugged, reset, or its device destroyed.
 
-    A `Stepper` then stands at the last state that was copied back, whose time is `time`: its
-    ``positions``, ``velocities``, ``time`` and ``snapshot`` go on working.
+    A `Stepper` then stands at the last state that was copied back, at the time `time`. You can still read its
+    ``positions``, ``velocities``, ``time`` and ``snapshot``.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Adapter:
         "DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU" (software) or "Unknown".
     api, driver : str
     float64 : bool
-        Whether its shaders compute in double precision.
+        Whether the adapter's shaders compute in double precision.
     largest_buffer : int
         Bytes that one of a cloth's buffers may have.
     place : int
@@ -117,7 +117,7 @@ def adapters() -> list[Adapter]:
     Returns
     -------
     list of Adapter
-        Discrete ones first, software ones (Mesa's lavapipe) last; may be empty.
+        Discrete adapters come first, software adapters (Mesa's lavapipe) last. The list may be empty.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def adapters() -> list[Adapter]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Mesa's layer that asks a display for its adapter, and complains if there is none."""
+    """Switch off Mesa's layer that asks a display for its adapter, because it prints errors without a display."""
     switch = "NODEVICE_SELECT"
     if "XDG_RUNTIME_DIR" in os.environ or switch in os.environ:
         yield
@@ -152,7 +152,7 @@ def _quiet() -> Iterator[None]:
 
 
 def chosen_adapter() -> Adapter:
-    """The adapter used: the best, or the one that CLOTHSIM_GPU_ADAPTER names or counts from 0."""
+    """The adapter in use: the best, or the choice of CLOTHSIM_GPU_ADAPTER by name or by number from 0."""
     found = adapters()
     if not found:
         raise RuntimeError(
@@ -188,7 +188,7 @@ class Device:
         self.pipelines: dict[Any, Any] = {}
 
     def check_process(self) -> None:
-        """Raise an error in a process forked from the one that opened this device."""
+        """Raise an error in a fork of the process that opened this device."""
         if os.getpid() != self._process:
             raise RuntimeError(
                 "backend 'gpu' cannot be used in a process forked from one that has used it; "
@@ -196,7 +196,7 @@ class Device:
             )
 
     def create_buffer(self, size: int, *usages: str) -> Any:
-        """A buffer of `size` bytes; ValueError where the adapter has none so large."""
+        """A buffer of `size` bytes; a ValueError if the adapter's limit is smaller."""
         if size > self.adapter.largest_buffer:
             raise ValueError(
                 f"scene is too large for the graphics adapter: it needs a buffer of {size:,} "
@@ -229,7 +229,7 @@ def opened() -> Device:
 
 @contextmanager
 def using(adapter: Adapter) -> Iterator[None]:
-    """Have new states take this adapter."""
+    """Choose the adapter of new states."""
     before = os.environ.get(ADAPTER_VARIABLE)
     os.environ[ADAPTER_VARIABLE] = str(adapter.place)
     try:
@@ -242,14 +242,14 @@ def using(adapter: Adapter) -> Iterator[None]:
 
 
 def forget(device: Device) -> None:
-    """Let the next state open its adapter anew, as after a loss."""
+    """Let the next state open its adapter again, for example after a loss."""
     for key in [key for key, value in _opened.items() if value is device]:
         del _opened[key]
 
 
 @contextmanager
 def translated(adapter: Adapter) -> Iterator[None]:
-    """Errors of wgpu as those of this package."""
+    """Translate errors of wgpu into errors of clothsim."""
     wgpu = load_wgpu()
     try:
         yield

@@ -1,4 +1,4 @@
-"""Ctrl-C between two submissions and nowhere else, so that state and clock stay together."""
+"""Ctrl-C takes effect only between two submissions, so that the state and the clock agree."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 
 class Interrupts:
-    """Holds SIGINT back inside ``with``; `deliver` gives it to the handler that was there before.
+    """Holds SIGINT back inside ``with``; `deliver` passes it to the previous handler.
 
-    Of no effect outside the main thread, which alone gets signals.
+    It has no effect outside the main thread, because only the main thread receives signals.
     """
 
     def __init__(self) -> None:

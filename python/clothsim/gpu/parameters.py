@@ -1,4 +1,4 @@
-"""A scene as the numbers that the shader reads; each rounded once from the core's double."""
+"""A scene as numbers for the shader. Each number is rounded once from the core's double."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SPRINGS = _core.spring_kinds
 
 
 def rest_lengths(scene: Scene) -> list[float]:
-    """Of the five springs [m]."""
+    """Rest lengths of the five kinds of springs [m]."""
     row_spacing, column_spacing = scene.cloth.spacing
     along = [(rows * row_spacing, columns * column_spacing) for _, rows, columns in _SPRINGS]
     return [math.sqrt(c * c + r * r) for r, c in along]
@@ -38,7 +38,7 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     speed_limit : float
         Speed above which the state has run away [m/s]; may be infinite.
     dtype : numpy dtype
-        That of the shader's arithmetic.
+        Type of the shader's arithmetic.
     """
     cloth = scene.cloth
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
@@ -75,7 +75,7 @@ def contacts(
     Parameters
     ----------
     scenes, plans : sequence of Scene, of Plan
-        With equally many spheres each; the plans are the core's, which moves the spheres.
+        All scenes have the same number of spheres. The plans of the core move the spheres.
     origins : numpy.ndarray
         Origins of the positions [m], shape (scenes, 3).
     times : sequence of float
@@ -85,7 +85,7 @@ def contacts(
     single : bool
         Whether a step's arithmetic is float32.
     wide : numpy dtype
-        That of the responses' arithmetic.
+        Type of the arithmetic of the responses.
     """
     real = np.float32 if single else np.float64
     eps = float(np.finfo(real).eps)

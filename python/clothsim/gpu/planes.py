@@ -1,4 +1,4 @@
-"""The state as the shader keeps it: six planes a member, in single split in two float32."""
+"""The state in the shader's layout: six planes per member; in single each is split into two float32 planes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarr
     x, v : numpy.ndarray
         Shape ([B,] rows, columns, 3) [m], [m/s].
     scenes : sequence of Scene
-        One a member.
+        One scene for each member.
     """
     shape = (len(scenes), -1, 3)
     planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
@@ -29,7 +29,7 @@ def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarr
 
 
 def far_origins(positions: np.ndarray) -> np.ndarray:
-    """Origin of positions in single [m]: 0 but for a cloth far off for its size.
+    """Origin of positions in single [m]: 0, except for a cloth that is far away for its size.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def far_origins(positions: np.ndarray) -> np.ndarray:
 
 
 def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
-    """float64 planes as the parts that are uploaded: the state, and in single its compensation."""
+    """Split float64 planes into the parts to upload: the state, and in single also its compensation."""
     if not single:
         return [planes]
     whole = planes.astype(np.float32)

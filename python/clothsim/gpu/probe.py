@@ -1,4 +1,4 @@
-"""Two questions to an adapter: which invocation is which mass point, and how it rounds."""
+"""Two measurements of an adapter: the mass point of each invocation, and the rounding of its arithmetic."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _KEEP = {"f32": "bitcast<f32>(bitcast<u32>(a) | z)", "f64": "bitcast<f64>(bitcas
 def _run(
     device: Device, code: str, entry_point: str, data: list[np.ndarray], size: int, groups: tuple[int, ...], out_binding: int
 ) -> bytes:
-    """One dispatch with `data` bound from 0 on, the first uniform; what is written."""
+    """Run one dispatch with `data` bound from 0 on, the first as a uniform; return the written array."""
     handle = device.handle
     with translated(device.adapter):
         out = device.create_buffer(size, "STORAGE", "COPY_SRC")
@@ -80,10 +80,10 @@ def _run(
 
 
 def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
-    """`thread_grid` as the adapter sees it: written by every invocation of the shader itself.
+    """`thread_grid` as the adapter has it: every invocation of the shader writes its own ids.
 
-    They are in the module of a step's stages, dispatched as these are, and every point's ids are
-    where the stages have its state.
+    The code is in the shader module of the stages, with an equal dispatch. The ids of a point lie where the stages keep
+    its state.
 
     Parameters
     ----------
@@ -128,11 +128,10 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
 
 
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
-    """How the adapter rounds, operation by operation, over numbers spread over 40 powers of two.
+    """The adapter's rounding of each operation, measured with numbers over 40 powers of two.
 
-    The core's strict bits can be reached where everything but "compensation" is exact. WGSL lets a
-    compiler fuse products with sums and replace (a + b) - a by b. The shader therefore passes these
-    values through `keep`.
+    An adapter can give the core's strict bits if every entry except "compensation" is 0. WGSL lets a compiler fuse
+    products with sums and replace (a + b) - a by b. The shader therefore passes these values through `keep`.
 
     Returns
     -------

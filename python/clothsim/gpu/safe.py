@@ -15,14 +15,14 @@ PART_OF_TIME_FOR_COPIES = 0.02
 
 
 class SafeCopy:
-    """A state on this side.
+    """A copy of the state in host memory.
 
     Parameters
     ----------
     parts : sequence of numpy.ndarray
-        As `planes.split` gives them.
+        The state, in the form of `planes.split`.
     clock : Clock
-        When that was.
+        The clock at the time of that state.
     took : float
         Time of copying it back [s].
     """
@@ -33,6 +33,6 @@ class SafeCopy:
 
     @property
     def is_old(self) -> bool:
-        """Whether it is time for another."""
+        """Whether the next copy is due."""
         least = max(SECONDS_BETWEEN_COPIES, self._took / PART_OF_TIME_FOR_COPIES)
         return time.monotonic() - self._made > least

@@ -1,4 +1,4 @@
-"""Parts of the shader that a scene needs: its features, and the pipelines with nothing else in them."""
+"""The shader of a scene: its features, and pipelines that contain only these features."""
 
 from __future__ import annotations
 
@@ -61,8 +61,7 @@ class Features:
         return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
 
     def after_contacts(self) -> str:
-        """The shader's function that meets the spheres: those at the step's end in their order,
-        then the continuous ones."""
+        """WGSL of the collision pass: spheres with "reflect" or "ray" in their order, then the continuous spheres."""
 
         def word(flag: bool) -> str:
             return "true" if flag else "false"
@@ -87,7 +86,7 @@ class Features:
 
 
 def _choice(count: str, name: str, places: tuple[int, ...]) -> list[str]:
-    """How many spheres there are of a kind, and the function that gives the k-th of them."""
+    """WGSL with the number of spheres of a kind, and a function that returns the k-th of them."""
     return [
         f"const {count} = {len(places)}u;",
         f"fn {name}(member: u32, k: u32) -> Swept {{",
@@ -119,7 +118,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
 
 
 class Pipelines:
-    """The four stages of a step, what follows them, and the check, compiled for some features."""
+    """Compiled pipelines for given features: the four stages of a step, the contact passes and the check."""
 
     def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
         handle = device.handle

@@ -34,7 +34,7 @@ class Simulation:
     Parameters
     ----------
     scenes : sequence of Scene
-        One a member, of one shape.
+        The scene of each member; all have one shape.
     time : float
         Time of the state [s].
     precision : {"double", "single"}
@@ -47,7 +47,7 @@ class Simulation:
     ValueError
         If the adapter has no float64 for "double", or a limit of it is exceeded.
     MemoryError, RuntimeError, ImportError
-        If its memory does not suffice, there is no adapter, or no wgpu.
+        If the adapter's memory does not suffice, if there is no adapter, or if wgpu is missing.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Simulation:
     # State in and out -----------------------------------------------------------------------------
 
     def load(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Take positions and velocities, shape ([B,] rows, columns, 3); pinned ones rest."""
+        """Set positions and velocities, shape ([B,] rows, columns, 3). Pinned points get the velocity 0."""
         with self._used():
             planes = planes_of(x, v, self._scenes)
             if self._single:
@@ -113,7 +113,7 @@ class Simulation:
         self._safe = SafeCopy(parts, self._clock, time.monotonic() - start)
 
     def _state(self) -> list[np.ndarray]:
-        """The state, or what is safe of it once the adapter is lost."""
+        """The state, or the last safe copy once the adapter is lost."""
         if not self._lost:
             self._copy_back()
         return self._safe.parts
@@ -136,7 +136,7 @@ class Simulation:
             return clock.origin, clock.steps, clock.dt, members
 
     def restore(self, origin: float, steps: int, dt: float, members: Any) -> None:
-        """Stand where `snapshot` was taken."""
+        """Return to the state of `snapshot`."""
         with self._used():
             raw = np.array([values for values, _ in members])
             shape = (self._members, 2 if self._single else 1, 6, -1)
@@ -166,11 +166,11 @@ class Simulation:
             )
 
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
-        """The guaranteed time step of each member [s]: only above it a point can be too fast."""
+        """Set the guaranteed time step of each member [s]. The core checks speeds only above this step."""
         self._stable_dt, self._step_set = list(stable_dt), 0.0
 
     def set_frozen(self, member: int, frozen: bool) -> None:
-        """Take a member out of further steps, or in again."""
+        """Exclude a member from further steps, or include it again."""
         with self._used():
             parts = self._state()
             self._frozen[member] = frozen
@@ -188,14 +188,15 @@ class Simulation:
         return list(self._contacts)
 
     def set_watch(self, every: int, interval: float) -> None:
-        """The adapter watches no state between calls; `watched` says so."""
+        """Do nothing: the adapter watches no state between calls, and `watched` says so."""
 
     def sample(self) -> None:
-        """Nothing: see `set_watch`."""
+        """Do nothing; see `set_watch`."""
 
     @property
     def watched(self) -> list[dict[str, Any]]:
-        """As the core's, per member: NaN with a "reason" for what the adapter does not watch.
+        """Extremes per member, with the keys of the core. Each is NaN with a "reason", because the adapter does not
+        watch them.
 
         Contacts with "continuous" spheres are assumed, as the adapter does not count them.
         """
@@ -214,7 +215,7 @@ class Simulation:
     # Stepping -------------------------------------------------------------------------------------
 
     def advance(self, steps: int, dt: float, threads: int, optional: bool) -> dict[str, Any]:
-        """As the core's: steps done, and which point has gone bad if one has."""
+        """Take steps and return the outcome in the core's form: steps done, and the bad point if there is one."""
         with self._used(), Interrupts() as interrupts, self._all_or_nothing():
             self._need_adapter()
             self._set_step(dt)
@@ -255,7 +256,7 @@ class Simulation:
             self._step_set = dt
 
     def _try(self, steps: int) -> dict[str, Any] | None:
-        """`steps` steps that can be taken back; the first member in trouble and its point."""
+        """Take `steps` steps that can be undone; return the first member with a bad point, and the point."""
         told = self._blocks.run([self._clock.at(k) for k in range(steps + 1)])
         self._pinned_inside = self._pinned_inside or told.pinned_inside
         found = [told.bad] if told.bad else []
@@ -274,7 +275,7 @@ class Simulation:
         return found and {"member": found[0], "point": found[1], "shut_in": False}
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
-        """Find the step that goes wrong and stand before it: the same steps give the same bits."""
+        """Find the failing step and stop before it. Repeated steps give the same bits, so the search is exact."""
         self._blocks.take_back()
         for k in range(1, steps + 1):
             bad = self._try(1)
@@ -288,7 +289,7 @@ class Simulation:
 
     @contextmanager
     def _used(self) -> Any:
-        """One caller at a time; a lost adapter is told in our words, the last safe state kept."""
+        """Admit one caller at a time. Where the adapter is lost, keep the last safe state and raise our own error."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
             raise RuntimeError("this state is being advanced by another thread; give each thread a Stepper of its own")
@@ -305,7 +306,7 @@ class Simulation:
 
     @contextmanager
     def _all_or_nothing(self) -> Any:
-        """Have steps that were not accepted taken back when anything fails but the adapter."""
+        """Undo steps that were not accepted if an error occurs, unless the adapter is lost."""
         try:
             yield
         except Exception:

@@ -1,4 +1,4 @@
-"""The energy of a run above the guaranteed time step, as the core's `EnergyWatch` looks at it."""
+"""The energy watch of the core (`EnergyWatch`) for the adapter, for runs above the guaranteed time step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .planes import arrays_of
 
 
 class EnergyWatch:
-    """Tells of a cloth that no sphere has touched whether unstable steps made nearly all of its energy."""
+    """Detects that unstable steps made nearly all of a cloth's energy, as long as no sphere has touched the cloth."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._cloth = scene, core_cloth(scene)
@@ -31,11 +31,11 @@ class EnergyWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the state where the run began."""
+        """Forget the first state of the run."""
         self._start: float | None = None
 
     def runaway_point(self, x: np.ndarray, v: np.ndarray) -> int | None:
-        """The fastest mass point where the energy has run away.
+        """The index of the fastest mass point if the energy has run away, else None.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class EnergyWatch:
 
 
 class EnergyWatches:
-    """Members of a batch that nothing but the time step can give any energy."""
+    """Energy watches of the members whose energy only the time step can raise."""
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
         self._scenes = scenes
@@ -66,10 +66,10 @@ class EnergyWatches:
             watch.restart()
 
     def choose(self, dt: float, stable_dt: Sequence[float], frozen: Sequence[bool], contacts: Sequence[int]) -> bool:
-        """Watch members whose guaranteed step is below `dt` [s]. Whether there are any.
+        """Watch the members whose guaranteed step is below `dt` [s]. Return whether there are such members.
 
-        A sphere may give energy from its first response on. The adapter does not count those of
-        "continuous" spheres, so members with such a sphere are not watched.
+        A sphere may give energy from its first response on. The adapter does not count responses of "continuous"
+        spheres, so members with such a sphere are not watched.
         """
         self._watched = [
             member

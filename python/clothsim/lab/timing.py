@@ -67,8 +67,8 @@ def measure(
 
     The works take turns, in another order in every round. A slow spell of the machine then affects
     all of them, and no work always follows a certain other. Before each window an untimed quarter
-    of it runs, at least a step, which wakes threads and fills the caches. The exception is a work
-    with `cold_steps`, whose windows have exactly those.
+    of it runs, at least a step, which wakes threads and fills the caches. A work with `cold_steps` is an exception: its
+    windows have exactly this number of steps.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def measure(
     clock : callable
         Gives the time [s].
     advance : callable
-        Told 1 after each window.
+        Called with 1 after each window.
 
     Returns
     -------

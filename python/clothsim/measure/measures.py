@@ -19,8 +19,8 @@ Value = float | npt.NDArray[np.float64]
 def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
     """Raise a ValueError that names the point whose size makes a measure overflow.
 
-    `values`: the measure, the first axis the members'. `states`: positions or velocities by name,
-    of shape (B, rows, columns, 3).
+    `values` is the measure, with the members along its first axis. `states` are positions or velocities by name, shape
+    (B, rows, columns, 3).
     """
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if not len(bad):
@@ -47,7 +47,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     Parameters
     ----------
     scene : Scene
-        Gives masses, springs and gravity.
+        Its masses, springs and gravity are used.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
 
@@ -87,8 +87,8 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
 def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
-    The depth is that below the sphere's true radius, without the offset. A triangle's depth is
-    exact: that of its point closest to the centre. The triangles are those of `triangles`.
+    Depths count from the sphere's true radius, without the offset. The depth of a triangle is exact: it is the depth of
+    the triangle's place nearest to the centre. The triangles are those of `triangles`.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     Parameters
     ----------
     scene : Scene
-        Gives the springs and their rest lengths.
+        Its springs and their rest lengths are used.
     x : array_like
         Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
 

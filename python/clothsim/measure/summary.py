@@ -1,4 +1,4 @@
-"""A scene and the state of a stepper in six lines, for `print` and for a notebook."""
+"""A scene, or the state of a stepper, in six lines for `print` and for a notebook."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class _State:
 
 
 def _stable_step(scenes: Sequence[Scene], integrator: str) -> str:
-    """The guaranteed stable step, of one scene with the term that limits it."""
+    """The guaranteed stable step. For one scene, the line also names the term that limits it."""
     if len(scenes) > 1:
         limits = [float(stable_dt(scene, integrator)) for scene in scenes]
         return f"stable time step {_range(limits, 's')} with {integrator}"

@@ -66,15 +66,15 @@ class Cloth(Record):
     shape : (int, int), default (32, 32)
         Rows and columns, each >= 1 and at least two points in all. One row or column is a chain.
     size : (float, float), default (1.0, 1.0)
-        Extent along the rows and along the columns [m], > 0, in the order of `shape`. Along an
-        axis with a single point it has no effect.
+        Extent along the rows and along the columns [m], > 0, in the order of `shape`. The extent along an axis with a
+        single point has no effect.
     mass : float or array_like, default 512.0
         Total mass [kg], spread evenly, or the mass of each point, shape (rows, columns) [kg]; > 0.
     stiffness : float or mapping, default 35000.0
-        Of each spring [N/m], >= 0: one number, or one for every family in `springs`.
+        Stiffness of each spring [N/m], >= 0: one number, or a mapping with one number for every family in `springs`.
     damping : float or mapping, default 100.0
-        With the damping model "spring" that of each spring [N s/m], >= 0: one number, or one for
-        every family in `springs`. With "point" one number [N s/m]. Zero is no damping at all.
+        With the damping model "spring", damping of each spring [N s/m], >= 0: one number, or a mapping with one number
+        for every family in `springs`. With "point", one number for every mass point [N s/m]. Zero switches damping off.
     damping_model : {"spring", "point"}, default "spring"
         "spring" damps the change of a spring's length, "point" each point's velocity v with the
         force -damping v.
@@ -82,8 +82,8 @@ class Cloth(Record):
         Families present. Structural springs join neighbours, shear springs the diagonals of a
         cell, bend springs points two apart along a row or column. Kept in this order.
     pins : sequence of (int, int) or boolean array, default ((0, 0), (-1, 0))
-        Points that never move: (row, column) pairs, negative ones counted from the end, or a mask
-        of shape (rows, columns). May be empty.
+        Points that never move: (row, column) pairs, or a mask of shape (rows, columns). Negative numbers count from the
+        end. An empty sequence pins no point.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ class Cloth(Record):
         Returns
         -------
         int
-            0 for a family that this cloth leaves out.
+            The number is 0 for a family that this cloth leaves out.
 
         Raises
         ------
@@ -283,9 +283,8 @@ class Cloth(Record):
         Returns
         -------
         numpy.ndarray
-            Structured. The fields are ``i`` and ``j`` (indices of the two points, i < j),
-            ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and ``damping`` [N s/m]. With the
-            damping model "point" the damping is 0.
+            Structured. Fields: ``i`` and ``j`` (indices of the two points, i < j), ``family``, ``rest_length`` [m],
+            ``stiffness`` [N/m] and ``damping`` [N s/m]. With the damping model "point" the damping is 0.
 
         Examples
         --------
@@ -363,7 +362,7 @@ def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
 
 
 def _mask(value: Any) -> npt.NDArray[np.bool_] | None:
-    """`value` as a boolean array, None if it is something else."""
+    """`value` as a boolean array; None if it is not a mask."""
     try:
         array = check.as_array("pins", value, "(row, column) pairs or a boolean array")
     except (ValueError, OverflowError):

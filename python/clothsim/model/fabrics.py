@@ -15,10 +15,10 @@ cell of sides a and b (columns and rows), so that, with d^2 = a^2 + b^2, it stor
 
 The first two expand the lengths of a cell's springs to first order in the strains. The last is the
 shortening of the chord over two spacings. Equal energies in shear, in bending by the angle t, and
-in the mean of stretching along both directions give K_h, K_b and K_s. Two limits follow. A family
-has one stiffness, so warp and weft share the mean of their moduli. Bend springs resist bending of a
-flat sheet at fourth order of the curvature only. The energy is that of the fabric at the angle t,
-and smaller below.
+in the mean of stretching along both directions give K_h, K_b and K_s. Two limits follow. First, a family has one
+stiffness, so warp and weft share the mean of their moduli. Second, bend springs resist the bending of a flat sheet only
+at fourth order of the curvature. At the angle t the springs have the energy of the fabric; at smaller angles they have
+less.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Fabric:
     bending : float
         Bending rigidity, the mean of warp and weft [N m].
     source : str
-        Where each figure is published.
+        Publication of each figure.
     """
 
     name: str
@@ -128,9 +128,9 @@ def fabric_scene(
 ) -> Scene:
     """A sheet of a fabric, flat and level, pinned at the two ends of the side x = 0.
 
-    The damping is in proportion to the stiffness, c = beta K, with beta = 2 z / omega. The damping
-    ratio is `damping_ratio` z at the bound omega of the grid's frequencies, and less in proportion
-    below. It is a numerical choice; the sources measure no damping.
+    The damping is in proportion to the stiffness, c = beta K, with beta = 2 z / omega. At the highest frequency omega
+    of the grid the damping ratio is z, which is `damping_ratio`; at lower frequencies it is lower in proportion. This
+    is a numerical choice, because the sources measure no damping.
     """
     damping_ratio = check.number("damping_ratio", damping_ratio, minimum=0)
     fold = check.number("fold", fold, minimum=0, exclusive=True, maximum=math.pi)

@@ -14,16 +14,15 @@ GROUP = (_core.group_size, _core.group_size, 1)
 
 @suggests
 def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
-    """Which thread of the compute shader has which mass point (Kim et al., section 3.1).
+    """The thread of the compute shader for each mass point (Kim et al., section 3.1).
 
     One thread per mass point, groups of 16 x 16 x 1 threads::
 
         dispatch (x, y) = group (x, y) * 16 + thread (x, y)
         index           = dispatch y * width + dispatch x,    width = columns
 
-    It is the mapping that the core's kernels walk: SIMD lanes are neighbouring threads of a row,
-    an OpenMP thread takes whole groups. A shape that is no multiple of 16 is covered by whole
-    groups whose surplus threads do nothing.
+    The gather kernel of the core uses this mapping. SIMD lanes are neighbouring threads of a row, and an OpenMP thread
+    takes whole groups. Where a side is no multiple of 16, whole groups cover it, and their surplus threads do nothing.
 
     Parameters
     ----------
@@ -64,8 +63,8 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """The triangles of the sheet, two a cell, split from (row, column + 1) to (row + 1, column).
 
-    It is the surface that `penetration` measures, that pictures show and that `Run.export` writes.
-    Corners run counterclockwise seen from above, so that normals of the flat sheet point up (+y).
+    `penetration` measures this surface, pictures show it, and `Run.export` writes it. Corners run counterclockwise seen
+    from above, so that normals of the flat sheet point up (+y).
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """Prescribed motions of a sphere: where its centre is and how fast it goes at any time.
 
-A motion answers two questions, ``center_at(t, center0)`` and ``velocity_at(t)``, where `center0`
-is the centre that the sphere was given. The velocity is the exact derivative of the centre; where
-the centre's path has a kink it is the one just after it.
+A motion has two methods, ``center_at(t, center0)`` and ``velocity_at(t)``, where `center0` is the sphere's own centre.
+The velocity is the exact derivative of the centre. At a kink of the path it is the velocity just after the kink.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class _Motion(Record):
         return self._center(_times(t), np.array(check.vector("center0", center0)))
 
     def velocity_at(self, t: npt.ArrayLike) -> Vectors:
-        """Velocity of the sphere at the time `t`; at a kink of the path the one just after it.
+        """Velocity of the sphere at the time `t`; at a kink of the path, the velocity just after the kink.
 
         Parameters
         ----------
@@ -192,9 +191,9 @@ class Reciprocate(_Motion):
         v(t) = s k exp(-k q) / (1 - exp(-k)) (2/T) distance u     s (2/T) distance u for k = 0
 
     Kim et al. (section 6) move their sphere over unit length about the cloth's centre and slow it
-    down by linear interpolation. A sphere that goes an equal fraction of the remaining way in every
-    frame approaches this exponential for short frames. Here it is scaled, so that the sphere
-    reaches the turning point exactly after half a period.
+    down by linear interpolation. A sphere that goes a fixed fraction of the remaining way in every frame follows an
+    exponential, if frames are short. Here the exponential is scaled so that the sphere reaches the turning point
+    exactly after half a period.
 
     Parameters
     ----------
@@ -205,8 +204,8 @@ class Reciprocate(_Motion):
     period : float, default 3.6
         Time there and back [s], > 0.
     deceleration : float, default 5.0
-        k above, dimensionless, >= 0: at a turning point the sphere arrives exp(-k) times as fast
-        as it leaves. 0 is constant speed.
+        The k of the formulas, dimensionless, >= 0. The sphere arrives at a turning point exp(-k) times as fast as it
+        leaves. 0 gives constant speed.
     phase : float, default 0.0
         Part of the period that is over at t = 0, 0 <= phase < 1. With 0 the sphere starts at
         c0 - u distance/2 towards +u, with 0.5 at c0 + u distance/2 towards -u.
@@ -298,16 +297,16 @@ class Keyframes(_Motion):
     """A table of times and centres, with straight lines at constant speed between them.
 
     Between times[n] and times[n + 1] the centre is centers[n] + (t - times[n]) v with
-    v = (centers[n + 1] - centers[n]) / (times[n + 1] - times[n]). Before the first and from the
-    last time on the sphere stands still at the first and last centre. At a time of the table the
-    velocity is that of the line that begins there.
+    v = (centers[n + 1] - centers[n]) / (times[n + 1] - times[n]). Before the first time the sphere rests at the first
+    centre. From the last time on, it rests at the last centre. At a time of the table the velocity is that of the line
+    that begins there.
 
-    The centres are absolute: the sphere's own ``center`` has no effect.
+    The centres are absolute, so the sphere's own ``center`` has no effect.
 
     Parameters
     ----------
     times : sequence of floats
-        Times [s], at least 2, each greater than the one before.
+        Times [s], at least 2, increasing.
     centers : array_like
         Centres [m], shape (len(times), 3).
 
@@ -346,7 +345,7 @@ class Keyframes(_Motion):
         self._set(times=frozen(times), centers=frozen(centers))
 
     def _segment(self, t: Vectors) -> tuple[Vectors, Vectors, Vectors]:
-        """Of the line that `t` is on: its time since the start, its start and its velocity."""
+        """For the line at the time `t`: the time since its start, its start and its velocity."""
         last = len(self.times) - 1
         n = np.searchsorted(self.times, t, side="right") - 1
         at = np.clip(n, 0, last)

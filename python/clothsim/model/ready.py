@@ -1,4 +1,4 @@
-"""Ready scenes: those of Kim et al. and two whose solution is known in closed form.
+"""Ready scenes: the scenes of Kim et al., two scenes with a solution in closed form, and two fabrics.
 
 The paper's scenes take its Table 2: 1 m x 1 m, 32 x 32 mass points, 512 kg, stiffness 35,000 N/m,
 damping 100. The 3,906 springs are structural and shear; section 2 of the paper also describes bend
@@ -37,13 +37,13 @@ def paper_static(
     Parameters
     ----------
     response : {"ray", "reflect"}, default "ray"
-        Answer to a contact: the paper's method 2 or method 1.
+        The paper's response: "ray" is its method 2, "reflect" its method 1.
     bend : bool, default False
         True adds the 1,920 bend springs.
     offset : {"edge", "none"} or float, default "edge"
         See `Sphere`.
     literal : bool, default False
-        True takes the paper's collision response word for word; see `Sphere`.
+        True takes the paper's collision response as printed; see `Sphere`.
 
     Returns
     -------
@@ -73,30 +73,29 @@ def paper_moving(
     phase: float = 0.05,
     deceleration: float = 7.0,
 ) -> Scene:
-    """The cloth swings down while a sphere goes back and forth (Kim et al., section 6, Table 4).
+    """The cloth swings down while a sphere moves back and forth (Kim et al., section 6, Table 4).
 
     The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
     hanging cloth. It slows down towards the turning points (see `Reciprocate`). The paper prints
-    neither its period nor its start. Here it comes from x = -0.5, beyond the pinned edge. It
-    touches the cloth three times within five seconds, as the paper's frames 200, 1300 and 3100 show
-    (docs/reproduction.md).
+    neither its period nor its start. Here the sphere starts at x = -0.5, beyond the pinned edge. It touches the cloth
+    three times within five seconds, as the paper's frames 200, 1300 and 3100 show (docs/reproduction.md).
 
     Parameters
     ----------
     response : {"ray", "reflect"}, default "ray"
-        Answer to a contact: the paper's method 2 or method 1.
+        The paper's response: "ray" is its method 2, "reflect" its method 1.
     bend : bool, default False
         True adds the 1,920 bend springs.
     offset : {"edge", "none"} or float, default "edge"
         See `Sphere`.
     literal : bool, default False
-        True takes the paper's collision response word for word; see `Sphere`.
+        True takes the paper's collision response as printed; see `Sphere`.
     period : float, default 4.2
         Time there and back [s].
     phase : float, default 0.05
         Part of the period that is over at t = 0; 0.5 starts at x = 0.5, below the cloth.
     deceleration : float, default 7.0
-        How much slower the sphere arrives than it leaves; see `Reciprocate`.
+        Deceleration between the turning points, the k of `Reciprocate`.
 
     Returns
     -------
@@ -170,11 +169,11 @@ def hanging(
     mass : float, default 2.56
         Total mass [kg], 0.01 a point with the default shape.
     stiffness : float, default 1000.0
-        Of each spring [N/m].
+        Stiffness of each spring [N/m].
     damping : float, default 0.6
         Damping of each point's velocity [N s/m].
     springs : sequence of str, default ("structural",)
-        Families present. With others than structural the formula above no longer holds.
+        Families present. The formula above holds only for structural springs alone.
 
     Returns
     -------
@@ -183,7 +182,7 @@ def hanging(
     Raises
     ------
     ValueError, TypeError
-        For what `Cloth` refuses.
+        If `Cloth` refuses an argument.
 
     Examples
     --------
@@ -221,15 +220,15 @@ def oscillator(
     Parameters
     ----------
     stiffness : float, default 100.0
-        Of the spring [N/m].
+        Stiffness of the spring [N/m].
     mass : float, default 1.0
-        Of the moving point [kg]. The pinned one has the same, which has no effect.
+        Mass of the moving point [kg]. The pinned point has an equal mass, which has no effect.
     amplitude : float, default 0.1
         Stretch at t = 0 [m], |amplitude| < length.
     length : float, default 1.0
         Rest length of the spring [m].
     damping : float, default 0.0
-        Of the spring [N s/m].
+        Damping of the spring [N s/m].
 
     Returns
     -------
@@ -286,11 +285,11 @@ def cotton(
     size : (float, float), default (1.0, 1.0)
         Extent along the rows and along the columns [m].
     damping_ratio : float, default 0.1
-        Of the grid's fastest waves, >= 0; slower waves are damped less, in proportion to their
-        frequency. A numerical choice: the source measures no damping.
+        Damping ratio of the grid's fastest waves, >= 0. Slower waves have a lower ratio, in proportion to their
+        frequency. This is a numerical choice, because the source measures no damping.
     fold : float, default 1.0
         Angle between neighbouring springs [rad] at which the bend springs store the fabric's
-        bending energy. They store less below, and nothing to second order near the flat sheet.
+        bending energy. They store less energy at smaller angles, and none to second order near the flat sheet.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Scene(Record):
     cloth : Cloth
         The cloth.
     spheres : Sphere or sequence of Sphere, default ()
-        The spheres, met in this order.
+        The spheres. A collision pass treats them in this order.
     gravity : sequence of 3 floats, default (0, -9.80665, 0)
         Acceleration of every point that is not pinned [m/s^2].
     position : array_like, optional
@@ -109,7 +109,7 @@ class Scene(Record):
 
     @cached_property
     def engines(self) -> dict[Any, Any]:
-        """Engines of the core that wait for a call with this scene; see `clothsim.engine.calls`."""
+        """Engines of the core that are kept for the next call with this scene; see `clothsim.engine.calls`."""
         return {}
 
     @cached_property
@@ -146,8 +146,8 @@ class Scene(Record):
             Families, damping, collision passes, kernel, instruction set and precision; of the
             integrator "order" (for this scene), "force_evaluations_per_step" and "flops_per_step"
             (NaN for an implicit method); "max_stable_dt", the step that is guaranteed to be stable
-            [s], and "limited_by", the term that limits it, with its springs. It names the value
-            below which the other term would limit more. Printed, it is a readable table.
+            [s], and "limited_by", the term that limits it, with its springs. "limited_by" also has the value below
+            which the other term limits the step. Printed, it is a readable table.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Scene(Record):
         ValueError
             For another schema version, an unknown or missing key, or a refused value.
         TypeError
-            If a part is not of the type it should have.
+            If a part has a wrong type, for example a number in place of a mapping.
 
         Examples
         --------

@@ -88,8 +88,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
 
-    Every argument is written, with its unit as a comment, so that the file can be edited without
-    looking anything up.
+    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation.
 
     Parameters
     ----------
@@ -156,7 +155,7 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
 
 
 def _inline(path: str) -> bool:
-    """Whether a mapping is written on its key's line: those of the families are short."""
+    """Whether a mapping is written on the line of its key, as the short mappings of spring families are."""
     return path in ("cloth.stiffness", "cloth.damping")
 
 

@@ -1,4 +1,4 @@
-"""The sphere that a cloth meets: where it is, how it moves and how it answers a contact."""
+"""A sphere that keeps cloth out: its place, its motion and its response to contact."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Sphere(Record):
     """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
-    ``radius`` plus the offset. The velocity of the point relative to the sphere counts, and only
-    approaching points respond; `literal` changes both.
+    ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and only approaching
+    points respond. `literal` changes both.
 
     "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
     responses can make energy. "continuous" finds the time of impact within the step, with point and
@@ -39,8 +39,8 @@ class Sphere(Record):
     Parameters
     ----------
     center : sequence of 3 floats, default (0, 0, 0)
-        Centre [m]; with a `motion` the point it refers to: for `Linear` the place at t = 0, for
-        `Reciprocate` the middle of the travel. `Keyframes` has its own centres and ignores it.
+        Centre [m]. With a `motion` it is the point of reference: for `Linear` the place at t = 0, for `Reciprocate` the
+        middle of the travel. `Keyframes` ignores it, because its table has the centres.
     radius : float, default 0.25
         True radius [m], > 0.
     motion : Linear, Reciprocate or Keyframes, optional
@@ -56,18 +56,17 @@ class Sphere(Record):
         smaller than a cell. It needs the response "continuous" and the CPU; docs/contact.md has its
         cost.
     restitution : float, default 1.0
-        Normal velocity after a contact over that before it, 0 <= restitution <= 1. With
-        "continuous" a bounce that would be over within a step is not flown: the point stays at
-        the surface and keeps the speed.
+        Normal velocity after a contact over that before it, 0 <= restitution <= 1. With "continuous", a bounce that
+        would end within the step is not computed. The point then stays at the surface and keeps the speed of the
+        bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     literal : bool, default False
-        True takes the paper's words exactly: the velocity is absolute also for a moving sphere,
-        and is reflected whether the point approaches or leaves. For reproducing the paper, so not
-        with the response "continuous".
+        True follows the paper as printed: the velocity is absolute also for a moving sphere, and is reflected whether
+        the point approaches or leaves. The response "continuous" refuses it, because the paper has no such response.
     push_out_speed : float, default 1.0
         With the response "continuous", how fast points that the sphere starts on are pushed out
-        [m/s], > 0. They are moved, not thrown: their velocity gets nothing from it.
+        [m/s], > 0. This motion adds nothing to their velocity.
 
     Raises
     ------
@@ -216,9 +215,9 @@ class Sphere(Record):
     def offset_length(self, cloth: Cloth) -> float:
         """Length that the contact radius adds to the true radius.
 
-        With `offset` "edge" it is eq 13 of Kim et al., O = sqrt((D/2)^2 + R^2) - R. R is the
-        radius, and D the largest distance between neighbours at rest. The form (D/2)^2 /
-        (sqrt((D/2)^2 + R^2) + R) loses no digits for small D.
+        With `offset` "edge" the length is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.). R is the radius, and D the
+        largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
+        small D.
 
         With "face" there is no fixed length. The value is then the most that a corner of an
         unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell,

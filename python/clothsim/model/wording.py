@@ -14,7 +14,7 @@ def cloth_text(scene: Scene) -> str:
 
 
 def spheres_text(scenes: Sequence[Scene]) -> str:
-    """Number of spheres and their responses, of scenes that have as many; else of all."""
+    """Number of spheres and their responses; for scenes with different numbers, the total."""
     found = {len(scene.spheres) for scene in scenes}
     if len(found) > 1:
         return f"{min(found)} to {max(found)} spheres"
@@ -27,7 +27,9 @@ def spheres_text(scenes: Sequence[Scene]) -> str:
 
 
 def joules(energies: Sequence[float], negligible: float = 0.0) -> list[str]:
-    """Energies with their unit; rounding beside the largest, or below `negligible`, is 0."""
+    """Energies with their unit. Values that are rounding beside the largest value, or below `negligible`, print as
+    0.
+    """
     negligible = max(negligible, 1e-15 * max(map(abs, energies)))
     return [quantity(0.0 if abs(one) < negligible else one, "J") for one in energies]
 

@@ -21,12 +21,12 @@ Account = dict[str, Any]
 
 
 def of_nothing(reason: str = NOT_ASKED) -> Account:
-    """No error was estimated."""
+    """The entries of a run whose error was not estimated."""
     return _account(Estimate.unknown(reason), {}, math.nan, 0, 0.0)
 
 
 def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
-    """A run whose error was estimated, to a tolerance or not."""
+    """The entries of a run whose error was estimated, with or without a tolerance."""
     outcomes = {}
     if found.companion or found.solution.contacts:
         outcomes = compared(scene, found.solution, found.companion)
@@ -45,7 +45,7 @@ def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluation
 
 
 def compared(scene: Scene, solution: Solution, companion: Solution | None) -> dict[str, Any]:
-    """Outcomes after a contact; differences are NaN without a better run."""
+    """Outcomes after a contact, with their differences from the better run; NaN without a better run."""
     ours = _outcomes(scene, solution)
     theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
     return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
@@ -69,7 +69,7 @@ def _difference(a: Any, b: Any) -> float:
 
 
 def report(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Report:
-    """`Run.report`; `stopped`: why the run ended early."""
+    """Build `Run.report`; `stopped` says why the run ended early."""
     x, v = solution.x, solution.v
     wall_time, options, state = solution.wall_time, solution.options, solution.state
     found = {
@@ -113,7 +113,7 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
-    """The energy at a moment, NaN with the reason where it is no finite number."""
+    """The energy at a moment; NaN with a reason where it is not finite."""
     try:
         return {moment: energy(scene, x, v)}
     except ValueError as error:

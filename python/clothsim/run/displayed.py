@@ -1,4 +1,4 @@
-"""Pictures and pages of a run; the room `viewing` draws them."""
+"""Pictures and pages of a run, as methods of `Run`. The room `viewing` draws them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..base.later import later
 
 
 class DisplayedRun:
-    """Methods of `Run` that draw it."""
+    """Methods of `Run` that draw the run."""
 
     def picture(
         self,
@@ -29,7 +29,7 @@ class DisplayedRun:
         frame : int, optional
             Index of the stored frame, negative from the end. Default: the last.
         t : float, optional
-            Instead of `frame`: time [s]. The stored frame that is nearest is drawn.
+            Time [s], in place of `frame`. The nearest stored frame is drawn.
         path : path-like, optional
             File to write as well; see `Picture.save`.
         camera, width
@@ -90,8 +90,8 @@ class DisplayedRun:
     ) -> Path:
         """Write a film of the run.
 
-        Each picture shows the stored frame that is nearest in time. `simulate` with ``every=speed /
-        fps`` stores the frames that a smooth film needs.
+        Each picture shows the stored frame that is nearest in time. Run `simulate` with ``every=speed / fps`` to store
+        the frames that a smooth film needs.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""One run of a scene, at a fixed time step or with error control, and what it cost."""
+"""One run of a scene, at a fixed time step or with error control, with its cost."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken 
 
 
 def size_of(scene: Scene) -> float:
-    """The longer side of the cloth [m]: what a relative tolerance is relative to."""
+    """The longer side of the cloth [m], the size to which a relative tolerance refers."""
     return max(scene.cloth.size)
 
 
@@ -44,7 +44,7 @@ _ROUNDING_OF_FORCES = 5e-2
 
 
 def rounding(scene: Scene) -> Floats:
-    """Random roundings [m] of the free points' initial positions; the same ones every time."""
+    """Random roundings [m] of the free points' initial positions, equal in every call."""
     x, free = scene.initial_position, ~scene.cloth.pinned[..., None]
     size = np.abs(x) + _ROUNDING_OF_FORCES * size_of(scene)
     return np.random.default_rng(1).uniform(-1, 1, x.shape) * free * np.finfo(np.float64).eps * size
@@ -52,7 +52,7 @@ def rounding(scene: Scene) -> Floats:
 
 @dataclass(frozen=True)
 class Options:
-    """How the steps are computed, as `step` takes it."""
+    """The options of the steps, as `step` takes them."""
 
     integrator: str
     precision: str
@@ -89,13 +89,13 @@ _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
 
 
 def sample_every(steps: float, sampling: int) -> int:
-    """Steps between two sampled states of a run of so many steps, for `sampling` states at least."""
+    """Steps between two sampled states, so that a run of `steps` steps has at least `sampling` samples."""
     return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // sampling)))
 
 
 @dataclass(frozen=True)
 class Resumed:
-    """A run that goes on: its final state, and how it was computed."""
+    """A run to be continued: its final state and its settings."""
 
     snapshot: Snapshot
     continuation: Continuation
@@ -114,7 +114,7 @@ class Steps:
     local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
 
     def refined(self, start: float, ratio: float) -> list[float]:
-        """Ends of `ratio` times as many steps: time as a function of the step number, sampled."""
+        """Ends of a grid with `ratio` times as many steps. Time is interpolated over the step number."""
         count = len(self.ends)
         finer = max(count + 1, math.ceil(ratio * count - NEGLIGIBLE))
         numbers = np.linspace(0, count, finer + 1)[1:]
@@ -124,7 +124,7 @@ class Steps:
 
 @dataclass
 class Solution:
-    """Frames of one run and what it cost."""
+    """Frames of one run and its cost."""
 
     options: Options
     t: list[float]
@@ -147,7 +147,7 @@ class Solution:
 
     @classmethod
     def of(cls, run: Recording, grid: Steps | None = None) -> Solution:
-        """The run as far as it has been recorded."""
+        """The run so far."""
         state, t, options = run.state, run.t, run.options
         fixed = options.integrator == "rk4"
         evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
@@ -182,11 +182,10 @@ def integrate(
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
-    `frames`: those counted in steps are of accepted steps, the others come from dense output.
-    `resumed`: the run to go on from, which has set the tolerance and the longest step. `given`: the
-    ends of the steps, which are taken as they are. `most`: force evaluations; the run ends before
-    its duration where they do not suffice. `rounded`: the run starts from positions that differ by a
-    rounding error.
+    `frames`: frames that are counted in steps are ends of accepted steps; dense output gives other frames. `resumed`:
+    the run to continue, which sets the tolerance and the longest step. `given`: prescribed ends of the steps. `most`:
+    most force evaluations; the run ends early where they do not suffice. `rounded`: True starts from positions that
+    differ by a rounding error.
     """
     controller = _core.StepController()
     first = scene.initial_position
@@ -249,7 +248,7 @@ def run_fixed(
     own_step: bool = False,
     resumed: Resumed | None = None,
 ) -> Solution:
-    """One run at a fixed time step, a shorter one before a frame that it does not divide.
+    """One run at a fixed time step. The step before a frame is shorter where the step size does not divide the time.
 
     `own_step`: the step is not the caller's, so no warning names it. `resumed`: the run to go on
     from.
@@ -273,7 +272,7 @@ def run_fixed(
 
 
 def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
-    """Steps of `dt` from `begin` to `end`, the last one shorter if need be; how many there were."""
+    """Take steps of `dt` from `begin` to `end`, the last one shorter if necessary; return their number."""
     whole = math.floor((end - begin) / dt + NEGLIGIBLE)
     state.advance(whole, dt)
     rest = (end - begin) - whole * dt

@@ -23,7 +23,7 @@ NEGLIGIBLE = 1e-9
 
 @dataclass(frozen=True)
 class Schedule:
-    """States stored between the first and the last state; by default there are none.
+    """The choice of frames between the first and the last state; by default there are none.
 
     At most one attribute is set.
 
@@ -45,7 +45,7 @@ class Schedule:
     times: tuple[float, ...] = ()
 
     def in_seconds(self, dt: float) -> Schedule:
-        """The same frames for steps of `dt`, with none counted in steps."""
+        """An equal schedule in seconds, for steps of `dt`."""
         if self.steps is None:
             return self
         return replace(self, steps=None, seconds=self.steps * dt)
@@ -77,7 +77,7 @@ class Schedule:
 
 
 def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) -> Schedule:
-    """The frames that `simulate` was asked for, from its arguments."""
+    """The schedule for the arguments of `simulate`."""
     given = {name: value for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None}
     if len(given) > 1:
         listed = " and ".join(given)
@@ -99,7 +99,7 @@ def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) ->
 
 
 def checked_every(every: Any) -> int | float | None:
-    """`every` as steps (int; 1 for "step"), as seconds (float), or None."""
+    """Check `every`, and return steps (int; 1 for "step"), seconds (float) or None."""
     if every is None:
         return None
     if isinstance(every, str):
@@ -126,7 +126,7 @@ def checked_every(every: Any) -> int | float | None:
 
 
 def as_every(every: int | float | None) -> Every | None:
-    """The argument that `checked_every` turns into `every`."""
+    """The inverse of `checked_every`: the argument that gives `every`."""
     return "step" if isinstance(every, int) and every == 1 else every
 
 

@@ -22,13 +22,13 @@ _MOST_STEPS = 2**62
 
 
 def progress_bar(shown: bool, duration: float) -> ProgressBar:
-    """A bar of so many simulated seconds."""
+    """A progress bar of simulated seconds."""
     form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
     return ProgressBar(shown, total=duration, bar_format=form)
 
 
 class StopRun(Exception):
-    """The callback has stopped the run."""
+    """Raised to end a run that the callback stops."""
 
 
 class Watch:
@@ -37,7 +37,7 @@ class Watch:
     Attributes
     ----------
     recording : Recording or None
-        The run that goes on, or the last one that ended.
+        The present run, or the last run that ended.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Watch:
         self.recording: Recording | None = None
 
     def begin(self, recording: Recording, seconds: float) -> None:
-        """Follow a run that begins so many seconds after its start."""
+        """Follow a run from `seconds` after its start."""
         self.recording = recording
         self._here = seconds
         if self._bar is not None:
@@ -65,7 +65,7 @@ class Watch:
         return self._bar is not None
 
     def passed(self, seconds: float) -> None:
-        """Show that so many seconds of the run are done."""
+        """Show the first `seconds` of the run as done."""
         if self._bar is not None:
             self._bar.update(seconds - self._here)
             self._here = seconds
@@ -87,14 +87,14 @@ class Watch:
 
 
 class Control:
-    """Values beside the state that steps with error control depend on.
+    """Values beside the state that determine the next steps of a run with error control.
 
     Parameters
     ----------
     tolerance : float
         Tolerance of a step [m].
     rate : float
-        Its weight of velocities [1/s].
+        Weight of velocities in the tolerance [1/s].
     longest : float
         The longest step [s].
     controller : _core.StepController
@@ -110,16 +110,16 @@ class Control:
 
 @dataclass(frozen=True)
 class Continuation:
-    """How a run was computed, for the run that goes on from its end.
+    """The settings of a run, for its continuation.
 
     Attributes
     ----------
     start : float
         Time of the start [s].
     seconds : float
-        How long the run has lasted since.
+        Duration of the run so far.
     steps : int
-        Steps since then.
+        Steps since the start.
     dt : float or None
         Time step [s]; None with error control.
     frames : Schedule
@@ -150,14 +150,14 @@ class Continuation:
 
 
 class Recording:
-    """One run as it goes on.
+    """A run in progress.
 
     Attributes
     ----------
     t : list of float
         Times of the frames [s].
     steps, rejected : int
-        Steps done, and steps that were tried in vain.
+        Accepted and rejected steps.
     wall_time : float
         Seconds of stepping and dense output.
     watched : mapping
@@ -166,14 +166,14 @@ class Recording:
     Parameters
     ----------
     state : State
-        The run steps this state.
+        State that the run advances.
     options : runs.Options
     watch : Watch
     dt : float or None
         Time step [s]; None with error control.
     frames : Schedule
     earlier : Continuation
-        The part of the run before this one, of no length if there is none.
+        The earlier part of the run; its duration is 0 if there is none.
     control : Control, optional
         With error control.
     """
@@ -204,7 +204,7 @@ class Recording:
         self.store(earlier.seconds, self._start + earlier.seconds)
 
     def advance(self, steps: int, dt: float) -> None:
-        """Do so many steps of `dt`."""
+        """Take `steps` steps of `dt`."""
         while steps > 0:
             chunk = min(steps, self._chunk) if self._watch.shows else steps
             self._advance(chunk, dt)
@@ -248,7 +248,7 @@ class Recording:
         self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
 
     def store(self, seconds: float, t: float) -> None:
-        """Store the state, so many seconds after the start, at the time `t`."""
+        """Store the state at the time `t`; `seconds` counts from the start of the run."""
         x, v = np.empty(self.state.shape), np.empty(self.state.shape)
         self.state.store(x, v)
         self.state.core.sample()
@@ -278,7 +278,7 @@ class Recording:
         return self._x[0], self._v[0]
 
     def end_here(self) -> None:
-        """End the run with the state that it has come to, as the last frame."""
+        """End the run with its present state as the last frame."""
         x, v = self._x[: len(self.t)], self._v[: len(self.t)]
         if self.steps > self._steps_at_frame or self._ahead:
             x.append(np.empty(self.state.shape))
@@ -289,7 +289,7 @@ class Recording:
         self._x, self._v = x, v
 
     def end_at_frame(self) -> None:
-        """End the run with the last frame; dense output gives frames that the state is ahead of."""
+        """End the run with the last frame. Dense output gives frames before the present state."""
         if self._ahead:
             self._watched = self.watched  # a state that is loaded is watched anew
             self.state.core.load(self._x[-1], self._v[-1])
@@ -297,7 +297,7 @@ class Recording:
 
     @property
     def continuation(self) -> Continuation:
-        """How to go on from the last frame."""
+        """The settings for a continuation from the last frame."""
         control = self._control.values if self._control else None
         steps = self._earlier.steps + self.steps
         return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)

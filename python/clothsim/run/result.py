@@ -51,9 +51,9 @@ class Run(DisplayedRun, ExportedRun):
     report : dict
         See `simulate`; its type is `clothsim.typing.Report`.
     snapshot : Snapshot or None
-        The final state with all its digits, from which `resume` and ``Stepper.restore`` go on.
+        The final state with all its digits, from which `resume` and ``Stepper.restore`` continue.
     continuation : object or None
-        How the steps were computed, for `resume`.
+        Settings of the steps, for `resume`.
 
     Examples
     --------
@@ -96,31 +96,31 @@ class Run(DisplayedRun, ExportedRun):
         callback: Callable[[float, Any, Any], Any] | None = None,
         progress: bool = False,
     ) -> Run:
-        """The run that goes on from the end of this one, in the same steps.
+        """Continue from the end of this run, with its settings.
 
         With a time step given, the result has the bits of one run of both durations that stores a
         frame at the break. The frame matters, because a step is shortened before a frame that it
-        does not divide. The compensation of "single" goes on too, and so does `sampling`. `save`
-        and `load_run` keep all that is needed.
+        does not divide. The result continues the compensation of "single" and the sampling. `save` and `load_run` keep
+        all that is needed.
 
-        With error control, method, tolerance of a step and step size go on. A run that a callback
-        or Ctrl-C ended at a step continues with the bits of the uninterrupted run to that end. A
-        whole run has shortened its last steps to end at its duration, so one run of both durations
-        has other steps. The error at the new end is not estimated.
+        With error control, the method, the tolerance of a step and the step size continue. If a callback or Ctrl-C
+        ended the run at a step, the result has the bits of the uninterrupted run to that end. A whole run shortens its
+        last steps to end at its duration, so one run of both durations has other steps. The error at the new end is not
+        estimated.
 
         Parameters
         ----------
         duration : float
             Simulated time to add [s], > 0.
         every, times, fps
-            Frames, as for `simulate`. Default: those of this run go on, counted from its start.
+            Frames, as for `simulate`. Default: the schedule of this run, counted from its start.
         callback, progress
             As for `simulate`.
 
         Returns
         -------
         Run
-            Its first frame is the last one of this run.
+            A run whose first frame is the last frame of this run.
 
         Raises
         ------

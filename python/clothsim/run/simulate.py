@@ -62,11 +62,11 @@ def simulate(
         A name of `integrators`, or "auto": method, precision and step by the tolerance. Default:
         "auto" with `rtol` or `atol`, else "rk4".
     precision : {"double", "single"}, default "double"
-        As for `step`; "auto" chooses for itself.
+        As for `step`. The integrator "auto" chooses the precision itself.
     rtol, atol : float, optional
-        Error control: the rms error of the last positions over the mass points is to be at most
-        ``atol + rtol * max(scene.cloth.size)`` [m]. A missing value counts as 0. Without `dt`,
-        `rtol` and `atol`, rtol is 1e-3.
+        Error control: bounds of the error of the last positions. The rms over the mass points is to be at most
+        ``atol + rtol * max(scene.cloth.size)`` [m]. A missing value counts as 0. Without `dt`, `rtol` and `atol`, rtol
+        is 1e-3.
     every : int, float or "step", optional
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
         at each step. At most one of `every`, `times` and `fps` is given; by default only the
@@ -91,9 +91,8 @@ def simulate(
         Whether a run with a given `dt` is compared with a better run. Default: no. Without `dt`
         the error is always estimated.
     max_evaluations : int, optional
-        Force evaluations that error control may spend, >= 1, exceeded by one step at most. Where
-        they do not suffice, the best run so far is returned, with the reason in its report.
-        Default: no limit. Not together with `dt`.
+        Most force evaluations of error control, >= 1. The last step may exceed this number. Where they do not suffice,
+        the best run so far is returned, with the reason in its report. Default: no limit. Not together with `dt`.
     sampling : int, default 32
         Least number of states at which depths of triangles and stretches are sampled. The samples
         come after every n-th step, n = min(128, steps // sampling). A method with error control
@@ -105,43 +104,40 @@ def simulate(
     Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
         shorter. A method with error control keeps its own steps, and its dense output gives the
-        frames. A fixed step is shortened before a frame that it does not divide. ``run.report``
-        counts "steps", "rejected_steps" and "force_evaluations", the last of the run and
-        its error estimate together. "solution_evaluations", "wall_time" [s], "steps_per_second" and "dt" are
-        those of the run alone; "dt" is the mean step of an adaptive method. "integrator",
-        "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say
-        how the run was computed. With the backend "gpu", "instruction_set" is the adapter.
-        "stopped" is "" for a whole run, else "callback", "interrupted", "unstable", "contact" or
-        "max_evaluations".
+        frames. A fixed step is shortened before a frame that it does not divide. ``run.report`` counts "steps",
+        "rejected_steps" and "force_evaluations"; the evaluations include the error estimate. "solution_evaluations",
+        "wall_time" [s], "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method.
+        "integrator", "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the
+        run was computed. With the backend "gpu", "instruction_set" is the adapter. "stopped" is "" for a whole run,
+        else "callback", "interrupted", "unstable", "contact" or "max_evaluations".
 
         The report also has extremes over the states of the run. A state is the initial state, or the
         state at the end of a step, after the responses. Each is a mapping with a "reason": "", or why a
         number is NaN. With the backend "gpu" all are NaN.
 
         "penetration"
-            "points" and "triangles" [m], the deepest over all spheres; see `penetration`. Mass
-            points are watched at every state. Triangles are sampled (`sampling`), and are as deep
-            as mass points at least.
+            "points" and "triangles" [m]: greatest depths over all spheres; see `penetration`. Mass points are measured
+            at every state, triangles at sampled states (`sampling`). The depth of triangles is at least the depth of
+            mass points.
         "stretch"
             "largest", see `largest_stretch`; sampled.
         "first_contact"
             "time" [s]: end of the first step in which a response changed the cloth.
         "energy"
-            "start" and "end", see `energy`; "gained" [J]: the most by which the total energy was
-            above that of the start, or 0. One state in 128 counts, and the stored frames; one in 16
-            with error control, or above `max_stable_dt`. Nothing but the method's error can add
-            energy until a sphere responds. After a response it is NaN.
+            "start" and "end", see `energy`; "gained" [J]: the largest excess of the total energy over its start, or 0.
+            It is measured at stored frames and at one state in 128; with error control, or above `max_stable_dt`, at
+            one state in 16. Nothing but the method's error can add energy until a sphere responds. After a response it
+            is NaN.
 
         About the error:
 
         "error_estimate"
             "max" and "rms" [m] of the last positions, over the mass points, and "reason". The
             estimate is the distance from a better run (docs/integrators.md). If it cannot be told,
-            both are NaN, and the reason is not empty. If it is larger than what was asked for,
-            the reason says why error control came no further.
+            both are NaN, and the reason is not empty. If it is larger than asked for, the reason says why error control
+            could not reduce it.
         "estimate_evaluations", "estimate_wall_time"
-            Force evaluations and seconds of everything but the run returned: better runs, and
-            runs that turned out too coarse.
+            Force evaluations and seconds of all runs that are not returned: better runs, and runs that were too coarse.
         "tolerance"
             "asked" [m, rms], NaN without error control, and "reached", whether the estimate is
             at most that.
@@ -243,7 +239,7 @@ def simulate(
 
 
 def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch) -> Run:
-    """The run that `compute` finds, or as much of it as there is when it ends early."""
+    """The run that `compute` finds, or its part before an early end."""
 
     def so_far(reason: str) -> Run | None:
         recording = watch.recording

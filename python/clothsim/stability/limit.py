@@ -18,12 +18,12 @@ from .spectrum import stable_dt_at
 def max_stable_dt(
     scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
 ) -> float:
-    """The largest time step that is stable: guaranteed for all states but extreme ones, or at one.
+    """The largest stable time step: guaranteed for all states except extreme states, or at a given state.
 
     A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
-    It does not grow where the integrator's amplification matrix of (omega dt, delta dt) has no
-    eigenvalue above 1 in size. RK4 allows omega dt <= 2.8284 without damping, 2.6155 for any
-    damping, and delta dt <= 2.7853 without a spring.
+    A mode does not grow if the integrator's amplification matrix of (omega dt, delta dt) has no eigenvalue above 1 in
+    size. RK4 allows omega dt <= 2.8284 without damping, 2.6155 for any damping, and delta dt <= 2.7853 without a
+    spring.
 
     Without a state, omega^2 <= lambda and a largest delta bound all modes (docs/stability.md). A
     uniform grid has lambda = kappa K / m, with kappa = 8 for structural springs, 12 with shear, and
@@ -32,17 +32,16 @@ def max_stable_dt(
     lambda is at most the maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point
     has 1/m = 0. The step is stable for every pair up to these bounds.
 
-    The guarantee holds where no spring is shorter than half its rest length. With spring damping,
-    no spring may turn or shorten so fast that damping across it exceeds its stiffness. In other
-    states a mode may be faster than lambda allows, and a run at this step may be unstable.
-    Compressed springs buckle at any step: the equation itself lets them grow.
+    The guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must also be at
+    most K, where w is the relative speed of a spring's ends and l its length. In other states a mode may be faster than
+    lambda allows, and a run at this step may be unstable. Compressed springs buckle at any step, because their modes
+    grow in the exact solution too.
 
-    With a state, the step is that of the forces linearised there. For Runge-Kutta methods the
-    modes decide. Of "semi_implicit_euler", "velocity_verlet" and "pefrl" the eigenvalues of the
-    step matrix decide, for the step mixes modes where stiffness and damping do not commute. Both
-    are found by projection on a space that grows until the limit stays (numpy only). The value is
-    3 % below that limit. A cloth that moves on has other modes, in the paper's swing limits 11 %
-    lower than at rest.
+    With a state, the step is computed from the forces linearised at that state. For Runge-Kutta methods, the modes of
+    the equation determine it. For "semi_implicit_euler", "velocity_verlet" and "pefrl", the eigenvalues of the step
+    matrix determine it, because the step mixes modes where stiffness and damping do not commute. Both are found by
+    projection on a space that grows until the limit no longer changes. The value is 3 % below that limit. A moving
+    cloth has other modes: in the paper's swing the limit falls to 11 % below its value at rest.
 
     Parameters
     ----------
@@ -62,8 +61,8 @@ def max_stable_dt(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its
-        rest length, but not of length 0; the message names its ends.
+        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its rest length, but not
+        of length 0. The message names the spring's ends.
 
     Examples
     --------

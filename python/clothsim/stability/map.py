@@ -38,11 +38,11 @@ class StabilityMap:
     stable : numpy.ndarray
         Measured, shape (K, D).
     limit, guarantee : numpy.ndarray
-        Per stiffness [s], shape (K,): the limit predicted from the spectrum at the scene's initial
-        state, and what `max_stable_dt` guarantees without a state.
+        Per stiffness [s], shape (K,): the limit predicted from the spectrum at the scene's initial state, and the
+        guarantee of `max_stable_dt`.
     integrator, precision : str
     steps : int
-        Length of the measured runs.
+        Steps of each measured run.
     """
 
     stiffness: Floats
@@ -140,15 +140,14 @@ def stability_map(
 ) -> xarray.Dataset:
     """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
-    Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. It is
-    stable unless its total energy rises (`clothsim.stability.trial`), which nothing but the time
-    step can make it do: spheres are left out. The prediction is that of the linearised forces at
-    the initial state. A cloth that moves far may have a lower limit.
+    Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. A cell is stable unless its
+    total energy rises (`clothsim.stability.trial`). Spheres are left out, so only the time step can raise the energy.
+    The prediction comes from the forces linearised at the initial state. A cloth that moves far may have a lower limit.
 
     Parameters
     ----------
     scene : Scene
-        Gives everything but the stiffness, which is that of all its families in turn.
+        The scene of every cell. All spring families take the stiffness of the cell.
     stiffness : array_like
         Stiffnesses K [N/m], > 0, one-dimensional.
     dt : array_like
@@ -156,9 +155,9 @@ def stability_map(
     integrator, precision
         As for `step`.
     steps : int, default 1000
-        Steps of each run, >= 1. Right above the limit growth takes hundreds of steps to show.
+        Steps of each run, >= 1. Just above the limit, growth becomes visible only after hundreds of steps.
     threads : int, optional
-        Runs side by side. Default: one per processor.
+        Number of simultaneous runs. Default: one per processor.
     progress : bool, default False
         True shows a progress bar in a terminal or notebook (tqdm, in the extra "demo").
 
@@ -167,7 +166,7 @@ def stability_map(
     xarray.Dataset
         With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with
         "stiffness" alone the predicted "limit" and the "guarantee" [s].
-        ``clothsim.stability.measure_map`` gives the same as plain arrays.
+        ``clothsim.stability.measure_map`` gives these results as plain arrays.
 
     Raises
     ------

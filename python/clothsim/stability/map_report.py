@@ -13,7 +13,9 @@ from .map import StabilityMap
 
 
 def map_table(found: StabilityMap) -> str:
-    """Time steps down, stiffnesses across; ``o`` stable, ``x`` not, and where prediction differs."""
+    """Table with a row per time step and a column per stiffness: ``o`` is stable, ``x`` is not. Cells are marked where
+    the prediction differs.
+    """
     width = 9
     head = "dt [s] \\ K [N/m]"
 
@@ -52,7 +54,7 @@ def need_matplotlib() -> None:
 
 
 def draw_map(found: StabilityMap, path: Path) -> None:
-    """Stable and unstable runs, the predicted line and the guaranteed one."""
+    """Plot stable and unstable runs, with lines of the predicted limit and the guarantee."""
     need_matplotlib()
     from matplotlib.figure import Figure
 

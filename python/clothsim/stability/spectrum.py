@@ -1,4 +1,4 @@
-"""The modes of a cloth about a given state that limit the time step.
+"""The modes that limit the time step, for a cloth near a given state.
 
 About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the
 spring forces. A spring along d = l n, with ends that move apart with w, has the force f = (k (l -
@@ -90,7 +90,7 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
 
 
 def _incidence(i: npt.NDArray[np.int64], j: npt.NDArray[np.int64], points: int) -> npt.NDArray[Any]:
-    """Per point the springs that begin there, those that end there (counted on), and padding."""
+    """Indices of springs per point: springs that begin at the point, then springs that end there, then padding."""
     point = np.concatenate([i, j])
     order = np.argsort(point, kind="stable")
     count = np.bincount(point, minlength=points)
@@ -132,7 +132,7 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float
 def _limit_of_modes(
     integrator: str, stiffness: Operator, damping: Operator, start: Floats, size: int
 ) -> tuple[float, Floats]:
-    """The largest step that is stable for every mode by itself, and the modes that limit most."""
+    """The largest step at which every single mode is stable, and the most limiting modes."""
     space = Subspace(stiffness, damping)
     space.extend(start)
     limits: list[float] = []
@@ -160,7 +160,7 @@ def _limit_of_modes(
 
 
 def _limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
-    """Limits, values and vectors of the projected modes that limit most, these first."""
+    """Step limits, eigenvalues and eigenvectors of projected modes, the most limiting first."""
     m = len(k)
     speed = max(np.sqrt(np.abs(k).max()), np.abs(c).max(), 1e-300)  # balances the two halves
     companion = np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]])

@@ -1,20 +1,19 @@
 """The time step at which a splitting method's own step matrix stops being stable.
 
 A step of dt = h maps a small perturbation z = (x, w = h v) of the state linearly, z' = S(h) z. K
-and C are the tangent matrices of `spectrum`: each stage evaluates a = -h^2 K x - h C w. Runge-Kutta
-methods are rational functions of the first-order system's matrix, so their modes are those of the
-equation. The splitting methods and velocity Verlet are not. Where K and C do not commute, S mixes
-the modes. Its eigenvalues then leave the unit circle before those of any single mode.
+and C are the tangent matrices of `spectrum`: each stage evaluates a = -h^2 K x - h C w. The step matrix of a
+Runge-Kutta method is a rational function of the first-order system's matrix, so both have the same modes. The step
+matrices of splitting methods and of velocity Verlet are not. Where K and C do not commute, S mixes the modes. Its
+eigenvalues then leave the unit circle before those of any single mode.
 
 S(h) is projected on a small space V: K and C are replaced by V K V^T and V C V^T. The space is extended by the
 accelerations that the stages of the full step give for the eigenvectors that leave the unit circle first. Once
 these lie in the space, the projected step of that eigenvector is the full step.
 
 A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without
-alternating. A step follows that growth, and that is no fault of the step. A growing eigenvector
-counts as buckling where K is negative along its velocity, and damping along it is within the limit
-of pure damping. Other growth is the equation's only as far as the equation has as many growing
-modes.
+alternating. A step reproduces that growth, so it does not count as instability of the step. A growing eigenvector
+counts as buckling where K is negative along its velocity, and damping along it is within the limit of pure damping.
+Other growth counts as growth of the equation only up to the number of its growing modes.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ def step_limit(integrator: str, stiffness: Operator, damping: Operator, start: F
     stiffness, damping : callable
         Products with K [1/s^2] and C [1/s], of vectors in rows.
     start : numpy.ndarray
-        Vectors to begin with, in rows.
+        Initial vectors, in rows.
     size : int
         Dimension of the space of free coordinates.
     near : float
@@ -102,7 +101,7 @@ def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
 
 
 def faulty(integrator: str, k: Floats, c: Floats, h: float, flow: npt.NDArray[Any]) -> bool:
-    """Whether a step of h makes modes grow that the equation does not.
+    """Whether a step of h amplifies modes that do not grow in the equation.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class Subspace:
         self.products = 0
 
     def extend(self, vectors: Floats) -> int:
-        """Add what the vectors (in rows) add to the space; how many rows that is."""
+        """Extend the space by the vectors (in rows); return the number of new rows."""
         if not self.basis.shape[1]:
             empty = np.empty((0, vectors.shape[1]))
             self.basis, self._k_basis, self._c_basis = empty, empty, empty
@@ -43,7 +43,7 @@ class Subspace:
         self.k, self.c = dots(self.basis, self._k_basis), dots(self.basis, self._c_basis)
 
     def full(self, size: int) -> bool:
-        """Whether it is the whole space of that dimension, or more products would be too many."""
+        """Whether the space has the full dimension, or further products would be too many."""
         return len(self.basis) >= size or self.products >= _MOST_PRODUCTS
 
     def crowded(self, more: int) -> bool:
@@ -86,7 +86,7 @@ def sums(weights: Floats, vectors: Floats) -> Floats:
 
 
 def orthonormal(vectors: Floats, basis: Floats) -> Floats:
-    """Addition of `vectors` to the span of the orthonormal rows of `basis`, as orthonormal rows."""
+    """The part of `vectors` outside the span of the orthonormal rows of `basis`, as orthonormal rows."""
     found = basis
     for vector in vectors:
         size = np.sqrt((vector**2).sum())

@@ -1,8 +1,8 @@
 """Whether a scene is stable at a time step, measured: real runs from a slightly disturbed state.
 
-Physics adds no energy to a cloth without moving spheres, so a run whose energy rises is one whose
-time step makes it. The free points get random velocities, which contain every mode and are far too
-slow to matter for the motion. Above the limit some modes grow by a part of themselves each step.
+Physics adds no energy to a cloth without moving spheres. If the energy of a run rises, the time step has made it. The
+free points get random velocities, which contain every mode and are far too slow to matter for the motion. Above the
+limit some modes grow by a part of themselves each step.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ _ENERGY_ERROR = 0.01  # of kinetic and elastic energy, that an honest run may be
 
 
 def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int = STEPS, **options: Any) -> bool:
-    """Whether `steps` steps of `dt` from a disturbed (x, v) end with no more energy than they began.
+    """Whether the total energy does not rise in `steps` steps of `dt` from a disturbed (x, v).
 
-    Spheres are left out: they can do work on the cloth, and are no matter of the time step.
-    `options` are those of `Stepper`.
+    Spheres are left out, because they can do work on the cloth. `options` are options of `Stepper`.
     """
     cloth = scene.cloth
     scene = scene.replace(spheres=())

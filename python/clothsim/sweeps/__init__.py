@@ -1,10 +1,12 @@
 """Sweeps: thousands of cloths, labelled, resumable, on one machine or a cluster.
 
-One concept a file: `fields` says what can be swept, `grid` which members there are, `member` what
-one is; `batch` runs those that share a call, `task` those that one worker does in one go;
-`session` does a whole sweep, for which `planning` cuts it into tasks and `workers` has them done;
-`metrics`, `reference` and `contact` measure; `results`, `store` and `dataset` keep and label;
-`plots` and `accessor` draw.
+Each file has one concept:
+
+- `fields` has the names that can be swept, `grid` the members, `member` a single member.
+- `batch` runs members that share a call, `controlled` a member with error control, `task` the members of one task.
+- `session` runs a whole sweep: `planning` cuts it into tasks, and `workers` executes them.
+- `metrics` and `reference` measure; `results`, `store` and `dataset` keep and label.
+- `sweep_plots` and `accessor` draw.
 """
 
 from typing import TYPE_CHECKING

@@ -16,7 +16,7 @@ from .attribute import ATTRIBUTE, OLD_ATTRIBUTE
 
 
 class Plots:
-    """`Dataset.clothsim.plot`: call it, or one of its kinds; see `clothsim.sweeps.sweep_plots`."""
+    """`Dataset.clothsim.plot`: call it, or call one of its kinds; see `clothsim.sweeps.sweep_plots`."""
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
@@ -30,7 +30,7 @@ class Plots:
         return sweep_plots.convergence(self._dataset, **options)
 
     def stability(self, **options: Any) -> Any:
-        """Which members came to their end, with the guaranteed stable time step."""
+        """Members that reached their end, with the guaranteed stable time step."""
         return sweep_plots.stability(self._dataset, **options)
 
     def heatmap(self, variable: str | None = None, **options: Any) -> Any:
@@ -64,17 +64,17 @@ class ClothsimAccessor:
         return dict(json.loads(text))
 
     def member(self, *, every: Every | None = None, **selection: Any) -> Run:
-        """The run of one member, which shows itself, plays and exports as any `Run`.
+        """The `Run` of one member, to show, play and export.
 
-        The member is computed again from the scene and the settings of the sweep, with the bits
-        that it had there. Of a member that became unstable it is the run up to the last good state.
+        The member is computed again from the scene and the settings of the sweep, and has equal bits. For an unstable
+        member the result is the run up to the last good state.
 
         Parameters
         ----------
         every : int, float or "step", optional
             Frames, as for `simulate`. Default: `every` of the sweep.
         **selection
-            Labels as for ``Dataset.sel``, one for each dimension that is left.
+            Labels as for ``Dataset.sel``, one for each remaining dimension.
 
         Returns
         -------

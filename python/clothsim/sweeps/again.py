@@ -1,4 +1,4 @@
-"""A member of a finished sweep as a run: what its Dataset says of it, computed again."""
+"""Compute a member of a finished sweep again, from its Dataset, as a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def member_run(dataset: xarray.Dataset, identity: Mapping[str, Any], selection: Mapping[str, Any], every: Any) -> Run:
-    """The member that is left of `dataset` after `selection`, with frames as `every` says."""
+    """The only member of `dataset` after `selection`, with frames by `every`."""
     given = identity["settings"]
     every = given["every"] if every is None else checked_every(every)
     settings = Settings(**{**given, "metrics": (), "every": every})

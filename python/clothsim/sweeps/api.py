@@ -43,7 +43,7 @@ def sweep(
     sampling: int = 32,
     task_seconds: float | None = None,
 ) -> xarray.Dataset:
-    """Run a scene once for every combination of values, and label what comes out.
+    """Run a scene once for every combination of values, and label the results.
 
     A member's result has the same bits as `simulate` gives for it alone. One that diverges is
     marked and harms no other.
@@ -77,39 +77,38 @@ def sweep(
         As for `step`, where they are not swept. The default of `integrator` is "rk4"; "auto", the
         default with `rtol` or `atol`, chooses as `simulate` does.
     rtol, atol : float, optional
-        Error control in place of `dt`, as for `simulate`, where it is not swept. Where one is
-        swept beside dt (zipped, or as samples), None stands for what a member does without.
+        Error control in place of `dt`, as for `simulate`, where it is not swept. Where a tolerance is swept beside dt
+        (zipped, or as samples), None marks the value that a member does without.
     every : int, float or "step", optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False
         True stores the frames too: position and velocity, shape (..., time, row, column, 3).
         Smaller cloths are filled up with NaN.
     store : path-like, optional
-        Folder of a zarr store. Results are written to it as they come; the same call again, after
-        whatever end of the first, does what is missing.
+        Folder of a zarr store. Results are written to it as they come. If a sweep is interrupted, repeat the call: it
+        computes the missing members.
     resume : bool, default True
         False refuses a store that exists.
     executor : concurrent.futures.Executor or dask.distributed.Client, optional
-        Where the members are run. Default: threads of this process.
+        Executor that runs the members. Default: threads of this process.
     threads : int, optional
-        Of this process. Default: one per processor. With an executor: of each task; default 1.
+        Threads of this process; default: one per processor. With an executor: threads of each task; default: 1.
     progress : bool, default True
         Show a bar with members done, their rate and the time left, in a terminal or notebook.
     sampling : int, default 32
-        Stretches and depths of triangles are sampled at so many states at least, as in `simulate`.
+        Least number of states at which stretches and depths of triangles are sampled, as in `simulate`.
     task_seconds : float, optional
-        Length of a task [s], >= 0.3, where there is work enough. Default: 1.0. Longer ones spare
-        the scheduler of a large cluster; what a task has done is lost if its worker dies.
+        Length of a task [s], >= 0.3, where there is enough work. Default: 1.0. Longer tasks reduce the scheduler's work
+        on a large cluster. If a worker dies, its present task is lost.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions are what is swept, with coordinates that carry their units. Beside the metrics:
-        "status" (0 pending, 1 done, 2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step",
-        "unstable_time" [s] and "message". Of a member that diverged or failed, metrics are NaN
-        ("stable" False). After a contact "error" is NaN too, and the message says why.
-        ``ds.clothsim.provenance`` tells where the results come from. Frames
-        in a `store` are read from it as they are used.
+        One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
+        2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
+        diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
+        why. ``ds.clothsim.provenance`` has the provenance of the results. Frames in a `store` are read when they are
+        used.
 
     Raises
     ------
@@ -119,7 +118,7 @@ def sweep(
     ImportError
         Without xarray, zarr (for `store`) or tqdm (for `progress`): the extra "sweep".
     KeyboardInterrupt
-        On Ctrl-C; the store then holds what has been finished.
+        On Ctrl-C; the store then has all finished members.
 
     Examples
     --------

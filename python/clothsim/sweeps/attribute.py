@@ -1,4 +1,4 @@
-"""The attribute of Datasets and stores that says which sweep they are of."""
+"""The attribute of Datasets and stores that identifies their sweep."""
 
 ATTRIBUTE = "clothsim_sweep"
 """JSON text. Not "clothsim": that is the accessor, which xarray would hide behind it."""

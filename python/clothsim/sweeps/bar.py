@@ -1,4 +1,4 @@
-"""The progress bar: members done, their rate, and the time left by what they cost."""
+"""The progress bar: members done, their rate, and the time left, by the cost of members."""
 
 from __future__ import annotations
 

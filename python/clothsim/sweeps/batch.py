@@ -1,4 +1,4 @@
-"""Members side by side: one `Stepper` for all that share shape, step and numerics."""
+"""Members side by side: one `Stepper` for members of equal shape, step and numerics."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def run_batch(
     threads: int | None = 1,
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[Outcome]:
-    """Run members whose `batch_key` differs in nothing but the scene; as `simulate` would each.
+    """Run members whose `batch_key` differs only in the scene. Each gets the result of `simulate`.
 
-    A member that diverges leaves the batch; the others go on from the same bits.
+    A member that diverges leaves the batch. The others continue with unchanged bits.
 
     Parameters
     ----------
@@ -43,11 +43,11 @@ def run_batch(
     every : int, float or None
         Frames, as for `simulate`; only the first and the last are kept unless `needs` has "frames".
     sampling : int
-        Triangles and stretches are sampled at so many states at least, if there are as many steps.
+        Least number of states at which triangles and stretches are sampled, if there are enough steps.
     threads : int, optional
         Threads of the core.
     stopped : callable
-        Asked now and then; True gives up.
+        Called from time to time; True ends the batch.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class _Batch:
             outcome.seconds += share
 
     def _drop(self, error: UnstableError | ContactError) -> None:
-        """Take the member that diverged out; all stand at the last good step."""
+        """Exclude the diverged member; all members stand at the last good step."""
         assert error.member is not None
         self.stepper.freeze(error.member)
         outcome = self.live.pop(error.member)

@@ -1,4 +1,4 @@
-"""A member with error control: run alone by `simulate`, as its steps are the method's own."""
+"""Run a member with error control. `simulate` runs it alone, because the method chooses its steps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run_controlled(
     threads: int | None = 1,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """Run a member whose step is chosen by `rtol` and `atol`; arguments are those of `run_batch`.
+    """Run a member whose step is chosen by `rtol` and `atol`; the arguments are as for `run_batch`.
 
     Raises
     ------

@@ -85,7 +85,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def _coordinate_names(attrs: dict[str, Any]) -> set[str]:
-    """Names of swept things, and of what comes with them."""
+    """The names that are swept, and names of coordinates that accompany them."""
     grid = attrs["identity"]["over"]
     names = {name for axis in grid for name in axis["values"]}
     names |= {axis["dimension"] for axis in grid}

@@ -82,7 +82,7 @@ _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 
 
 def check_name(name: Any) -> str:
-    """`name` if it can be swept, else an error that names the nearest that can."""
+    """`name` if it can be swept, else an error that suggests the nearest name."""
     if isinstance(name, str):
         match = _SPHERE_NAME.fullmatch(name)
         if match and match[1]:
@@ -101,8 +101,8 @@ def sweepable() -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Units are "" where values have none. Names of one sphere of several, as "sphere1_radius",
-        come on top: each "sphere_" name with the sphere's index.
+        Units are "" where values have none. Each "sphere_" name also works with a sphere's index, for example
+        "sphere1_radius".
 
     Examples
     --------
@@ -124,13 +124,13 @@ def units(name: str) -> str:
 
 
 def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """`values` of a member: those of the scene, and those of the run."""
+    """Split the swept `values` of a member into values of the scene and values of the run."""
     run = {name: value for name, value in values.items() if name in RUN}
     return {name: value for name, value in values.items() if name not in run}, run
 
 
 def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """`scene` with the named values in place of its own.
+    """A copy of `scene` with the named values.
 
     Whole arguments are set before parts of them, whatever the order of `values`.
     """
@@ -206,7 +206,7 @@ def _change_sphere(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
 
 
 def _with_speed(sphere: Sphere, name: str, value: Any) -> Linear | Reciprocate:
-    """Linear: the length of the velocity. Reciprocate: the mean speed, 2 distance / period."""
+    """For Linear the length of the velocity, for Reciprocate the mean speed, 2 distance / period."""
     motion = sphere.motion
     if isinstance(motion, Linear) and any(motion.velocity):
         speed = check.number(name, value, minimum=0)

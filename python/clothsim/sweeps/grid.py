@@ -35,7 +35,7 @@ class Axis:
 
     @cached_property
     def physics(self) -> np.ndarray:
-        """Per place a number that is equal where only numerics differ."""
+        """A number per place. Numbers are equal for places that differ only in numerics."""
         names = [name for name in self.names if name not in NUMERICS]
         keys = [digest([place[name] for name in names]) for place in self.places]
         numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
@@ -77,7 +77,7 @@ class Grid:
 
     @cached_property
     def physics(self) -> np.ndarray:
-        """Per member a number that is equal for members that differ in numerics alone."""
+        """A number per member. Numbers are equal for members that differ only in numerics."""
         result = np.zeros((), np.int64)
         for axis in self.axes:
             numbers = axis.physics
@@ -174,7 +174,7 @@ def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
 
 
 def _samples(over: Any) -> Axis:
-    """Rows of names and values: mappings, or what has them as ``to_dict("records")``."""
+    """Rows of names and values: mappings, or a table with ``to_dict("records")``."""
     if hasattr(over, "to_dict") and not isinstance(over, Record):
         over = over.to_dict("records")
     places: list[dict[str, Any]] = []
@@ -194,7 +194,7 @@ def _samples(over: Any) -> Axis:
 
 
 def _place(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with the integrator by its own name; `Member.make` refuses what is none."""
+    """`values` with the integrator's main name. `Member.make` refuses unknown names later."""
     name = values.get("integrator")
     if isinstance(name, str):
         with contextlib.suppress(ValueError):
@@ -214,5 +214,5 @@ def _values(name: str, values: Any) -> list[Any]:
 
 
 def _scalar(value: Any) -> Any:
-    """A NumPy scalar as the Python number it holds; anything else as it is."""
+    """Convert a NumPy scalar to a Python number, and return other values unchanged."""
     return value.item() if isinstance(value, np.generic) else value

@@ -1,4 +1,4 @@
-"""One cloth of a sweep: its scene, how it is computed, and what came out."""
+"""One cloth of a sweep: its scene, its settings and its result."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Member:
-    """A cloth to be run, by its place in the sweep."""
+    """A cloth to run, with its index in the sweep."""
 
     index: int
     scene: Scene
@@ -73,7 +73,7 @@ class Member:
 
     @classmethod
     def make(cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings) -> Member:
-        """The member with these swept values; errors are those of their arguments."""
+        """Make the member with these swept values; a refused value raises the error of its argument."""
         of_scene, run = split(values)
         scene = change_scene(base, of_scene)
         numerics = {name: run.get(name, getattr(settings, name)) for name in ("integrator", "precision", "kernel", "strict")}
@@ -115,21 +115,21 @@ class Member:
 
     @property
     def expected_steps(self) -> float:
-        """About; of one with error control in steps of RK4 that cost as much."""
+        """Approximate number of steps. For a member with error control: steps of RK4 with equal cost."""
         if not self.controlled:
             return self.duration / self.dt
         return max(4.0, _COST_OF_CONTROL * self.duration / self.max_stable_dt)
 
     @property
     def batch_key(self) -> tuple[Any, ...]:
-        """Equal for members that one call can step; one that may diverge is stepped alone."""
+        """A key that is equal for members that one call can step. A member that may diverge has a key of its own."""
         alone = self.index if self.likely_unstable else None
         shared = (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values())
         return (*shared, alone)
 
 
 class Members:
-    """The members of a sweep, made by their index; some are kept until they are asked for again.
+    """The members of a sweep, made by index. Some are kept for their next use.
 
     A member is made for the check of the sweep, for its cost, and for its run. In one process,
     small members are kept between these.
@@ -141,7 +141,7 @@ class Members:
         self._room = _POINTS_KEPT
 
     def make(self, index: int) -> Member:
-        """The member, kept if there is room; errors are those of its arguments."""
+        """Make the member, and keep it if there is room; a refused value raises the error of its argument."""
         if index in self._kept:
             return self._kept[index]
         member = Member.make(index, self.scene, self.grid.member(index), self.settings)
@@ -172,7 +172,7 @@ def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | No
 
 @dataclass
 class Outcome:
-    """Result of a member's run; a metric is a function of it."""
+    """Result of a member's run, the argument of every metric."""
 
     member: Member
     steps: int = 0
@@ -197,7 +197,7 @@ class Outcome:
         return not math.isnan(self.watched.get("first_contact", math.nan))
 
     def run(self) -> Run:
-        """As `simulate` returns it, for metrics that are functions of a run."""
+        """The result as a run of `simulate`, for metrics that are functions of a run."""
         if self.itself is not None:
             return self.itself
         member = self.member

@@ -16,7 +16,7 @@ from .reference import incomparable
 
 @dataclass(frozen=True)
 class Metric:
-    """A named metric: the variables it gives, with their attributes, and what it has to watch.
+    """A named metric: its variables with their attributes, and the data that it needs.
 
     `needs` has "watch" for depths and stretches during the run, "frames" for the stored frames, and
     "reference" for a solution to compare with.
@@ -121,7 +121,7 @@ def listing() -> str:
 
 
 def named(name: str) -> Metric:
-    """The metric of that name; how a metric is unpickled."""
+    """The metric of that name, also used to unpickle a metric."""
     return METRICS[name]
 
 
@@ -186,7 +186,7 @@ def check_function_name(name: Any, function: Any) -> str:
 
 
 def describe(metric: Metric | FunctionMetric) -> str:
-    """A text that tells metrics apart in a store."""
+    """A text that identifies a metric in a store."""
     if isinstance(metric, Metric):
         return metric.name
     function = metric.function

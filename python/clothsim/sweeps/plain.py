@@ -15,7 +15,7 @@ _LARGEST_LISTED = 64  # entries of an array that are written out; a larger one i
 
 
 def plain(value: Any) -> Any:
-    """`value` as JSON can hold it, equal for equal values."""
+    """`value` as data for JSON; equal values give equal data."""
     if isinstance(value, Record):
         return plain(value.to_dict())
     if isinstance(value, Mapping):
@@ -65,7 +65,7 @@ def label(value: Any) -> str:
 
 
 def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
-    """Where two plain values differ, as "path: theirs, mine" texts."""
+    """The differences of two plain values, as "path: theirs, mine" texts."""
     if isinstance(theirs, Mapping) and isinstance(mine, Mapping):
         found = []
         for key in dict.fromkeys([*theirs, *mine]):

@@ -1,4 +1,4 @@
-"""Cutting a sweep into tasks that are worth a worker's while."""
+"""Cut a sweep into tasks that are long enough for a worker."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 
 
 class Planner:
-    """Cuts pending members into tasks, sized by what earlier ones took.
+    """Cuts pending members into tasks, sized by the time of earlier tasks.
 
     Members of one shape come together, so that a task shares its calls. Within a shape, members of
     one physics come together, so that members that differ in numerics share a reference.
@@ -65,18 +65,18 @@ class Planner:
 
     @property
     def expected_tasks(self) -> int:
-        """About as many as there will be."""
+        """Approximate number of tasks."""
         if not len(self.order):
             return 1
         return max(1, int(self._left[0] * self.seconds_per_weight / self._target(0)))
 
     def _target(self, place: int) -> float:
-        """Seconds that a task should take that begins at a place in the order."""
+        """Seconds that a task should take, by its place in the order."""
         left = float(self._left[place]) * self.seconds_per_weight
         return min(self.longest, max(self.shortest, left / (_TASKS_LEFT * self.workers)))
 
     def _steps(self, limit: float) -> np.ndarray:
-        """Steps per member, those of a reference shared by all that it serves."""
+        """Steps per member; members that share a reference share its steps."""
         settings = self.settings
         duration = _numbers(self.grid, "duration", settings.duration, float)
         default = settings.dt or (limit / 2 if math.isfinite(limit) else settings.duration)
@@ -87,7 +87,7 @@ class Planner:
         return np.asarray(np.maximum(steps, 1.0))
 
     def _try_out(self) -> float:
-        """Seconds per unit of weight, of the first member that can be made."""
+        """Seconds per unit of weight, measured with the first valid member."""
         index = int(self.order[0])
         try:
             member = self.members.make(index)
@@ -111,7 +111,7 @@ class Planner:
             self.seconds_per_weight += 0.3 * (measured - self.seconds_per_weight)
 
     def tasks(self) -> Iterator[Task]:
-        """The tasks, each sized when it is asked for; a short last one joins the one before."""
+        """Iterate over the tasks. Each is sized when it is requested, and a short last task joins the task before."""
         held: tuple[list[int], float] | None = None
         for indices, weight in self._groups():
             if held is None:
@@ -125,7 +125,7 @@ class Planner:
             yield self._task(*held)
 
     def _groups(self) -> Iterator[tuple[list[int], float]]:
-        """Indices that make a task long enough, and what they cost."""
+        """Indices of members for a task of sufficient length, and their cost."""
         physics = self.grid.physics
         indices: list[int] = []
         weight = target = 0.0

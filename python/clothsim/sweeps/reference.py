@@ -1,9 +1,8 @@
 """The solution that the metric "error" compares with.
 
-It is the solution in double that `cs.reference` compares with its own (`accuracy.in_double`). Its
-bound is twice what the last halving of the step has changed, and a unit in the last place. After a
-contact the motion is chaotic: trajectories of nearby states part, and there is no solution to
-compare with (`incomparable`).
+It is the solution in double (`accuracy.in_double`), with which `cs.reference` checks its own solution. Its bound is
+twice the change by the last halving of the step, plus a unit in the last place. After a contact the motion is chaotic:
+trajectories of nearby states part, and there is no solution to compare with (`incomparable`).
 
 It depends on the cloth alone, never on other members of a sweep. Members that differ in numerics
 share it, and each process keeps the last references.

@@ -12,7 +12,7 @@ from ..base.later import module_of
 
 
 def register() -> None:
-    """Register the accessor: now if xarray is imported, else as soon as it is."""
+    """Register the accessor: now if xarray is imported, else at its import."""
     if sys.modules.get("xarray") is not None:
         _register()
     else:
@@ -24,7 +24,7 @@ def _register() -> None:
 
 
 class _AfterXarray(MetaPathFinder):
-    """Finds xarray as the other finders do, and registers the accessor once it is executed."""
+    """Finds xarray by the other finders, and registers the accessor after its import."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         if name != "xarray":

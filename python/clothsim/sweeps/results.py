@@ -1,4 +1,4 @@
-"""Where results gather: arrays over the grid, in memory; `store` keeps them on disk as well."""
+"""Results in memory, as arrays over the grid; `store` also keeps them on disk."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Variable:
 
     @cached_property
     def by_member(self) -> np.ndarray:
-        """`values` by the member's index, the same memory; not of frames that are on disk."""
+        """A view of `values` by the member's index; not for frames on disk."""
         own = self.values.ndim - len(self.more)
         return self.values.reshape(math.prod(self.values.shape[:own]), *self.values.shape[own:])
 
@@ -42,7 +42,7 @@ class Variable:
 class Results:
     """The variables of a sweep.
 
-    Of a member, its status is set last: whatever ends a sweep, what is marked as done is whole.
+    The status of a member is set last, so a member that is marked as done is always complete.
     """
 
     def __init__(self, grid: Grid, settings: Settings, scene: Scene) -> None:
@@ -107,7 +107,7 @@ class Results:
 
     @property
     def pending(self) -> np.ndarray:
-        """Indices of the members to be run: those not run, and those that failed."""
+        """Indices of the members to run: pending members and failed members."""
         status = self.variables["status"].values.ravel()
         return np.flatnonzero((status == PENDING) | (status == FAILED))
 
@@ -115,7 +115,7 @@ class Results:
         return int((self.variables["status"].values == STATUS.index(status)).sum())
 
     def record(self, record: Record) -> None:
-        """Take in what came out of a member."""
+        """Store the result of a member."""
         for name, value in record.values.items():
             if name not in self.variables:
                 self._add_function(name, np.asarray(value))
@@ -144,7 +144,7 @@ class Results:
             self._changed(name, index)
 
     def _changed(self, name: str, index: int) -> None:
-        """A variable has another value of a member than before; in memory that is all."""
+        """Called after a member's value of a variable has changed. In memory there is nothing to do."""
 
     def _set_frames(self, name: str, place: tuple[int, ...], frames: np.ndarray) -> None:
         rows, columns = frames.shape[1:3]
@@ -152,13 +152,13 @@ class Results:
         self.variables[name].values[inside] = frames
 
     def prepare(self) -> None:
-        """Make what is needed before the first result comes, while the first are computed."""
+        """Prepare for the first result, while the first members are computed."""
 
     def flush(self, final: bool = False) -> None:
-        """Write what is not yet written; nothing to do in memory."""
+        """Write pending results. In memory there is nothing to do."""
 
     def close(self) -> None:
-        """Done with writing."""
+        """End writing."""
 
 
 def _attrs(long_name: str, units: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A sweep from checked arguments to a labelled dataset; `api` says what it takes."""
+"""A sweep from checked arguments to a labelled dataset; `api` documents the arguments."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run_sweep(
     task_seconds: float | None,
     **settings_given: Any,
 ) -> xarray.Dataset:
-    """As `sweep`; `settings_given` are those of `Settings`."""
+    """Run a sweep with the arguments of `sweep`; `settings_given` are fields of `Settings`."""
     _check_packages(store, progress)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
@@ -76,7 +76,7 @@ def run_sweep(
 
 
 def _check_packages(store: Any, progress: Any) -> None:
-    """Raise the ImportError of what is needed at the end now, not after the runs."""
+    """Import the packages that are needed at the end, so that an ImportError comes before the runs."""
     needed("xarray", "sweep")
     if store is not None:
         needed("zarr", "store=...")
@@ -147,7 +147,7 @@ def _run(
 
 
 def _check_frames(grid: Grid, settings: Settings) -> None:
-    """Stored frames have one time axis for all members."""
+    """Check that stored frames have one time axis for all members."""
     if not settings.frames:
         return
     if "duration" in grid.names:
@@ -157,8 +157,7 @@ def _check_frames(grid: Grid, settings: Settings) -> None:
 
 
 def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
-    """The members; all or those that between them have every value are made, to find what is
-    refused."""
+    """The members. Enough members are made to check every swept value."""
     members = Members(scene, grid, settings)
     if grid.size <= _CHECKED:
         indices: Sequence[int] = range(grid.size)

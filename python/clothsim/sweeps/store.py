@@ -43,9 +43,9 @@ class Store(Results):
     path : path
         Folder of the group; made if missing.
     identity : dict
-        Identity of the sweep: a store with another is refused.
+        Identity of the sweep. A store with another identity is refused.
     provenance : dict
-        Where the results come from; written beside them.
+        Provenance of the results, which is stored beside them.
     resume : bool
         Whether an existing store may be continued.
 
@@ -104,7 +104,7 @@ class Store(Results):
         return array if name in FRAMES else np.asarray(array[...], dtype=dtype).reshape(shape)
 
     def _reopen_functions(self) -> None:
-        """Variables of user's functions, whose shape the first result has told."""
+        """Variables of the user's functions, whose shapes are known from the first result."""
         known = {*self.variables, *(c.name for c in self.coordinates), SESSIONS}
         for name, array in self._arrays.items():
             if name not in known:
@@ -112,7 +112,7 @@ class Store(Results):
                 self.variables[name] = Variable(name, array[...], dict(array.attrs), tuple(more))
 
     def prepare(self) -> None:
-        """Make the arrays that are not there: all, or what an earlier process was killed before."""
+        """Make the missing arrays: all, or the rest if an earlier process was killed."""
         if self.group is None:
             which = json.dumps({name: self.attrs[name] for name in ("schema", "identity")})
             self.group = self.zarr.create_group(self.path, zarr_format=3, attributes={ATTRIBUTE: which})
@@ -158,7 +158,7 @@ class Store(Results):
         array[...] = coordinate.values.astype(object) if text else coordinate.values
 
     def _summarise(self) -> None:
-        """Copy all metadata to one place, by which others open the store faster."""
+        """Copy all metadata to one place, so that a reader opens the store faster."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # zarr calls consolidated metadata not yet standard
             self.zarr.consolidate_metadata(self.path)
@@ -169,7 +169,7 @@ class Store(Results):
         self._summarise()
 
     def record(self, record: Record) -> None:
-        """Take in what came out of a member, if there is something to keep it in."""
+        """Store the result of a member, if its arrays exist."""
         if self._prepared:
             super().record(record)
 
@@ -204,7 +204,7 @@ class Store(Results):
         self._arrays[SESSIONS][...] = json.dumps(about)
 
     def close(self) -> None:
-        """Let the store go."""
+        """Release the store."""
         self._release()
 
     def _release(self) -> None:

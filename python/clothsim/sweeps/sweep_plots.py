@@ -18,7 +18,7 @@ _RED = "#c0392b"
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
-    """Draw a sweep: `convergence`, `stability` or `heatmap`, or what fits it best."""
+    """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best."""
     if kind is None:
         kind = suggested(dataset)
     draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
@@ -26,7 +26,7 @@ def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
 
 
 def suggested(dataset: Any) -> str:
-    """The kind that shows most of this sweep."""
+    """The plot that suits this sweep best."""
     if "error" in dataset and _steered_by(dataset):
         return "convergence"
     if "dt" in dataset.dims and len(_long(dataset)) > 1:
@@ -38,7 +38,7 @@ _STEERS = ("dt", "rtol", "atol")
 
 
 def _steered_by(dataset: Any) -> str | None:
-    """The dimension that is to make the error smaller."""
+    """The dimension that controls the error."""
     return next((name for name in _STEERS if name in dataset.dims), None)
 
 
@@ -51,9 +51,9 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
         With "error" and the dimension "dt", or else "rtol" or "atol". Select a value of any further
         dimension that is longer than one.
     along : str, optional
-        The dimension that makes the lines. Default: the one there is beside dt.
+        The dimension of the lines. Default: the only dimension beside dt.
     ax : matplotlib.axes.Axes, optional
-        Default: of a new figure.
+        Default: the axes of a new figure.
 
     Returns
     -------
@@ -107,21 +107,21 @@ def _slope(ax: Any, dt: np.ndarray, error: np.ndarray) -> None:
 
 
 def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
-    """Which members came to their end, over another dimension and dt, with the predicted limit.
+    """Members that reached their end, over another dimension and dt, with the predicted limit.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         With the dimension "dt".
     y : str, optional
-        The dimension on the other axis. Default: the one there is beside dt.
+        The dimension on the other axis. Default: the only dimension beside dt.
     ax : matplotlib.axes.Axes, optional
-        Default: of a new figure.
+        Default: the axes of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The line is the guaranteed stable time step; what is below it never diverges.
+        The line is the guaranteed stable time step. Members below it do not diverge, except from extreme states.
     """
     _require(dataset, "status", "dt")
     y = _other(dataset, y, [d for d in _long(dataset) if d != "dt"])
@@ -154,11 +154,11 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
     dataset : xarray.Dataset
         Of any further dimension that is longer than one, a value has to be selected.
     variable : str, optional
-        The metric. Default: the first that is a number.
+        Name of the metric. Default: the first that is a number.
     x, y : str, optional
         The dimensions of the axes. Default: the first two.
     ax : matplotlib.axes.Axes, optional
-        Default: of a new figure.
+        Default: the axes of a new figure.
 
     Returns
     -------
@@ -250,7 +250,7 @@ def _logarithmic(values: np.ndarray) -> bool:
 
 
 def _places(values: np.ndarray) -> np.ndarray:
-    """Where values are drawn: numbers at themselves, labels one after the other."""
+    """Positions of values on an axis: numbers at their value, labels one after the other."""
     return values.astype(float) if values.dtype.kind in "iuf" else np.arange(float(len(values)))
 
 

@@ -1,4 +1,4 @@
-"""A part of a sweep that one worker does in one go, in this process or another."""
+"""A part of a sweep for one worker, in this process or another."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _LARGEST_BATCH = 64
 class Task:
     """Members by their index and swept values; it pickles.
 
-    `made` has members that are made already. Another process makes its own of their values, which
-    are the smaller to send.
+    `made` has members that are made already. Another process makes the members from their values, which are smaller to
+    send.
     """
 
     scene: Scene
@@ -43,7 +43,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Result of a task, and where it was done."""
+    """Result of a task, and the worker that computed it."""
 
     records: tuple[Record, ...]
     seconds: float
@@ -54,7 +54,7 @@ class TaskResult:
 
 
 def run_task(task: Task, stopped: Callable[[], bool] | None = None) -> TaskResult:
-    """Run all members of a task; if `stopped` says so, only those that are through."""
+    """Run the members of a task. If `stopped` returns True, only the finished members are returned."""
     start = time.perf_counter()
     records: list[Record] = []
     gave_up = False
@@ -103,7 +103,7 @@ def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
 
 
 def _measured(outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]) -> Iterable[Record]:
-    """The records of outcomes; of those that came to their end with a reference, if needed."""
+    """The records of outcomes. Members that reached their end are compared with a reference, if a metric needs it."""
     if "reference" in needs:
         finished = [outcome for outcome in outcomes if outcome.error is None]
         solutions = references([o.member for o in finished], task.threads, stopped)

@@ -1,4 +1,4 @@
-"""When a run's frames are, and which steps lead there: as `simulate` does it for a given step."""
+"""Times of a run's frames, and the steps between them, as in `simulate` with a given step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def frame_times(duration: float, dt: float, every: int | float | None) -> list[f
 
 
 def pieces(begin: float, end: float, dt: float) -> list[tuple[int, float]]:
-    """Numbers of steps and their length from `begin` to `end`: whole ones, then the rest."""
+    """Numbers and lengths of the steps from `begin` to `end`: whole steps, then the rest."""
     whole = math.floor((end - begin) / dt + _NEGLIGIBLE)
     rest = (end - begin) - whole * dt
     found = [(whole, dt)] if whole else []

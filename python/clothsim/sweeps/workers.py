@@ -1,4 +1,4 @@
-"""Doing the tasks: on threads of this process, or wherever an executor has its workers."""
+"""Execute the tasks, on threads of this process or on the workers of an executor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WORKERS_UNKNOWN = 32  # of an executor that does not tell
 
 
 class Workers:
-    """Where tasks are done, and how many at a time."""
+    """The executor of tasks, and the number of simultaneous tasks."""
 
     def __init__(self, executor: Any, threads: int | None) -> None:
         from concurrent.futures import Executor, ThreadPoolExecutor
@@ -62,13 +62,13 @@ class Workers:
         return planning.SHORTEST if self.stop is None else planning.SHORTEST_HERE
 
     def threads_of(self, tasks: int) -> int | None:
-        """Threads of each of so many tasks: one, but what there is (None) if there is one task."""
+        """Threads of each task: one, or all threads (None) for a single task."""
         if self.stop is None:
             return self.threads or 1
         return self.threads if tasks == 1 else 1
 
     def limit(self) -> int:
-        """Tasks that may be under way; a cluster may have grown meanwhile."""
+        """Largest number of simultaneous tasks. It changes, because a cluster may grow."""
         if self._client is not None:
             self.count = self._cluster_threads()
         return _AHEAD * self.count
@@ -84,12 +84,12 @@ class Workers:
 def run_all(
     workers: Workers, planner: Planner, record: Callable[[TaskResult], None], meanwhile: Callable[[], None] = lambda: None
 ) -> None:
-    """Do all tasks; `record` is called, in this thread, with each result as it comes.
+    """Execute all tasks. `record` is called in this thread with each result.
 
     `meanwhile` is called once, before that, when the first tasks are under way.
 
-    If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are
-    recorded before the error goes on.
+    If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are recorded before the
+    error is raised.
     """
     finished: queue.SimpleQueue[Future[TaskResult]] = queue.SimpleQueue()
     waiting: set[Future[TaskResult]] = set()

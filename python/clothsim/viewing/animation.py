@@ -55,7 +55,7 @@ def animate(
 
 
 def film_path(name: str, value: Any) -> Path:
-    """`value` as the path of a film that can be written here: its format, folder and program."""
+    """Check that the film `value` can be written: its format, folder and program."""
     path = file_path(name, value)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
@@ -68,7 +68,7 @@ def film_path(name: str, value: Any) -> Path:
 
 
 def shown_frames(t: npt.NDArray[np.float64], fps: float, speed: float) -> list[int]:
-    """For each picture of a film the stored frame that is nearest in time."""
+    """The nearest stored frame for each picture of a film."""
     count = max(2, round((t[-1] - t[0]) / speed * fps) + 1)
     times = np.minimum(t[0] + np.arange(count) * speed / fps, t[-1])
     after = np.searchsorted(t, times).clip(1, len(t) - 1)
@@ -105,7 +105,7 @@ def _write_images(path: Path, pictures: Iterator[Picture], count: int, fps: floa
 
 
 def _common_palette(image: Any, frames: Sequence[Any]) -> Any:
-    """256 colours that suit frames from the whole film."""
+    """A palette of 256 colours for the whole film."""
     chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, min(8, len(frames))).astype(int)]
     width, height = frames[0].size
     sheet = image.new("RGB", (width, height * len(chosen)))

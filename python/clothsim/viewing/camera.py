@@ -1,4 +1,4 @@
-"""Where a picture is taken from: an orthographic view, which keeps lengths comparable."""
+"""The view of a picture. It is orthographic, so that lengths can be compared."""
 
 from __future__ import annotations
 
@@ -33,8 +33,7 @@ class Camera:
     Parameters
     ----------
     direction : sequence of 3 floats
-        Points from the scene to the eye, any length but zero. y is up in the picture; in a view
-        along y, -z is up.
+        Vector from the scene to the eye, of any length but zero. In the picture y is up; in a view along y, -z is up.
     target : sequence of 3 floats
         The point in the middle of the picture [m].
     width, height : float
@@ -98,7 +97,7 @@ class Camera:
         Parameters
         ----------
         direction : sequence of 3 floats
-            From the scene to the eye.
+            Vector from the scene to the eye.
         points : array_like
             Positions [m], shape (n, 3).
         margin : float, default 0.03
@@ -125,7 +124,7 @@ class Camera:
 
 
 def direction_of(value: Any) -> tuple[float, float, float]:
-    """The direction that a name or a vector means."""
+    """The direction for a name or a vector."""
     if isinstance(value, str):
         return DIRECTIONS[check.choice("camera", value, DIRECTIONS)]
     if isinstance(value, (Iterable, np.ndarray)):
@@ -139,9 +138,9 @@ def direction_of(value: Any) -> tuple[float, float, float]:
 
 
 def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike) -> Camera:
-    """The camera that the argument `camera` means for states x, shape (frames, rows, columns, 3).
+    """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
-    A direction is completed to a view that holds the cloth and the spheres at all times `t`.
+    A direction becomes a view that contains the cloth and the spheres at all times `t`.
     """
     if isinstance(value, Camera):
         return value

@@ -34,7 +34,7 @@ LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 
 def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> Any:
-    """`Run.plot`: the figure, shown by a notebook and written to `path` if that is given.
+    """`Run.plot`: the figure, for a notebook. It is also written to `path` if a path is given.
 
     With `progress`, a bar counts frames.
     """
@@ -44,7 +44,7 @@ def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> An
     path = None if path is None else file_path("path", path)
 
     class Plot(base):  # type: ignore[misc, valid-type]
-        """A figure that a notebook shows without a backend being chosen."""
+        """A figure that a notebook shows without a choice of a backend."""
 
         def _repr_png_(self) -> bytes:
             file = BytesIO()

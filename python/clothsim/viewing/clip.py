@@ -1,4 +1,4 @@
-"""A run as frames of a surface: what every export format writes."""
+"""A run as frames of a surface, the input of every export format."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Clip:
     times : numpy.ndarray
         Times of the frames, the first at 0 [s].
     triangles, uv : numpy.ndarray
-        Corners as from `clothsim.triangles`, and texture coordinates, shape (points, 2).
+        Corners in the order of `clothsim.triangles`, and texture coordinates, shape (points, 2).
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
@@ -168,7 +168,7 @@ def _times(run: Any, fps: float | None) -> Floats:
 
 
 def _gaps(stored: Floats, times: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
-    """For each time, the stored frame before it, and how far it is to the next one (0 to 1)."""
+    """For each time, the stored frame before it, and the fraction of the way to the next frame (0 to 1)."""
     gaps = np.clip(np.searchsorted(stored, times, "right") - 1, 0, len(stored) - 2)
     inside = (times - stored[gaps]) / (stored[gaps + 1] - stored[gaps])
     inside = np.where(np.abs(inside) < _SAME_TIME, 0.0, inside)
@@ -190,7 +190,7 @@ def interpolation_error(run: Any) -> float:
 
 
 def _check_interpolation(run: Any, fps: float) -> None:
-    """Refuse stored frames that are too far apart for the frames asked for, or warn of them."""
+    """Give a warning or an error if stored frames are too far apart for the requested frames."""
     cure = f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
     if len(run.t) < 3:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The panel of the live viewer: sliders, buttons, curves and what is said of the run."""
+"""The panel of the live viewer: sliders, buttons, curves and the text about the run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Controls:
     server : viser.ViserServer
     playground : Playground
     attempt : callable
-        Calls its argument; says whether it was taken, and shows the reader what refused it.
+        Calls its argument and returns whether that succeeded. A refusal is shown in the browser.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class Controls:
         ]
 
     def _entry(self, handle: Any, change: Callable[[Any], None], read: Callable[[], Any]) -> None:
-        """A control that changes the playground, and goes back where that is refused."""
+        """A control that changes the playground, and returns to its old value if the change is refused."""
         self.entries.append((handle, read))
 
         def updated(event: Any) -> None:
@@ -173,7 +173,7 @@ class Controls:
         self._settled = False
 
     def settle(self) -> None:
-        """After a reset: the controls as the playground is."""
+        """Set the controls to the values of the playground, after a reset."""
         play = self.playground
         if not self._settled:
             self._settled = True
@@ -182,7 +182,7 @@ class Controls:
                 handle.value = read()
 
     def sample(self) -> None:
-        """Add the state of now to the curves."""
+        """Add the present state to the curves."""
         play = self.playground
         if play.problem or (self._samples and self._samples[-1][0] == play.time):
             return
@@ -194,7 +194,7 @@ class Controls:
             self._plots[1].data = (t, deepest)
 
     def show_status(self) -> None:
-        """Say time, speed, stable step and problems."""
+        """Show time, speed, stable step and problems."""
         play = self.playground
         with play.lock:
             plan = play.scene.explain(integrator=play.options["integrator"])

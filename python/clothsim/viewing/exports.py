@@ -1,4 +1,4 @@
-"""`Run.export`: a run as files that other programs read."""
+"""`Run.export`: write a run as files for other programs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SUFFIXES = tuple(_FORMATS)
 
 @dataclass(frozen=True)
 class Target:
-    """A file to export to, checked before any work."""
+    """The target of an export, checked before any work."""
 
     path: Path
     module: Any
@@ -45,7 +45,7 @@ class Target:
 
     @classmethod
     def of(cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path") -> Target:
-        """Check the arguments of an export of a run of `scene`; `name` is that of `path`."""
+        """Check the arguments of an export of a run of `scene`; `name` names the argument of `path` in messages."""
         if not isinstance(path, (str, os.PathLike)):
             raise TypeError(f"{name} must be a file name, got {path!r} ({type(path).__name__})")
         path = Path(path)
@@ -73,7 +73,7 @@ class Target:
 def export(
     run: Any, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False, progress: bool = False
 ) -> list[Path]:
-    """Write the files of `Run.export`; with `progress`, a bar counts frames."""
+    """Write the files of an export of the run `Run.export`; with `progress`, a bar counts frames."""
     target = Target.of(run.scene, path, fps, z_up)
     if target.path.suffix.lower() == ".csv":
         with _temporary(target.path) as work:
@@ -87,13 +87,13 @@ def export(
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A file of the same name in a new folder beside `path`, which is removed at the end."""
+    """A file with the name of `path` in a new temporary folder beside it; the folder is removed at the end."""
     with tempfile.TemporaryDirectory(prefix=".clothsim-", dir=path.parent) as folder:
         yield Path(folder, path.name)
 
 
 def _put(files: list[Path], folder: Path) -> list[Path]:
-    """Move complete files to where they belong, the file to open last: the others are there then."""
+    """Move complete files to their places. The file to open is moved last, when all others are in place."""
     for file in reversed(files):
         os.replace(file, folder / file.name)
     return [folder / file.name for file in files]

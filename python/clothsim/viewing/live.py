@@ -1,8 +1,8 @@
 """The live viewer: a `Playground` in the browser, by viser (extra "view").
 
 viser serves the page and keeps it in step over a websocket. One thread here steps and draws 30
-times a second. Moves of a reader arrive on other threads and wait for the playground's lock. For
-a client that reads slowly, viser keeps the newest value of each thing and drops old pictures.
+times a second. Actions in the browser arrive on other threads and wait for the playground's lock. For a client that
+reads slowly, viser keeps the newest value of each thing and drops old pictures.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Viewer:
     Attributes
     ----------
     url : str
-        Where the browser finds it.
+        Address of the page.
     playground : Playground
         The scene, its stepper and its clock.
     """
@@ -51,7 +51,7 @@ class Viewer:
         atexit.register(self.stop)  # a thread inside the core must not outlive the interpreter
 
     def _attempt(self, action: Callable[[], None]) -> bool:
-        """Whether the action was taken; what refused it is shown."""
+        """Do an action and return whether it succeeded; a refusal is shown in the browser."""
         try:
             action()
         except (ValueError, TypeError) as error:

@@ -1,10 +1,9 @@
 """Frames of a run as few bytes: positions in 16 bits, stretch and speed in 8, deflated.
 
 Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
-axis: x = low + step q. They are right to step / 2, which is 15 um for a scene of 2 m. Second
-differences in time, q[k] - 2 q[k-1] + q[k-2], are small integers where a cloth moves smoothly.
-Their low bytes and high bytes are stored apart, which makes nearly all high bytes 0 and lets
-deflate remove them.
+axis: x = low + step q. Their error is at most step / 2, which is 15 um for a scene of 2 m. Second differences in time,
+q[k] - 2 q[k-1] + q[k-2], are small integers where a cloth moves smoothly. Their low bytes and high bytes are stored
+apart, which makes nearly all high bytes 0 and lets deflate remove them.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ TOP_PART = 0.999
 
 @dataclass(frozen=True)
 class Packed:
-    """`data` holds the frames; see the module. `low` and `step` [m] have an entry an axis."""
+    """`data` holds the frames; see the module. `low` and `step` [m] have one entry per axis."""
 
     data: bytes
     low: npt.NDArray[np.float64]
@@ -75,5 +74,5 @@ def point_stretch(
 
 
 def top_of(values: list[npt.NDArray[np.float64]]) -> float:
-    """The top of a colour scale that all of `values` share."""
+    """The top of a colour scale that all arrays of `values` share."""
     return max(float(np.quantile(each, TOP_PART)) for each in values)

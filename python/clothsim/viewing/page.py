@@ -39,7 +39,7 @@ VIEWS = ("corner", "front", "right", "top")
 
 
 class Comparison:
-    """Runs beside each other, in step; made by `compare`.
+    """Runs side by side with a common clock; `compare` makes it.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Comparison:
 
 @suggests
 def compare(runs: Mapping[str, Run]) -> Comparison:
-    """Put runs beside each other, to play them in step.
+    """Put runs side by side, to play them with a common clock.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
     Raises
     ------
     ValueError, TypeError
-        If `runs` is no such mapping.
+        If `runs` is not a mapping of 1 to 8 runs.
 
     Examples
     --------
@@ -225,7 +225,7 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera], advance: Advance) 
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
-    """One view that holds all runs, and the depth that it reaches."""
+    """A view that contains all runs, and its depth."""
     target = np.mean([view.target for view in views], axis=0)
     far = [float(np.linalg.norm(view.target - target)) for view in views]
     reach = 0.0
@@ -296,7 +296,7 @@ def _small_print(meta: Mapping[str, Any]) -> str:
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:
-    """Numbers for JSON; what is not finite is null."""
+    """Numbers for JSON; numbers that are not finite become null."""
     flat = np.asarray(values, float)
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
 

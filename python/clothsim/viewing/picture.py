@@ -34,7 +34,7 @@ class Picture:
     Attributes
     ----------
     pixels : numpy.ndarray
-        As given, read-only. `numpy.asarray(picture)` gives them as well.
+        The pixels, read-only. `numpy.asarray(picture)` gives them as well.
 
     Examples
     --------
@@ -123,23 +123,23 @@ def picture(
     width: int = WIDTH,
     path: str | Path | None = None,
 ) -> Picture:
-    """Draw a cloth and its spheres: shaded, with exact depth, what is inside a sphere in red.
+    """Draw a cloth and its spheres, shaded and with exact depth. Cloth inside a sphere is red.
 
-    The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth
-    lies under the surface of a sphere that surface is red, stronger with depth up to 10 mm. Dark
-    dots are pins. The view is orthographic.
+    The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth lies under the
+    surface of a sphere, the surface is red, and stronger with depth up to 10 mm. Dark dots are pins. The view is
+    orthographic.
 
     Parameters
     ----------
     scene : Scene
-        Gives the spheres and the pins.
+        Its spheres and pins are drawn.
     x : array_like, optional
         Positions [m], shape (rows, columns, 3). Default: the scene's initial positions.
     t : float, default 0.0
-        Time [s]; moving spheres are drawn where they are then.
+        Time [s], which determines the places of moving spheres.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
-        "back", "left", "right", "top" and "below". A direction shows cloth and spheres whole.
+        "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth and all spheres.
         Default: "corner".
     width : int, default 640
         Pixels along the picture, 16 to 8192; its height follows from the view.
@@ -178,7 +178,7 @@ def picture(
 
 
 def draw(scene: Scene, x: npt.NDArray[np.float64], t: float, camera: Camera, width: int) -> Picture:
-    """`picture` with a camera that is set; the arguments are checked."""
+    """`picture` with a given camera; the arguments are checked."""
     size = PIN_SIZE * max(scene.cloth.size)
     balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in scene.spheres]
     balls += [Ball(point, size, PIN, solid=False) for point in x[scene.cloth.pinned]]
@@ -189,7 +189,7 @@ def draw(scene: Scene, x: npt.NDArray[np.float64], t: float, camera: Camera, wid
 
 
 def frame_index(run: Any, frame: int | None, t: float | None) -> int:
-    """The stored frame that `frame` or the time `t` means, by default the last."""
+    """The stored frame for `frame` or for the time `t`; by default the last frame."""
     count = len(run.t)
     if t is not None:
         if frame is not None:
@@ -204,7 +204,7 @@ def frame_index(run: Any, frame: int | None, t: float | None) -> int:
 def picture_of_run(
     run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int
 ) -> Picture:
-    """`Run.picture`: one camera holds all frames, so that pictures of a run can be compared."""
+    """`Run.picture`. One camera contains all frames, so that pictures of a run can be compared."""
     k = frame_index(run, frame, t)
     camera = camera_for(camera, run.scene, run.x, run.t)
     return picture(run.scene, run.x[k], float(run.t[k]), camera=camera, width=width, path=path)

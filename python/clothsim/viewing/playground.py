@@ -1,9 +1,9 @@
 """A scene that is stepped in real time while it is changed: the live viewer without its browser.
 
-`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances
-the stepper by as much simulated time, or by what the machine can do meanwhile. A dragged sphere
-travels to its new place during a tick, on a straight line at constant speed. A contact therefore
-takes the velocity of the drag. A dragged pin travels there too, in short pieces.
+`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the stepper by an
+equal simulated time, or by less if the machine is too slow. A dragged sphere travels to its new place during a tick, on
+a straight line at constant speed. A contact therefore includes the velocity of the drag. A dragged pin travels there
+too, in short pieces.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _Frame(NamedTuple):
 
 
 class Playground:
-    """A stepper in step with the clock.
+    """A stepper that follows the clock.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Playground:
             self.recording = False
 
     def _measured_cost(self) -> float:
-        """Wall time of a step [s]: the least of a few short windows, on a stepper of its own."""
+        """Wall time of a step [s]: the least of a few short windows on a separate stepper."""
         stepper, dt = Stepper(self.start, **self.options), 1e-9
         best, steps = math.inf, 4
         for _ in range(8):
@@ -126,7 +126,7 @@ class Playground:
             return float(self.stepper.time)
 
     def centers(self) -> Floats:
-        """Where the spheres are now [m], shape (spheres, 3)."""
+        """Present centres of the spheres [m], shape (spheres, 3)."""
         with self.lock:
             return np.reshape([s.center_at(self.stepper.time) for s in self.scene.spheres], (-1, 3))
 
@@ -151,9 +151,8 @@ class Playground:
     ) -> None:
         """Change the scene and keep its state.
 
-        `stiffness` has families and N/m, `damping` is that of every family, `gravity` pulls down
-        [m/s^2], other names are fields of all spheres. A refused value raises its ValueError
-        or TypeError, and nothing has changed then.
+        `stiffness` maps families to N/m, `damping` sets every family, and `gravity` points down [m/s^2]. Other names
+        are fields of all spheres. A refused value raises its ValueError or TypeError, and nothing has changed then.
         """
         with self.lock:
             scene = self.scene
@@ -197,9 +196,9 @@ class Playground:
     # What passes.
 
     def tick(self, wall: float, budget: float = math.inf, *, single: bool = False) -> int:
-        """Advance by `wall` seconds, but compute no longer than `budget` [s]; the steps done.
+        """Advance by `wall` seconds, but compute for at most `budget` [s]. Return the number of steps.
 
-        `single`: one time step, also while paused.
+        `single` takes one time step, also during a pause.
         """
         with self.lock:
             if self.problem or (self.paused and not single):
@@ -222,7 +221,7 @@ class Playground:
             return done
 
     def _advance(self, steps: int, budget: float) -> int:
-        """Steps in pieces of some 5 ms of wall time, of `PIN_TIME` while a pin is dragged."""
+        """Take steps in pieces of about 5 ms of wall time, or of `PIN_TIME` while a pin is dragged."""
         begun, done = perf_counter(), 0
         while done < steps and (done == 0 or perf_counter() - begun < budget):
             piece = max(1, int(0.005 / self.cost))
@@ -252,7 +251,7 @@ class Playground:
         return done
 
     def _aim_spheres(self, span: float) -> None:
-        """Put dragged spheres on the way to where they are dragged, for `span` seconds."""
+        """Let dragged spheres travel to their targets within `span` seconds."""
         if not self._sphere_targets:
             return
         t, spheres = self.stepper.time, list(self.scene.spheres)
@@ -265,7 +264,7 @@ class Playground:
         self.stepper.set_scene(self.scene)
 
     def _stop_spheres(self) -> None:
-        """Spheres that have come to where they are dragged stand there."""
+        """Stop spheres that have reached their targets."""
         if not self._sphere_targets:
             return
         t, spheres = self.stepper.time, list(self.scene.spheres)
@@ -290,7 +289,7 @@ class Playground:
     # What is kept.
 
     def record(self, on: bool) -> None:
-        """Begin a new recording, or end it."""
+        """Begin or end a recording."""
         with self.lock:
             self.recording = check.boolean("on", on)
             if on:
@@ -304,7 +303,7 @@ class Playground:
             self.recording = False
 
     def recorded(self) -> Run:
-        """The recording as a `Run`: the cloth as it is now, spheres along the way they took.
+        """The recording as a `Run`: the present cloth, and spheres along their recorded paths.
 
         Raises
         ------
@@ -343,7 +342,7 @@ class Playground:
 
 
 def _towards(here: Floats, target: Floats, distance: float) -> Floats:
-    """The point on the way from `here` to `target`, at most `distance` on."""
+    """The point at most `distance` from `here` on the way to `target`."""
     way = target - here
     length = float(np.linalg.norm(way))
     return target.copy() if length <= distance else here + way * (distance / length)

@@ -12,8 +12,8 @@ import numpy.typing as npt
 def encode(pixels: npt.NDArray[np.uint8]) -> bytes:
     """The PNG file of `pixels`, shape (height, width, 3).
 
-    Each row takes that of the filters None, Sub and Up which leaves the smallest differences
-    (the heuristic that the standard recommends, section 12.8).
+    Each row uses the filter None, Sub or Up with the smallest differences (the heuristic of the standard, section
+    12.8).
     """
     height, width, _ = pixels.shape
     rows = pixels.reshape(height, 3 * width)

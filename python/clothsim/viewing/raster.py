@@ -1,9 +1,8 @@
 """A depth-buffered picture of a cloth and its spheres, in NumPy alone.
 
-Painter-sorted triangles cannot show contact: cloth and sphere lie tenths of a millimetre apart and
-their triangles are a hundred times larger than that. Here each pixel keeps the nearest cloth point,
-and spheres are intersected exactly. A patch where the sphere's surface lies above the cloth is
-painted red by its depth.
+Sorting of whole triangles cannot show contact, because cloth and sphere lie tenths of a millimetre apart. The triangles
+are a hundred times larger. Here each pixel keeps the nearest cloth point, and spheres are intersected exactly. A patch
+where the sphere's surface lies above the cloth is painted red by its depth.
 """
 
 from __future__ import annotations
@@ -92,7 +91,7 @@ def render(
 
 
 def _blend(weights: Floats, values: npt.NDArray[Any], corners: Integers) -> Floats:
-    """Values at the corners of triangles, shape (n, 3, k), between them by barycentric weights."""
+    """Interpolate values at the corners of triangles, shape (n, 3, k), by barycentric weights."""
     a, b, c = (weights[:, k, None] * values[corners[:, k]] for k in range(3))
     result: Floats = a + b + c
     return result

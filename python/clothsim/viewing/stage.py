@@ -25,7 +25,7 @@ class Stage:
     server : viser.ViserServer
     playground : Playground
     attempt : callable
-        Calls its argument, and shows the reader what refused it.
+        Calls its argument; a refusal is shown in the browser.
     """
 
     def __init__(self, server: Any, playground: Playground, attempt: Callable[[Callable[[], None]], bool]) -> None:
@@ -112,12 +112,12 @@ class Stage:
         return handle
 
     def let_go(self, client: Any) -> None:
-        """Handles that a lost client held follow the scene again."""
+        """Let handles of a lost client follow the scene again."""
         for name in [name for name, holder in self._dragging.items() if holder == client.client_id]:
             del self._dragging[name]
 
     def draw(self) -> None:
-        """Send the state of now, if it is another one than was sent last."""
+        """Send the present state, if it differs from the last one sent."""
         play = self.playground
         with play.lock:
             x, centers = play.positions().astype(np.float32), play.centers()

@@ -1,4 +1,4 @@
-"""The live viewer, opened."""
+"""The function `view`, which opens the live viewer."""
 
 from __future__ import annotations
 
@@ -25,11 +25,10 @@ def view(
 ) -> Any:
     """Step a scene live, in the browser, while you change it.
 
-    The core steps in real time; the page shows how much of it the machine holds. Sliders set the
-    stiffness of each family, damping, gravity, the time step, and response, offset, restitution,
-    friction and radius of the spheres. Spheres and pins can be dragged: a contact sees the velocity
-    of the drag. The page tells the guaranteed stable step and the term that limits it. A run that
-    becomes unstable says so and stops.
+    The core steps in real time where the machine is fast enough; the page shows the speed. Sliders set the stiffness of
+    each family, damping, gravity, the time step, and response, offset, restitution, friction and radius of the spheres.
+    You can drag spheres and pins; a contact includes the velocity of the drag. The page shows the guaranteed stable
+    step and the term that limits it. A run that becomes unstable says so and stops.
 
     Parameters
     ----------
@@ -42,15 +41,15 @@ def view(
     integrator, precision : str
         As for `clothsim.Stepper`.
     host : str, default "127.0.0.1"
-        Address to serve at: this machine alone. "0.0.0.0" serves to every machine that can reach it;
-        each of them can then change the scene.
+        Address to serve at. The default serves this machine alone. "0.0.0.0" serves every machine that can reach this
+        one, and each of them can change the scene.
     port : int, default 8080
         Port to serve at; the next free one if it is taken.
 
     Returns
     -------
     Viewer or None
-        With `block` False: ``.url``, ``.recorded()`` (a `Run` of what was recorded) and ``.stop()``.
+        With `block` False. The viewer has ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``.
 
     Raises
     ------

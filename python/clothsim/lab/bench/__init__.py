@@ -36,12 +36,11 @@ def bench(
     Parameters
     ----------
     out : path or None, default "benchmarks/results"
-        Folder of the files, made if missing; earlier ones of the same name are replaced. The name
-        is that of the machine. "-quick" or "-custom" follows for settings other than `NORMAL` and
-        `FULL`, and the sections follow unless all ran. These files do not replace a whole run's
-        files. None writes nothing.
+        Folder of the files, made if missing. Earlier files of equal names are replaced. The name is that of the
+        machine. "-quick" or "-custom" follows for settings other than `NORMAL` and `FULL`, and the sections follow
+        unless all ran. These files do not replace a whole run's files. None writes nothing.
     settings : Settings
-        How much is measured: `QUICK`, `NORMAL`, `FULL` or one's own.
+        Sizes of the measurement: `QUICK`, `NORMAL`, `FULL` or your own.
     sections : collection of str, default all
         Parts of the bench to run, of `SECTIONS`.
     progress : bool, default False

@@ -29,7 +29,7 @@ def _figure(width: float, height: float, columns: int = 1) -> Any:
 
 
 def _legend(panel: Any) -> None:
-    """Below the figure, where it hides nothing."""
+    """Place the legend below the figure, where it hides no curve."""
     lines = panel.get_legend_handles_labels()
     panel.figure.legend(*lines, loc="outside lower center", ncols=4, fontsize="small")
 

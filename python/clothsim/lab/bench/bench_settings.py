@@ -1,4 +1,4 @@
-"""How much is measured."""
+"""Sizes of the measurement."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Settings:
     seconds : float
         Length of a window [s]; a window has a step at least.
     large_windows : int
-        The same on grids larger than `IN_TURN`, which are timed one after the other.
+        Windows per figure on grids larger than `IN_TURN`, which are timed one after the other.
     error_steps : int
         Steps of 5 us after which the error of the paper's cloth in free fall is taken. For grids up
         to 256 x 256 it is taken after 20 steps.

@@ -33,7 +33,7 @@ def _error(figure: dict[str, Any]) -> str:
 
 
 def _error_steps(figures: list[dict[str, Any]]) -> str:
-    """After how many steps the errors are taken, if there are any."""
+    """The number of steps after which deviations are taken; empty if there are none."""
     counts = sorted({f["error_steps"] for f in figures if f["error"] is not None})
     after = " and ".join(f"{count:,}" for count in counts)
     return f"; the error is that of the position after {after} steps of 5 us" if after else ""

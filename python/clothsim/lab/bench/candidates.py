@@ -1,4 +1,4 @@
-"""Works that are timed in turn, and the figures that come of it."""
+"""Works that are timed in turns, and their figures."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A work still to be made, and its labels. `peer`: it is not clothsim's."""
+    """A work still to be made, and its labels. `peer` marks a work of another implementation."""
 
     start: Start
     make: Callable[[], Any]
@@ -59,7 +59,7 @@ class Candidate:
 def run(bench: Bench, candidates: Sequence[Candidate], error_steps: int = 0, large: bool = False, longer: int = 1) -> None:
     """Time the candidates in turn and add their figures, with their errors if asked for.
 
-    Windows are `longer` times as long as others, and as many times fewer. A peer that does not run
+    Windows are `longer` times as long as usual, and their number is smaller by this factor. A peer that does not run
     here is left out.
     """
     candidates, made = _that_run(bench, candidates)
@@ -143,7 +143,7 @@ def numba(bench: Bench, start: Start, kind: str, precision: str, threads: int) -
 
 
 def numba_threads(settings: Settings, counts: Sequence[int], figures: Figures) -> int:
-    """The most threads that numba may use, 0 without it; `figures` learns what is left out."""
+    """The most threads that numba may use, 0 without numba; `figures` records what is left out."""
     kinds = ("numba gather", "numba strided")
     try:
         most = most_threads()

@@ -34,20 +34,19 @@ class Figure:
         "numba strided".
     precision : str
     threads : int or None
-        None: left to the core.
+        None leaves the number to the core.
     instruction_set : str
-        Empty for what is not the core's.
+        Empty for other implementations than the core.
     strict : bool
-        The core's strict arithmetic.
+        Whether the core's arithmetic is strict.
     points, springs : int
-        Of one cloth.
+        Rows and columns of one cloth.
     minimum, median : float
         Seconds per step of one cloth.
     windows, steps : int
-        How many windows, and the steps in one.
+        Number of windows, and of steps in a window.
     error : float or None
-        Largest distance of a mass point from where the double reference has it after
-        `error_steps` steps of the same size [m].
+        Largest distance of a mass point from its place in the double reference after `error_steps` equal steps [m].
     flops : int or None
         Per step as `Scene.explain` counts them; the core only.
     """
@@ -117,9 +116,9 @@ class Figures:
 
 
 def attempt(function: Callable[[], Any], otherwise: Any, skipped: list[dict[str, Any]], **labels: str) -> Any:
-    """Result of `function`; if it fails `otherwise`, and `skipped` learns why.
+    """Result of `function`. If it fails, `otherwise`, and `skipped` records the reason.
 
-    For what is made of figures: they took minutes, and are not lost for a plot or a target.
+    Figures take minutes to measure, so an error in a plot or a target must not lose them.
     """
     try:
         return function()

@@ -19,7 +19,7 @@ _CACHE_BYTES = 1 << 14
 
 @contextmanager
 def instruction_set(name: str) -> Iterator[None]:
-    """Let what is made inside use this instruction set."""
+    """Let steppers that are made inside this context use this instruction set."""
     before = os.environ.get("CLOTHSIM_ISA")
     os.environ["CLOTHSIM_ISA"] = name
     try:
@@ -40,7 +40,7 @@ def describe() -> dict[str, Any]:
 
 
 def slug(machine: dict[str, Any]) -> str:
-    """A file name for this kind of machine; family and model tell apart processors of one name."""
+    """A file name for this kind of machine. Family and model distinguish processors of equal name."""
     kind = [f"{key} {machine[key]}" for key in ("family", "model") if machine[key] is not None]
     words = [machine["cpu"], *kind, f"{machine['cores']} cores", machine["build"]["instruction_set"]]
     return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((r|tm)\)", "", " ".join(words).lower())).strip("-")
@@ -52,7 +52,7 @@ def limits(instruction_sets: tuple[str, ...], threads: tuple[int, ...]) -> dict[
     Parameters
     ----------
     instruction_sets : tuple of str
-        Best first; bandwidth is measured with the first.
+        Instruction sets, the best first. Bandwidth is measured with the first.
     threads : tuple of int
 
     Returns

@@ -27,7 +27,7 @@ class Measured:
         return tuple(sorted({int(f.work[5:]) for f in self.figures if f.work[:5] == "grid " and f.work[5:].isdigit()}))
 
     def seconds(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> float:
-        """Least time of a step [s]; raises as `figure` does."""
+        """Least time of a step [s]; errors are the errors of `figure`."""
         return self.figure(work, by, precision, threads, **labels).minimum
 
     def figure(self, work: str, by: str, precision: str, threads: int | None = 1, **labels: Any) -> Figure:
@@ -50,7 +50,7 @@ class Measured:
 
 
 def share_of_peak(m: Measured, by: str, precision: str, work: str = "swing+bend", threads: int = 1) -> float:
-    """Flops of a step, as `Scene.explain` counts them, over what the peak allows in its time."""
+    """Flops of a step, as `Scene.explain` counts them, over the flops at the peak rate in its time."""
     if not m.limits:
         raise Missing("limits not measured in this run")
     figure = m.figure(work, by, precision, threads)

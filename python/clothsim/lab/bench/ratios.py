@@ -1,4 +1,4 @@
-"""How many times faster the core is than its peers, like compared with like."""
+"""Ratios of speed: the core against its peers, with equal work."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OTHER_FORCES = {FEATURE + name for name in ("no damping", "point damping", "mas
 
 
 def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]:
-    """How many times faster a step of the core is than one of each peer.
+    """Time of each peer's step over the time of a step of the core.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]
     Returns
     -------
     dict
-        By `COLUMNS`: the peer's least time over the figure's. The peer has equal precision, mass
-        points and springs, and its fastest number of threads. The reference has double only and
-        stands beside both precisions. It steps the same grid or batch; for the paper's cloth, with
-        spheres or without, `swing`. None where there is no such peer, and for figures of peers.
+        Keys are `COLUMNS`. A ratio is the peer's least time over the figure's time. The peer has equal precision, mass
+        points and springs, and its fastest number of threads. The reference has double only and stands beside both
+        precisions. The peer steps an equal grid or batch. The paper's cloth, with or without spheres, is compared with
+        `swing`. None where there is no such peer, and for figures of peers.
     """
     others = list(figures)
     found = {peer: [f.minimum for f in others if _alike(figure, f, peer)] for peer in PEERS}
@@ -40,7 +40,7 @@ def ratios(figure: Figure, figures: Iterable[Figure]) -> dict[str, float | None]
 
 
 def _alike(figure: Figure, other: Figure, peer: str) -> bool:
-    """Whether `other` is the peer's figure of what `figure` is one of the core's."""
+    """Whether the figure `other` of a peer is for the same work as the core's figure `figure`."""
     if other.by != peer or (other.points, other.springs) != (figure.points, figure.springs):
         return False
     if other.precision != ("double" if peer == "reference" else figure.precision):

@@ -43,8 +43,8 @@ _LABELS = ("work", "by", "precision", "threads", "instruction_set", "strict", "p
 def name(report: dict[str, Any]) -> str:
     """Start of the names of a run's files: the machine, and the parts of a whole run that are missing.
 
-    A whole run has all sections and the settings `NORMAL` or `FULL`. Another has "-quick" or, with
-    settings of one's own, "-custom" after the machine, and its sections if it has not all.
+    A whole run has all sections and the settings `NORMAL` or `FULL`. Other runs have "-quick" or "-custom" (own
+    settings) after the machine, and then their sections if some are missing.
     """
     settings = Settings(**report["settings"])
     lacks = [] if settings in (NORMAL, FULL) else ["quick" if settings == QUICK else "custom"]
@@ -92,7 +92,7 @@ def write_csv(report: dict[str, Any], path: Path) -> None:
 
 
 def read(path: Path) -> Measured:
-    """The run of a file that `write_csv` has written."""
+    """Read a run from a file of `write_csv`."""
     lines = path.read_text(encoding="utf-8").splitlines()
     head = {}
     for line in lines:
@@ -114,7 +114,7 @@ def read(path: Path) -> Measured:
 
 
 def compare(report: dict[str, Any], path: Path) -> str | None:
-    """How many times longer steps take than in the run of the file; None where there is none."""
+    """Ratio of the time of steps to the time in the saved run; None without a saved run."""
     if not path.exists():
         return None
     earlier = {tuple(getattr(f, key) for key in _LABELS): f.minimum for f in read(path).figures}
@@ -139,7 +139,7 @@ def _cell(value: Any) -> Any:
 
 
 def _short(value: Any) -> Any:
-    """The same with numbers of four digits."""
+    """The same mapping with numbers rounded to four digits."""
     if isinstance(value, dict):
         return {key: _short(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):

@@ -116,7 +116,7 @@ def _like(base: Start, name: str, **changes: Any) -> Start:
 def batch(bench: Bench) -> None:
     """Cloths in one call, long enough that each is stepped several times while in cache.
 
-    Of many each thread takes one after the other; of an odd few the last is left to all threads.
+    Each thread steps one member after the other. All threads share a last odd member.
     """
     start, few = works.batch(), works.batch(BATCH_OF_FEW)
     candidates = [
@@ -160,7 +160,7 @@ def grids(bench: Bench) -> None:
 
 
 def frames(bench: Bench) -> None:
-    """A step a frame of 800 x 800, its positions copied out or not; steps after a pause."""
+    """One step per frame of an 800 x 800 cloth, with and without a copy of the positions; steps after a pause."""
     grid = _state(works.grid(800))
     frame = Start("frame 800" + A_STEP_A_CALL, *grid)
     copied = Start(frame.name + ", positions copied", *grid)
@@ -205,7 +205,7 @@ def calls(bench: Bench) -> None:
 
 
 def accuracy(bench: Bench) -> dict[str, Any]:
-    """Double at dt = 1e-4 s: how much faster than real time, and how far from the solution."""
+    """Double at dt = 1e-4 s: speed relative to real time, and distance from the solution."""
     scene = cs.scenes.paper_swing(bend=True)
     x, v = scene.initial_position, scene.initial_velocity
     duration, dt = 0.25, 1e-4

@@ -1,4 +1,4 @@
-"""The scenes and states that are timed, and the core and the reference as work to be timed."""
+"""Scenes and states for timing, and works that time the core and the reference."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Core(Work):
 
 
 class Frames(Core):
-    """The core as a drawing loop uses it: one step a call, and the positions copied out."""
+    """The core as in a drawing loop: one step per call, then a copy of the positions."""
 
     def run(self, steps: int) -> None:
         for _ in range(steps):

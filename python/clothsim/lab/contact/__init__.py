@@ -1,8 +1,8 @@
-"""Contact in figures: what is claimed of response "continuous" and offset "face", measured.
+"""Measured figures behind the claims about response "continuous" and offset "face".
 
 Each figure is a function that returns a dict of numbers; `clothsim contact` prints them, the tests
-assert them, docs/contact.md explains them. Sizes are arguments: the tests take small ones, the
-command's ``--full`` the ones that are claimed.
+assert them, docs/contact.md explains them. Sizes are arguments. Tests take small sizes, and the command's ``--full``
+takes the sizes of the claims.
 """
 
 from .cost import cost

@@ -20,9 +20,9 @@ def _directions(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _aimed(rng: np.random.Generator, p0: np.ndarray, radius: float) -> np.ndarray:
-    """Ways q in the sphere's frame from `p0`: past the centre at a chosen distance, or anywhere.
+    """Random paths q from `p0` in the sphere's frame: past the centre at a chosen distance, or anywhere.
 
-    Half of them come close to grazing, some to within 1e-12 radii; lengths from 1e-6 to 1e5 radii.
+    Half of the paths come close to grazing, some to within 1e-12 radii. Their lengths go from 1e-6 to 1e5 radii.
     """
     count = len(p0)
     distance = np.linalg.norm(p0, axis=1, keepdims=True)
@@ -60,12 +60,12 @@ def crossings(
     Parameters
     ----------
     point_steps : int
-        At least as many points times steps are fired.
+        Least number of point-steps (points times steps).
     seed : int
     response : str
-        Of the sphere; any but "continuous" is there to see the check fail.
+        Response of the sphere. Other responses than "continuous" exist to see the check fail.
     precision : str
-        Of the state. With "single" what it rounds away is allowed for.
+        Precision of the state. The check allows for the rounding of "single".
 
     Returns
     -------
@@ -124,7 +124,7 @@ def crossings(
 
 
 def _after(p0: np.ndarray, way: np.ndarray, p1: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Start and way of what follows the first meeting: from there straight to p1."""
+    """Start and direction of the path after the first contact, which leads straight to p1."""
     a, b = (way * way).sum(axis=1), (p0 * way).sum(axis=1)
     nearest = p0 + (-b / np.where(a > 0, a, 1))[:, None] * way
     below = np.maximum(radius**2 - (nearest**2).sum(axis=1), 0)

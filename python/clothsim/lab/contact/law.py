@@ -54,8 +54,8 @@ def stick(
     points : int
         Mass points along each side.
     duration : float, optional
-        Time the sheet is watched [s]: 0.2 where it has to stay, at most 0.05 where it slides. A
-        sheet that has slid far tilts.
+        Time the sheet is watched [s]: 0.2 where it has to stay, at most 0.05 where it slides. The time is short,
+        because a sheet tilts after a long slide.
     precision : str
         "double" or "single".
 
@@ -103,14 +103,13 @@ def impact(
 ) -> dict[str, Any]:
     """A cell falls on a sphere without gravity, at every phase of the contact within a time step.
 
-    The cell is level and free, so that one place of it meets the sphere, at the weights w of its
-    corners. With the mass M = 1 / sum(w^2/m) there, its energy after the impact is
-    E - (1 - e^2) M u^2 / 2.
+    The cell is level and free, so the sphere touches it at one place. The weights w of the corners give the place. Its
+    effective mass is M = 1 / sum(w^2/m), so the energy after the impact is E - (1 - e^2) M u^2 / 2.
 
     Parameters
     ----------
     speed : float
-        u [m/s].
+        Speed of arrival u [m/s].
     dt : float
         Time step [s].
     restitution : float

@@ -14,7 +14,7 @@ GRAVITY = 9.80665
 
 
 def _bounce(scene: cs.Scene, before: float, after: float, dt: float) -> dict[str, Any]:
-    """Energies of an undamped scene up to the first contact and `after` seconds later."""
+    """Energies of an undamped scene at the first contact, and `after` seconds later."""
     stepper = cs.Stepper(scene, threads=1)
     stepper.advance(math.floor(before / dt), dt)
     start = cs.energy(scene, stepper.positions, stepper.velocities)
@@ -29,11 +29,11 @@ def _bounce(scene: cs.Scene, before: float, after: float, dt: float) -> dict[str
 
 
 def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str, Any]:
-    """Energy that contact makes when an elastic cloth falls on a sphere, all of it undamped.
+    """Energy that contact makes when an undamped cloth falls on an elastic sphere.
 
     The paper's cloth, without pins, falls `height` on to its sphere and bounces, crumples and
-    bounces again for `after` seconds, without friction, restitution 1. The total energy of the
-    cloth should not change at all; what changes it is contact and the integrator.
+    bounces again for `after` seconds, without friction, restitution 1. The exact total energy is constant, so any
+    change comes from the contact or the integrator.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
     Parameters
     ----------
     friction : float
-        mu.
+        The friction coefficient mu.
     slope : float
         Angle [rad].
     duration, dt : float

@@ -144,7 +144,7 @@ def comparison(
     timed : bool
         Also measure the cost of a step in contact, one thread, double.
     advance : callable
-        Told 1 after each row.
+        Called with 1 after each row.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def comparison(
 
 
 def faces(look: int = 1) -> list[dict[str, Any]]:
-    """The rows that must not dip, triangle by triangle, with those that must, at every step."""
+    """Check every step: triangles of "face" rows must not dip into the sphere, and triangles of other rows must."""
     return [
         follow(name, response, look=look)
         for name in SCENES

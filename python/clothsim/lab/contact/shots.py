@@ -96,7 +96,7 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     count : int
         Shots.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def squeezes(count: int = 60, seed: int = 1) -> dict[str, Any]:
     count : int
         Scenes.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------

@@ -127,14 +127,14 @@ def triangle_cases(cases: int = 10**6, seed: int = 1) -> dict[str, Any]:
     Parameters
     ----------
     cases : int
-        At least as many triangles that start outside are tested.
+        Least number of tested triangles that start outside.
     seed : int
 
     Returns
     -------
     dict
-        "cases", "touching" (those that come nearer than the radius by more than 1e-9) and
-        "missed" (of these, those the core did not find).
+        "cases", "touching" (triangles that come nearer than the radius by more than 1e-9) and "missed" (touching
+        triangles that the core did not find).
     """
     rng = np.random.default_rng(seed)
     total = {"cases": 0, "touching": 0, "missed": 0}

@@ -25,7 +25,7 @@ def hard_cases() -> dict[str, HardCase]:
     Returns
     -------
     dict of str to clothsim.lab.hard_cases.HardCase
-        A case has `scene`, `dt`, `steps`, what is hard and what is `expected`, and `run`.
+        A case has `scene`, `dt`, `steps`, a text of the difficulty, the outcome `expected`, and `run`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A hard case: a scene, how it is run, and the figures that its end must keep to."""
+"""A hard case: a scene, the settings of its run, and bounds of the figures at the end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured figure and the range that it has to be in.
+    """One measured figure and its accepted range.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class HardCaseResult:
     passed : bool
         Whether all of them are as expected.
     wall_time : float
-        Of the run and of what it is compared with [s].
+        Wall time of the run and of its comparison [s].
     """
 
     figures: tuple[Figure, ...]
@@ -98,7 +98,7 @@ class HardCase:
     precisions : tuple of str
         Precisions that the case is meant for.
     unstable : bool
-        Whether `UnstableError` is what is expected.
+        Whether an `UnstableError` is the expected outcome.
     """
 
     scene: Scene
@@ -195,7 +195,7 @@ def gains_energy(double: float, single: float, loss: float = np.inf) -> Judge:
 
 
 def blows_up(within: int) -> Judge:
-    """`UnstableError` with all that it has to tell, after at most so many steps."""
+    """A judge that expects a `UnstableError` with all its attributes within `within` steps."""
 
     def judge(case: HardCase, end: End) -> list[Figure]:
         error = end.error

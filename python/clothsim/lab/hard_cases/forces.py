@@ -1,6 +1,6 @@
 """Hard cases of stiffness, time step, mass and speed.
 
-Bounds are some five to twenty times what is measured: see docs/stability.md for the figures.
+Bounds are about five to twenty times the measured figures, which docs/stability.md lists.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def time_steps() -> dict[str, HardCase]:
 
 
 def drum(shape: tuple[int, int], damping: float = 100.0) -> Scene:
-    """The paper's springs and masses, stretched by a tenth, clamped all round and let go.
+    """A cloth with the paper's springs and masses, stretched by a tenth and pinned along its border.
 
     It swings in gravity without folding, so that rounding is not amplified: two computations of it
     can be compared after any time.

@@ -53,13 +53,13 @@ def reproduce(
     quick : bool, default False
         Fewer and coarser steps, so that all four end within a minute on two cores.
     settings : Settings, optional
-        Sizes of the experiments, instead of those that `quick` chooses.
+        Sizes of the experiments, in place of the choice by `quick`.
     experiments : collection of int, default (1, 2, 3, 4, 5)
         Numbers of experiments: 1 static sphere, 2 moving sphere, 3 frame rate, 4 speed against the
         scalar reference, 5 every collision response. Experiment 4 compares the SIMD core and, with
         a graphics adapter, the compute shader.
     threads : int, optional
-        Threads to use, >= 1. Default: as many as the core would take.
+        Threads to use, >= 1. Default: the choice of the core.
     progress : bool, default False
         Show a progress bar on stderr (needs tqdm).
 

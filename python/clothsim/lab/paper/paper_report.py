@@ -54,7 +54,7 @@ def _items(entries: Iterable[str]) -> list[str]:
 
 
 def _aligned(table: Table) -> list[str]:
-    """Right-aligned columns; a heading's words stand one a line above them."""
+    """Right-aligned columns. Headings have one word per line."""
     words = [heading.split(" ") for heading in table.headings]
     height = max(map(len, words))
     head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))

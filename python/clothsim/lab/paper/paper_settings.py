@@ -20,8 +20,8 @@ class Settings:
     static_frames, moving_frames : tuple of int
         Frames that are measured and drawn.
     study_dts : tuple of float
-        Coarser steps at which experiment 1 is run once more, to see what the step does [s];
-        the last one is a step a frame.
+        Coarser steps for repeats of experiment 1, which show the effect of the step [s]. The last is one step per
+        frame.
     timing_dt : float
         Integration step of experiments 3 and 4 [s]. The cost of a step does not depend on it.
     runs : int
@@ -35,8 +35,7 @@ class Settings:
     speedup_seconds : float
         Wall time after which such a measurement ends early [s].
     gpu_sizes, gpu_batches : tuple of int
-        With a graphics adapter: sides of the square cloths, and numbers of 32 x 32 cloths, of
-        experiment 4.
+        Sides of the square cloths, and numbers of 32 x 32 cloths, in experiment 4 with a graphics adapter.
     gpu_seconds : float
         Wall time after which such a measurement ends early [s].
     comparison_part : float
@@ -90,7 +89,7 @@ QUICK = Settings(
 
 
 def reductions(settings: Settings) -> list[str]:
-    """How `settings` falls short of the full reproduction, one line each; empty if it does not."""
+    """The reductions of `settings` against the full reproduction, one line each; empty if there are none."""
     lines = []
     for experiment, dt in (("1", settings.static_dt), ("2", settings.moving_dt)):
         if dt != FULL.static_dt:

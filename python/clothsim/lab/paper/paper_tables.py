@@ -1,4 +1,4 @@
-"""The report's numbers as tables of strings: one form for the text and the page."""
+"""The report's numbers as tables of strings, shared by the text and the page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its heading, and how a row of the report is written in it."""
+    """One column: its heading, and a function that writes a row of the report in it."""
 
     heading: str
     write: Callable[[dict[str, Any]], str]

@@ -46,15 +46,15 @@ def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict[str, Any
 def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: None) -> dict[str, Any]:
     """Experiment 3: both methods on the falling cloth, each run in windows of frames.
 
-    On one thread, the quietest way to compare two methods; experiment 4 shows what threads add.
-    The runs of the two alternate, so that a slow spell of the machine meets both. A frame is its
-    steps and one look at the positions, which is what a renderer would take.
+    Runs use one thread, which disturbs the comparison least. Experiment 4 shows the gain by threads. The runs of the
+    two alternate, so that a slow spell of the machine meets both. A frame is its steps and one copy of the positions,
+    as a renderer needs.
 
     Parameters
     ----------
     settings : Settings
     advance : callable
-        Told 1 after each run.
+        Called with 1 after each run.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def speedup(
     adapters : sequence of clothsim.gpu.Adapter
         Graphics adapters that take part.
     advance : callable
-        Told 1 after each run.
+        Called with 1 after each run.
 
     Returns
     -------

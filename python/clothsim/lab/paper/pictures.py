@@ -1,4 +1,4 @@
-"""Pictures of the contact experiments: one a cell, one sheet a table, one for the README."""
+"""Pictures of the contact experiments: one per cell, one sheet per table, one for the README."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Experiments 1 and 2: what each response does to a cloth that meets a sphere.
+"""Experiments 1 and 2: a cloth in contact with a sphere, for each response.
 
 Every combination of method (1, 2) and variant (as printed, corrected) steps one scene. At the
 paper's frames the state is kept and measured. Between them, the deepest penetration of every frame
@@ -47,7 +47,7 @@ class Experiment:
 
 @dataclass
 class Case:
-    """One method in one variant, and what came of it."""
+    """One method in one variant, and its results."""
 
     method: int
     variant: str
@@ -102,7 +102,7 @@ def run(
         Cases that run side by side, each on one thread of the core.
     variants : sequence of {"as printed", "corrected"}
     advance : callable
-        Told the number of frames done, each time some are.
+        Called with the number of new frames.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance: Callab
 
 
 def _advance(stepper: cs.Stepper, steps: int, dt: float) -> str | None:
-    """Advance; what went wrong, if it did."""
+    """Advance, and return the text of the error if there is one."""
     try:
         stepper.advance(steps, dt)
     except cs.UnstableError as error:

@@ -18,7 +18,7 @@ PRECISION: Precision = "single"
 
 
 def available() -> tuple[list[Adapter], str]:
-    """The adapters, and why there is none if there is none."""
+    """The adapters, and the reason if there is none."""
     try:
         found = adapters()
     except ImportError as error:
@@ -27,7 +27,7 @@ def available() -> tuple[list[Adapter], str]:
 
 
 def settings_of(settings: Settings) -> experiment.Settings:
-    """The comparison over sizes that a reproduction of `settings` makes."""
+    """The sizes that a reproduction with `settings` compares."""
     return experiment.Settings(
         sizes=settings.gpu_sizes,
         batches=settings.gpu_batches,

@@ -1,1 +1,1 @@
-"""Other solvers, on the same cloth."""
+"""Solvers of other packages, for comparison on equal cloths."""

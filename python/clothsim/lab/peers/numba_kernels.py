@@ -1,4 +1,4 @@
-"""Two numba kernels: what a good user writes in an afternoon, and a strong one in a week.
+"""Two numba kernels: a simple kernel that a user writes in an afternoon, and a strong kernel that takes a week.
 
 Imported only where numba is installed (extra "bench"). Both take uniform mass and no spheres.
 """

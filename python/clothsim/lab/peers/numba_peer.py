@@ -1,4 +1,4 @@
-"""The numba kernels as work to be timed, with what each needs prepared from a scene."""
+"""The numba kernels as works for timing, with their arrays prepared from a scene."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def import_kernels() -> Any:
 
 
 def most_threads() -> int:
-    """How many threads numba may use: NUMBA_NUM_THREADS, or as many as there are processors.
+    """Number of threads that numba may use: NUMBA_NUM_THREADS, or the number of processors.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def set_threads(threads: int) -> None:
 
 
 class NumbaGather(Work):
-    """The afternoon's kernel: per-point gather, parallel over rows, fastmath off."""
+    """The simple kernel: each mass point gathers its springs, parallel over rows, fastmath off."""
 
     def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int) -> None:
         self.kernels = import_kernels()

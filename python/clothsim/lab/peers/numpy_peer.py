@@ -1,4 +1,4 @@
-"""The same cloth in vectorised NumPy, as one writes it without a compiler: slices, sums."""
+"""The cloth in vectorised NumPy: slices and sums, without a compiler."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class Diffrax:
 
 
 class _Identity:
-    """A scene that can be a key: by identity, as scenes have no hash."""
+    """A hashable handle of a scene, equal by identity."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -187,7 +187,7 @@ Peer = NumbaRK4 | SciPy | Diffrax
 
 
 def refused(scene: Scene) -> str | None:
-    """Why the peers cannot do this scene; None if they can."""
+    """The reason why the peers cannot solve this scene; None if they can."""
     cloth = scene.cloth
     if scene.spheres:
         return "the peers know no spheres"
@@ -205,8 +205,8 @@ def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer
     ----------
     scene : Scene
     threads : int, optional
-        Most threads of numba's kernels: its parallel kernel is taken where it is seen to be the
-        faster one. Default: one.
+        Most threads of numba's kernels. The parallel kernel is used where a measurement shows that it is faster.
+        Default: one.
 
     Returns
     -------
@@ -226,7 +226,7 @@ def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer
 
 
 def peers_for(scene: Scene, threads: int | None) -> list[Any]:
-    """The peers of `work_precision`: installed ones, of a scene that they can step."""
+    """The installed peers of `work_precision` that can step the scene."""
     if reason := refused(scene):
         raise ValueError(f"peers must be False for this scene: {reason}")
     return installed_peers(scene, threads)[0]

@@ -1,4 +1,4 @@
-"""Findings of experiment 4: the faster target, from where on, and what was cut short."""
+"""Findings of experiment 4: the faster target, the size from which it is faster, and shortened windows."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _groups(measurements: Sequence[Measurement]) -> dict[tuple[Any, ...], list[M
 
 
 def against_cpu(m: Measurement, measurements: Sequence[Measurement]) -> float | None:
-    """Steps/s of `m` over those of the fastest CPU target with the same scene."""
+    """Steps/s of `m` over the steps/s of the fastest CPU target with this scene."""
     same = _groups(measurements)[m.precision, m.method, m.size, m.members]
     rates = [one.rate for one in same if one.target.kind != GPU]
     return m.rate / max(rates) if rates else None
@@ -37,7 +37,7 @@ def crossover(
 ) -> Measurement | None:
     """The smallest scene from which on `target` is faster than every CPU target.
 
-    `batch`: among batches, else among single cloths. None: it is not faster at the largest.
+    `batch` selects batches; otherwise single cloths are compared. None if the target is not faster at the largest size.
     """
     mine = [
         m

@@ -52,8 +52,8 @@ class Settings:
     first_frames : int
         Frames of a run that are timed one by one.
     first_seconds : float
-        Wall time after which such a frame ends early [s]; no further one begins when those after
-        the first have taken four times as long.
+        Wall time after which a first frame ends early [s]. No further frame begins once the frames after the first have
+        taken four times this.
     """
 
     sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
@@ -116,7 +116,7 @@ def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Targ
     ----------
     precision : {"single", "double"}
     found : sequence of Adapter, optional
-        Graphics adapters. Default: those of this machine.
+        Graphics adapters. Default: all adapters of this machine.
     """
     found = adapters() if found is None else found
     threads = int(cs.build_config()["openmp_threads"])
@@ -187,18 +187,18 @@ def run(
     ----------
     settings : Settings, optional
     found : sequence of Adapter, optional
-        Graphics adapters. Default: those of this machine.
+        Graphics adapters. Default: all adapters of this machine.
     advance : callable
-        Told 1 after each run.
+        Called with 1 after each run.
     finished : callable
-        Given all measurements so far after each scene, so that an interrupted experiment has them.
+        Called with all measurements so far after each scene, so that an interrupted experiment keeps them.
     left_out : callable
-        Told of what a target could not do, and why: a limit exceeded, no memory, an adapter lost.
+        Called with a text for each failed target: a limit was exceeded, memory was missing or an adapter was lost.
 
     Returns
     -------
     list of Measurement
-        Without what was left out.
+        Measurements that were left out are missing.
     """
     settings = settings or Settings()
     measurements: list[Measurement] = []
@@ -229,6 +229,6 @@ def count(settings: Settings, found: Sequence[Adapter] | None = None) -> int:
 
 
 def quick(settings: Settings) -> Settings:
-    """`settings` without what takes long."""
+    """A copy of `settings` without the slow parts."""
     names = ("sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames", "first_seconds")
     return replace(settings, **{name: getattr(QUICK, name) for name in names})

@@ -23,7 +23,7 @@ class Target:
 
     @property
     def software(self) -> bool:
-        """Whether it is a graphics adapter that is a CPU."""
+        """Whether the target is a software adapter, which runs on the CPU."""
         return self.adapter is not None and self.adapter.software
 
 

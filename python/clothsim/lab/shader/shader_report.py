@@ -16,7 +16,7 @@ from .measurement import GPU, Measurement
 
 
 def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
-    """One mapping a measurement, as the CSV file has it."""
+    """One mapping per measurement, a row of the CSV file."""
     cpu = processor()["cpu"]
     result = []
     for m in measurements:

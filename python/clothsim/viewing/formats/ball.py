@@ -15,7 +15,7 @@ _AROUND, _FROM_POLE_TO_POLE = 48, 24  # cells; off the true sphere by at most 0.
 
 @cache
 def unit_ball() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Vertices, which are the normals as well, and triangles with normals that point outwards."""
+    """Vertices, which are also the normals, and triangles whose normals point outwards."""
     polar, around = np.meshgrid(
         np.linspace(0, np.pi, _FROM_POLE_TO_POLE + 1), np.linspace(0, 2 * np.pi, _AROUND + 1), indexing="ij"
     )

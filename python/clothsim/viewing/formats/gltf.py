@@ -1,7 +1,7 @@
 """Binary glTF 2.0: every frame a morph target, played by an animation of their weights.
 
-Importers play morph targets: Blender as shape keys, three.js and Babylon.js as they are. One mesh a
-frame would need the visibility of nodes animated, for which glTF has an extension that few read.
+Importers play morph targets: Blender as shape keys, three.js and Babylon.js as they are. One mesh per frame would need
+animated visibility of nodes, a glTF extension that few programs read.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _File:
         return len(self.json[name]) - 1
 
     def accessor(self, values: Any, target: int | None = None, bounds: bool = False) -> int:
-        """The number of an accessor of float32 values, or of uint32 where `values` are integers."""
+        """Add an accessor of float32 values, or of uint32 if `values` are integers; return its number."""
         whole = np.asarray(values).dtype.kind == "i"
         data = np.ascontiguousarray(values, "<u4" if whole else "<f4")
         view = {"buffer": 0, "byteOffset": self._length, "byteLength": data.nbytes}
@@ -107,7 +107,7 @@ def _material(name: str, color: tuple[float, float, float], roughness: float) ->
 
 
 def _cloth(file: _File, clip: Clip) -> int:
-    """The mesh of the first frame; the others are added to it as differences, one at a time."""
+    """The mesh of the first frame. Other frames are added as differences, one at a time."""
     targets = []
     for frame in clip.frames():
         positions, normals = frame.positions, clip.normals(frame.positions)

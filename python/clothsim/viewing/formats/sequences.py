@@ -12,7 +12,7 @@ from .ball import Body, bodies
 
 
 def numbered(path: Path, number: int) -> Path:
-    """`path` with the number of the frame, from 1, before its suffix."""
+    """`path` with the number of the frame (from 1) before the suffix."""
     return path.with_name(f"{path.stem}_{number + 1:04d}{path.suffix}")
 
 
@@ -33,7 +33,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 
 def write_obj(meshes: Sequence[Body], path: Path) -> None:
-    """Positions with 9 digits, which is all of a float32, texture coordinates, normals."""
+    """Positions with 9 digits, which keep all of a float32, texture coordinates and normals."""
     lines, first = ["# clothsim, metres\n"], 1
     for body in meshes:
         corners = np.repeat(body.corners.ravel() + first, 3)

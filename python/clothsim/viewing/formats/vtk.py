@@ -110,7 +110,7 @@ def _write_hdf(clip: Clip, path: Path) -> list[Path]:
 
 
 def _hdf_arrays(clip: Clip, frame: Frame, meshes: list[Body]) -> dict[str, np.ndarray]:
-    """Points of all bodies, the cloth's first, with what each carries.
+    """Points of all bodies with their data, the cloth first.
 
     "body" is 0 for the cloth and k + 1 for sphere k, whose points have its velocity and no depth.
     """
@@ -134,7 +134,7 @@ def _hdf_arrays(clip: Clip, frame: Frame, meshes: list[Body]) -> dict[str, np.nd
 
 
 def _store(root: Any, name: str, values: np.ndarray, number: int, frames: int) -> None:
-    """Values of a frame after those of earlier frames, one chunk a frame."""
+    """Append the values of a frame as one chunk."""
     if name not in root:
         shape = (frames * len(values), *values.shape[1:])
         root.create_dataset(name, shape, values.dtype, chunks=values.shape)
@@ -142,7 +142,7 @@ def _store(root: Any, name: str, values: np.ndarray, number: int, frames: int) -
 
 
 def _topology(root: Any, meshes: list[Body], frames: int) -> None:
-    """Triangles, once for all frames; the other kinds of cells, which must be there, are empty."""
+    """Triangles, once for all frames. The format requires the other kinds of cells, which are empty."""
     sizes = [len(body.positions) for body in meshes]
     first = np.cumsum([0, *sizes[:-1]])
     corners = np.concatenate([body.corners + start for body, start in zip(meshes, first)])
@@ -156,7 +156,7 @@ def _topology(root: Any, meshes: list[Body], frames: int) -> None:
 
 
 def _steps(root: Any, clip: Clip) -> None:
-    """Where the arrays of every frame begin."""
+    """Offsets of the arrays of every frame."""
     steps = root.create_group("Steps")
     frames = np.arange(len(clip), dtype="<i8")
     points = frames * root["NumberOfPoints"][0]
