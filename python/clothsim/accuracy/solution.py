@@ -194,7 +194,7 @@ def reference(
 
 
 def _times(duration: float, every: float | None) -> list[float]:
-    """After 0: each multiple of `every` before the end, and the end."""
+    """Times of the frames after 0: each multiple of `every` before the end, and the end."""
     count = 1 if every is None else math.ceil(duration / every - 1e-9)
     return [*(k * (every or 0.0) for k in range(1, count)), duration]
 

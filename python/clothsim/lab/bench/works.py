@@ -49,14 +49,16 @@ def falling(bend: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def paper(bend: bool, sphere: bool) -> Start:
-    """The paper's cloth in free fall; with `sphere`, its section 6's is there, not yet touched."""
+    """The paper's cloth in free fall. With `sphere`, the sphere of the paper's section 6 is present, but out of
+    reach.
+    """
     scene = cs.scenes.paper_static(bend=bend) if sphere else cs.scenes.paper_swing(bend=bend)
     name = ("static" if sphere else "swing") + ("+bend" if bend else "")
     return Start(name, scene, *falling(bend), STATE_TIME)
 
 
 def contact(bend: bool) -> Start:
-    """The paper's cloth on its sphere."""
+    """The paper's cloth in contact with its sphere."""
     scene = cs.scenes.paper_static(bend=bend)
     name = "contact" + ("+bend" if bend else "")
     return Start(name, scene, *_after(scene, CONTACT_TIME), CONTACT_TIME)

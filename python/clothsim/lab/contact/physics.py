@@ -31,9 +31,9 @@ def _bounce(scene: cs.Scene, before: float, after: float, dt: float) -> dict[str
 def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str, Any]:
     """Energy that contact makes when an undamped cloth falls on an elastic sphere.
 
-    The paper's cloth, without pins, falls `height` on to its sphere and bounces, crumples and
-    bounces again for `after` seconds, without friction, restitution 1. The exact total energy is constant, so any
-    change comes from the contact or the integrator.
+    The paper's cloth falls from the height `height` on its sphere, without pins. It bounces and crumples for `after`
+    seconds, without friction and with restitution 1. The exact total energy is constant, so any change comes from the
+    contact or the integrator.
 
     Parameters
     ----------
