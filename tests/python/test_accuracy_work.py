@@ -9,16 +9,15 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.accuracy import cache as _cache
-from clothsim.accuracy import methods
+from clothsim.accuracy import front_table, methods
 from clothsim.accuracy import work_plot as plots
 from clothsim.accuracy import work_table as tables
+from clothsim.accuracy.front import Front, Row, cheapest, front, statement
 from clothsim.accuracy.labelled import pareto
 from clothsim.accuracy.measured import Measured
 from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
-from clothsim.lab.peers import front_table
 from clothsim.lab.peers import solvers as peers
-from clothsim.lab.peers.front import Front, Row, cheapest, front, statement
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 

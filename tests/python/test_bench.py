@@ -5,7 +5,7 @@ import re
 from dataclasses import asdict, replace
 
 import pytest
-from clothsim.lab.bench import Settings, bench, machine, saved, works
+from clothsim.lab.bench import Settings, bench, machine_facts, saved, works
 from clothsim.lab.bench.bench_report import text
 
 BRIEF = Settings(
@@ -28,8 +28,8 @@ def report(tmp_path_factory):
         # Compilations, millions of points and threads that wait for each other do not belong in a
         # fast test.
         patch.setattr("clothsim.lab.peers.numba_peer.import_kernels", _no_numba)
-        patch.setattr(machine, "_MEMORY_BYTES", 1 << 20)
-        patch.setattr(machine._core, "core_round_trip", lambda: 1.23e-7)
+        patch.setattr(machine_facts, "_MEMORY_BYTES", 1 << 20)
+        patch.setattr(machine_facts.this_machine, "core_round_trip", lambda: 1.23e-7)
         patch.setattr(works, "grid", lambda rows: replace(grid(min(rows, 40)), name=f"grid {rows}"))
         return bench(folder, settings=BRIEF), folder
 
@@ -234,7 +234,7 @@ def test_a_run_is_compared_with_the_file_that_was_there(report, tmp_path):
 
 @pytest.mark.parametrize("out, error", [(__file__, ValueError), (7, TypeError)])
 def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
-    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine_facts.describe")
     with pytest.raises(error, match="out must be"):
         bench(out)
 
@@ -249,7 +249,7 @@ def test_what_is_no_folder_is_refused_before_measuring(monkeypatch, out, error):
     ],
 )
 def test_what_are_no_sections_is_refused_before_measuring(monkeypatch, sections, error, told):
-    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine_facts.describe")
     some = "sections must be a collection of some of 'limits', 'steps'"
     with pytest.raises(error, match=f"{some}.*{told}"):
         bench(None, sections=sections)

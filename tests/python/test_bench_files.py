@@ -3,7 +3,7 @@
 from dataclasses import asdict, replace
 
 import pytest
-from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench, machine, works
+from clothsim.lab.bench import FULL, NORMAL, QUICK, SECTIONS, bench, machine_facts, works
 from clothsim.lab.bench import bench_plots as plots
 from clothsim.lab.bench import saved as files
 from clothsim.lab.bench.bench_report import text
@@ -23,14 +23,14 @@ BRIEF = replace(QUICK, windows=1, seconds=1e-5, sizes=(8,))
     ],
 )
 def test_files_say_what_a_run_lacks(settings, sections, lacks):
-    about = machine.describe()
+    about = machine_facts.describe()
     run = {"machine": about, "settings": asdict(settings), "sections": list(sections)}
-    assert files.name(run) == machine.slug(about) + lacks
+    assert files.name(run) == machine_facts.slug(about) + lacks
 
 
 def test_sections_are_named_in_one_order_and_a_table_of_nothing_is_not_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(machine, "limits", lambda *arguments: {})
-    start = files.slug(machine.describe())
+    monkeypatch.setattr(machine_facts, "limits", lambda *arguments: {})
+    start = files.slug(machine_facts.describe())
     bench(tmp_path, settings=BRIEF, sections=["limits"])
     bench(tmp_path, settings=BRIEF, sections=["calls", "limits"])
     expected = {f"{start}-custom-limits-calls.csv"}

@@ -85,6 +85,57 @@ def test_nothing_but_the_command_line_imports_the_laboratory():
     assert others == {"lab", "cli"}
 
 
+PUBLIC = ("accuracy", "errors", "gpu", "machine", "scenes", "typing")
+"""Modules that users import beside `clothsim` itself."""
+
+
+def public_names(module):
+    """Names of a public module; `dir(cs)` are those of the package."""
+    found = import_module(f"clothsim.{module}") if module else cs
+    return {
+        *getattr(found, "__all__", [name for name in vars(found) if not name.startswith("_")]),
+        *(() if module else PUBLIC),
+    }
+
+
+def private_uses(module, text, listed):
+    """What a module of the laboratory takes that is not public: imports, and attributes of `cs`."""
+    found = []
+    for _, other, name, _ in listed:
+        if other.split(".")[0] in ("lab", "base") or (other in PUBLIC and name == other):
+            continue
+        if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
+            found.append((module, f"{other}.{name}".strip(".")))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "cs" and node.attr not in public_names(""):
+            found.append((module, f"cs.{node.attr}"))
+    return found
+
+
+def test_the_laboratory_uses_public_names_alone():
+    """And the tools of `base`, which know nothing of cloth."""
+    checked = 0
+    for module, path in NAMES.items():
+        if module.split(".")[0] == "lab":
+            listed = [one for one in IMPORTS if one[0] == module]
+            checked += len(listed)
+            assert private_uses(module, (PACKAGE / path).read_text(encoding="utf-8"), listed) == []
+    assert checked > 100
+    planted = [
+        ("lab.x", "engine.plan", "KERNELS", False),
+        ("lab.x", "", "_core", False),
+        ("lab.x", "gpu.device", "using", False),
+    ]
+    planted += [
+        ("lab.x", "accuracy", "own_methods", False),
+        ("lab.x", "accuracy", "Outcome", False),
+        ("lab.x", "", "", False),
+    ]
+    found = private_uses("lab.x", "cs.Scene(cs._core.Cloth, cs.typing.Precision)", planted)
+    wrong = ["engine.plan.KERNELS", "_core", "gpu.device.using", "accuracy.own_methods", "cs._core"]
+    assert [what for _, what in found] == wrong
+
+
 def test_a_module_name_occurs_once():
     counts = Counter(path.stem for path in MODULES if path.name != "__init__.py")
     assert [name for name, count in counts.items() if count > 1] == []

@@ -179,5 +179,5 @@ def test_a_hard_case_that_fails_is_code_1(capsys, monkeypatch):
     chosen[name] = dataclasses.replace(case, dt=case.dt / 2)
     assert main(["stability", "--hard-cases"]) == 1
     captured = capsys.readouterr()
-    assert "FAIL double" in captured.out and "2 of 4 runs as expected" in captured.out
+    assert "FAIL  double" in captured.out and "2 of 4 runs as expected" in captured.out
     assert captured.err == f"clothsim stability: error: not as expected: {name}\n"

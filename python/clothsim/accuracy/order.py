@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..base import check
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
+from ..base.table import aligned
 from ..engine.integration import integrator_name
 from ..errors import UnstableError
 from ..model.scene import Scene
@@ -90,13 +91,13 @@ class Convergence(EqualByValue):
         fitted = f"order {self.order:.2f} (* fitted)"
         if math.isnan(self.order):
             fitted = f"no order: fewer than two errors are well above the floor, {self.floor.min():.1e} m"
-        lines = [f"{self.integrator}, {self.precision}: {fitted}"]
-        lines.append(f"{'dt [s]':>11}  {'rms [m]':>9}  {'max [m]':>9}  order")
-        for k, dt in enumerate(self.dt):
-            local = f"{self.local_orders[k - 1]:5.2f}" if k else "     "
-            mark = " *" if self.fitted[k] else ""
-            lines.append(f"{dt:11.4g}  {self.rms[k]:9.2e}  {self.max[k]:9.2e}  {local}{mark}")
-        return "\n".join(lines)
+        orders = ["", *(f"{order:.2f}" for order in self.local_orders)]
+        rows = [
+            (f"{dt:.4g}", f"{rms:.2e}", f"{largest:.2e}", order, "*" * bool(fit))
+            for dt, rms, largest, order, fit in zip(self.dt, self.rms, self.max, orders, self.fitted, strict=True)
+        ]
+        table = aligned(("dt [s]", "rms [m]", "max [m]", "order", ""), rows, left=())
+        return f"{self.integrator}, {self.precision}: {fitted}\n{table}"
 
     __repr__ = __str__
 

@@ -53,7 +53,7 @@ def work_precision(
         Simulated time [s], > 0.
     methods : sequence, optional
         Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances;
-        or objects of the protocol `clothsim.accuracy.methods.Method`. Default: all integrators.
+        or objects of the protocol `clothsim.accuracy.Method`. Default: all integrators.
     precisions : sequence of {"double", "single"}, default both
         Precisions of the methods that are given by name.
     dts : sequence of float, optional
@@ -137,7 +137,9 @@ def _methods(
     chosen: list[Method] = list(own_methods(names, precisions, threads))
     chosen += [m for m in methods or () if not isinstance(m, str)]
     if peers:
-        chosen += later("peers")(scene, threads)
+        if reason := later("refusal of the peers")(scene):
+            raise ValueError(f"peers must be False for this scene: {reason}")
+        chosen += later("peers")(scene, threads)[0]
     if not chosen:
         raise ValueError("methods must name at least one method, got none")
     return chosen

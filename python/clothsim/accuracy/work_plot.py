@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base import check
 from ..base.extras import needed
+from ..base.plots import BLACK, DPI, GREY, figure
 from .methods import OWN
 
 _STYLES = {"double": "-", "single": ":"}
@@ -35,13 +36,8 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
         Without matplotlib, naming the extra that brings it.
     """
     colormaps = needed("matplotlib", "a picture", "plot").colormaps
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     path = check.path("path", path)
-    figure = Figure(figsize=(13, 6.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2, sharey=True)
+    drawn, (panels,) = figure(13, 6.4, 1, 2, sharey=True)
     names = list(dict.fromkeys(map(str, data["integrator"].values)))
     colors = {name: colormaps["tab20"](k % 20) for k, name in enumerate(names)}
     for m, label in enumerate(map(str, data["solver"].values)):
@@ -63,7 +59,7 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     panels[0].plot(
         data["wall_time"].values[front][order],
         data["rms_error"].values[front][order],
-        color="k",
+        color=BLACK,
         lw=5,
         alpha=0.15,
         marker="o",
@@ -75,12 +71,10 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     texts = ("wall time per simulated second [s/s]", "force evaluations")
     for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
-        panel.grid(alpha=0.3)
-        panel.spines[["top", "right"]].set_visible(False)
     floor = data.attrs["reference_error_estimate_rms"]
     if floor > 0:
         for panel in panels:
-            panel.axhline(floor, color="0.5", lw=0.8)
+            panel.axhline(floor, color=GREY, lw=0.8)
         panels[1].annotate(
             "error of the reference",
             (1, floor),
@@ -88,9 +82,9 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
             ha="right",
             va="bottom",
             fontsize=8,
-            color="0.4",
+            color=GREY,
         )
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
-    figure.legend(loc="outside right upper", fontsize=8, frameon=False)
-    figure.savefig(path, dpi=130)
+    drawn.legend(loc="outside right upper", fontsize=8, frameon=False)
+    drawn.savefig(path, dpi=DPI)
     return path

@@ -5,12 +5,51 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 
-def aligned(header: Sequence[str], lines: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "") -> str:
-    """Align a table: columns are as wide as their widest cell and two blanks apart. Columns in `left` are aligned left,
-    others right.
+def aligned(
+    header: Sequence[str],
+    lines: Iterable[Sequence[str]],
+    left: Collection[int] = (0,),
+    indent: str = "",
+    *,
+    rule: bool = False,
+    stacked: bool = False,
+) -> str:
+    """Align a table: columns are as wide as their widest cell and two blanks apart.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Headings; empty: none.
+    lines : iterable of sequence of str
+        Cells.
+    left : collection of int
+        Columns that are aligned left; others are aligned right.
+    indent : str
+        Before every line.
+    rule : bool, default False
+        Dashes below the headings.
+    stacked : bool, default False
+        Headings with a line per word.
+
+    Examples
+    --------
+    >>> print(aligned(("family", "mass points"), [("shear", "1,024"), ("bend", "16")], rule=True, stacked=True))
+              mass
+    family  points
+    ------  ------
+    shear    1,024
+    bend        16
     """
-    table = [header, *lines] if header else list(lines)
+    body = list(lines)
+    head = []
+    if header:
+        words = [heading.split(" ") if stacked else [heading] for heading in header]
+        height = max(map(len, words))
+        head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))
+    table = [*head, *body]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    if rule:
+        table.insert(len(head), ["-" * width for width in widths])
     return "\n".join(
         indent
         + "  ".join(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..base.table import aligned
 from ..engine.integration import integrator_name
 from ..run.frames import EVERY_STEP, checked_every
 
@@ -89,15 +90,16 @@ def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) 
 
 def as_text(data: Mapping[str, Any], indent: str = "") -> str:
     """One `name: value` line per entry, the values aligned; mappings inside are indented."""
-    width = max(map(len, data), default=0)
-    lines = []
+    return aligned((), list(_entries(data, indent)), left=(0, 1))
+
+
+def _entries(data: Mapping[str, Any], indent: str) -> Iterator[tuple[str, str]]:
     for name, value in data.items():
         if isinstance(value, Mapping):
-            lines += [f"{indent}{name}:", as_text(value, indent + "  ")]
+            yield f"{indent}{name}:", ""
+            yield from _entries(value, indent + "  ")
         else:
-            shown = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else value
-            lines.append(f"{indent}{name + ':':<{width + 1}} {shown}")
-    return "\n".join(lines)
+            yield f"{indent}{name}:", ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = "") -> str:
@@ -115,9 +117,7 @@ def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = ""
     energy       start 0 J, end 1.235 J
     penetration  no sphere
     """
-    rows = list(_rows(data, units, "", ""))
-    width = max((len(name) for name, _ in rows), default=0)
-    return "\n".join(f"{indent}{name:<{width}}  {text}".rstrip() for name, text in rows)
+    return aligned((), list(_rows(data, units, "", "")), left=(0, 1), indent=indent)
 
 
 def _rows(data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: str) -> Iterator[tuple[str, str]]:

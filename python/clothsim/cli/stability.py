@@ -12,8 +12,9 @@ from clothsim.base import check
 from clothsim.engine.plan import INTEGRATORS, PRECISIONS
 from clothsim.lab.hard_cases.case_table import hard_case_table, run_hard_cases
 from clothsim.stability.map import measure_map
-from clothsim.stability.map_report import draw_map, map_table, need_matplotlib, write_csv
+from clothsim.stability.map_report import draw_map, map_table, write_csv
 
+from ..base.extras import check_installed
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ._common import add_command, count, integrator, refuse_ignored
@@ -99,7 +100,7 @@ def _hard_cases(args: argparse.Namespace) -> None:
 def _map(args: argparse.Namespace) -> None:
     folder = check.folder("--out", args.out) if args.out else None
     if folder:
-        need_matplotlib()
+        check_installed("matplotlib", "a picture", "plot")
     scene = ready_scenes()[args.scene]()
     softest, stiffest = args.stiffness
     shortest, longest = args.dt or _range(args, scene)

@@ -8,11 +8,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
+from clothsim.accuracy.front import ERRORS, front, statement
+from clothsim.accuracy.front_table import text_of_front
 from clothsim.accuracy.work_plot import plot_work_precision
 from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
 from clothsim.base import check
-from clothsim.lab.peers.front import ERRORS, front, statement
-from clothsim.lab.peers.front_table import text_of_front
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command

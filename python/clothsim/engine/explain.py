@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..base.table import aligned
 from ..model.scene import Scene
 from .integration import UPDATES, Integrator, integrators
 from .limiting import limiting_term
@@ -47,9 +48,7 @@ class Explanation(Mapping[str, Any]):
         return len(self._facts)
 
     def __str__(self) -> str:
-        width = max(map(len, self._facts))
-        lines = (f"{name.replace('_', ' '):<{width}}  {_text(v)}" for name, v in self.items())
-        return "\n".join(lines)
+        return aligned((), [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1))
 
     __repr__ = __str__
 

@@ -229,7 +229,13 @@ def opened() -> Device:
 
 @contextmanager
 def using(adapter: Adapter) -> Iterator[None]:
-    """Choose the adapter of new states."""
+    """A context in which new states take this adapter, as with CLOTHSIM_GPU_ADAPTER.
+
+    Parameters
+    ----------
+    adapter : Adapter
+        One of `adapters()`.
+    """
     before = os.environ.get(ADAPTER_VARIABLE)
     os.environ[ADAPTER_VARIABLE] = str(adapter.place)
     try:

@@ -1,4 +1,4 @@
-"""Short windows of work, timed in turn."""
+"""The timer of the laboratory: short windows of works in turn, and single runs that end in time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
+
+import clothsim as cs
 
 
 class Work:
@@ -24,6 +26,29 @@ class Work:
     def run(self, steps: int) -> None:
         """Do `steps` steps."""
         raise NotImplementedError
+
+
+class Steps(Work):
+    """Steps of a stepper that `make` makes anew for each window, or one that goes on.
+
+    Parameters
+    ----------
+    stepper : clothsim.Stepper or callable
+        A callable makes the stepper of each window, untimed.
+    dt : float
+        Time step [s].
+    steps : int
+        Of a window.
+    """
+
+    def __init__(self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int) -> None:
+        self._make, self._dt, self.cold_steps = stepper, dt, steps
+
+    def prepare(self) -> None:
+        self._stepper = self._make() if callable(self._make) else self._make
+
+    def run(self, steps: int) -> None:
+        self._stepper.advance(steps, self._dt)
 
 
 @dataclass(frozen=True)
@@ -59,7 +84,7 @@ def calibrate(work: Work, seconds: float, clock: Callable[[], float] = perf_coun
 def measure(
     works: Sequence[Work],
     windows: int,
-    seconds: float,
+    seconds: float = 0.0,
     clock: Callable[[], float] = perf_counter,
     advance: Callable[[int], object] = lambda windows: None,
 ) -> list[Timing]:
@@ -76,7 +101,7 @@ def measure(
     windows : int
         Rounds, >= 1.
     seconds : float
-        Length of a window [s].
+        Length of a window [s], of works without `cold_steps`.
     clock : callable
         Gives the time [s].
     advance : callable
@@ -109,3 +134,46 @@ def measure(
             taken[k, window] = (clock() - start) / steps[k]
             advance(1)
     return [Timing(float(row.min()), float(np.median(row)), windows, count) for row, count in zip(taken, steps, strict=True)]
+
+
+class Stopwatch:
+    """A context whose attribute `seconds` is how long it took."""
+
+    seconds: float
+
+    def __enter__(self) -> Stopwatch:
+        self._start = perf_counter()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.seconds = perf_counter() - self._start
+
+
+class StepTimer:
+    """Times steps in parts that are short enough to end in time.
+
+    Parameters
+    ----------
+    advance : callable
+        Does so many steps.
+    """
+
+    LONGEST_PART = 0.1  # s of steps between two looks at the clock
+
+    def __init__(self, advance: Callable[[int], object]) -> None:
+        self._advance, self._part = advance, 1
+
+    def timed(self, steps: int, seconds: float) -> tuple[int, float]:
+        """Steps done, at most `steps` and at least one, and how long they took [s].
+
+        After `seconds` it ends early.
+        """
+        start, done, elapsed = perf_counter(), 0, 0.0
+        while done < steps and (elapsed < seconds or done == 0):
+            part = min(self._part, steps - done)
+            begin = perf_counter()
+            self._advance(part)
+            took = perf_counter() - begin
+            done, elapsed = done + part, perf_counter() - start
+            self._part = max(1, min(2 * part, int(part * self.LONGEST_PART / max(took, 1e-9))))
+        return done, elapsed

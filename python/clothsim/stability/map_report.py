@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from ..base.extras import needed
+from ..base.plots import BLACK, BLUE, DPI, RED, figure
+from ..base.table import aligned
 from .map import StabilityMap
 
 
@@ -16,25 +16,20 @@ def map_table(found: StabilityMap) -> str:
     """Table with a row per time step and a column per stiffness: ``o`` is stable, ``x`` is not. Cells are marked where
     the prediction differs.
     """
-    width = 9
-    head = "dt [s] \\ K [N/m]"
-
-    def row(name: str, cells: Iterable[str]) -> str:
-        return f"{name:<16}" + "".join(f"{cell:>{width}}" for cell in cells)
-
-    lines = [row(head, (f"{k:.2g}" for k in found.stiffness))]
+    header = ["dt [s] \\ K [N/m]", *(f"{k:.2g}" for k in found.stiffness)]
+    lines = []
     for j in np.argsort(found.dt)[::-1]:
         marks = ("o" if s else "x" for s in found.stable[:, j])
         agree = (m if s == p else m + "!" for m, s, p in zip(marks, found.stable[:, j], found.predicted[:, j]))
-        lines.append(row(f"{found.dt[j]:.3e}", agree))
-    lines.append(row("predicted limit", (f"{h:.2e}" for h in found.limit)))
-    lines.append(row("guaranteed", (f"{h:.2e}" for h in found.guarantee)))
+        lines.append([f"{found.dt[j]:.3e}", *agree])
+    lines.append(["predicted limit", *(f"{h:.2e}" for h in found.limit)])
+    lines.append(["guaranteed", *(f"{h:.2e}" for h in found.guarantee)])
     differing = int((found.stable != found.predicted).sum())
-    lines.append(
+    return (
+        f"{aligned(header, lines)}\n"
         f"o stable, x unstable over {found.steps} steps of {found.integrator} in {found.precision}; "
         f"! where the prediction differs: {differing} of {found.stable.size} cells"
     )
-    return "\n".join(lines)
 
 
 def write_csv(found: StabilityMap, path: Path) -> None:
@@ -48,23 +43,11 @@ def write_csv(found: StabilityMap, path: Path) -> None:
                 writer.writerow([float(k), float(dt), *cells, found.limit[i], found.guarantee[i]])
 
 
-def need_matplotlib() -> None:
-    """Raise an ImportError that names the extra, where matplotlib is missing."""
-    needed("matplotlib", "a picture", "plot")
-
-
 def draw_map(found: StabilityMap, path: Path) -> None:
     """Plot stable and unstable runs, with lines of the predicted limit and the guarantee."""
-    need_matplotlib()
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7, 5), dpi=150, layout="constrained")
-    axes = figure.add_subplot()
+    drawn, ((axes,),) = figure(7, 5)
     k, dt = np.meshgrid(found.stiffness, found.dt, indexing="ij")
-    for mask, color, marker, label in (
-        (found.stable, "tab:blue", "o", "stable"),
-        (~found.stable, "tab:red", "x", "unstable"),
-    ):
+    for mask, color, marker, label in ((found.stable, BLUE, "o", "stable"), (~found.stable, RED, "x", "unstable")):
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
     order = np.argsort(found.stiffness)
     for values, style, label in (
@@ -72,7 +55,7 @@ def draw_map(found: StabilityMap, path: Path) -> None:
         (found.guarantee, "--", "guaranteed (max_stable_dt)"),
     ):
         if np.isfinite(values).any():
-            axes.plot(found.stiffness[order], values[order], "k" + style, label=label)
+            axes.plot(found.stiffness[order], values[order], style, color=BLACK, label=label)
     axes.set(
         xscale="log",
         yscale="log",
@@ -80,5 +63,5 @@ def draw_map(found: StabilityMap, path: Path) -> None:
         ylabel="time step dt [s]",
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
     )
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    figure.savefig(path)
+    drawn.legend(loc="outside lower center", ncols=4, frameon=False)
+    drawn.savefig(path, dpi=DPI)

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..base import check
 from ..base.extras import needed
+from ..base.plots import BLACK, BLUE, GREY, LIGHT_GREY, RED, YELLOW, tidy
 from .member import STATUS
 
 KINDS = ("convergence", "stability", "heatmap")
 
 _UNSTABLE = STATUS.index("unstable")
-_RED = "#c0392b"
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
@@ -66,7 +66,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     others = [d for d in _long(dataset) if d != by]
     along = _other(dataset, along, others)
     dataset = dataset.squeeze([d for d in dataset.dims if d not in (by, along)]).sortby(by)
-    ax = _axes(ax)
+    ax = _axes(ax, tidied=True)
     x = dataset[by].values
     lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
     colors = _pyplot().colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
@@ -86,7 +86,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if by == "dt":
         _slope(ax, x, dataset["error"].transpose(..., "dt").values)
     if hollow:
-        ax.plot([], [], "o", ms=4, mec="0.5", mfc="white", label="below the\nreference's own")
+        ax.plot([], [], "o", ms=4, mec=GREY, mfc="white", label="below the\nreference's own")
     ax.set_xlabel(_title(dataset[by]))
     ax.set_ylabel("largest error at the end [m]")
     if ax.get_legend_handles_labels()[0]:
@@ -102,7 +102,7 @@ def _slope(ax: Any, dt: np.ndarray, error: np.ndarray) -> None:
         low, high = ax.get_ylim()
         # Through the middle of the points, which neither rounding nor a runaway moves.
         scale = np.median((error / dt**4)[good])
-        ax.plot(dt, scale * dt**4, ":", color="0.5", label="order 4", zorder=1)
+        ax.plot(dt, scale * dt**4, ":", color=GREY, label="order 4", zorder=1)
         ax.set_ylim(low, high)
 
 
@@ -130,13 +130,13 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     dataset = dataset.squeeze([d for d in dataset.dims if d not in ("dt", y)])
     status = dataset["status"].transpose("dt", y).values
     ax = _axes(ax)
-    colors = _pyplot().matplotlib.colors.ListedColormap(["0.85", "#2e86c1", _RED, "#f1c40f"])
+    colors = _pyplot().matplotlib.colors.ListedColormap([LIGHT_GREY, BLUE, RED, YELLOW])
     edges = _edges(dataset[y].values), _edges(dataset["dt"].values)
     ax.pcolormesh(*edges, status, cmap=colors, vmin=-0.5, vmax=3.5, edgecolors="w", linewidth=0.5)
     limit = dataset["max_stable_dt"].transpose("dt", y).values
     known = np.isfinite(limit).any(axis=0)
     line = np.nanmax(np.where(np.isfinite(limit), limit, -np.inf), axis=0)
-    ax.plot(_places(dataset[y].values)[known], line[known], "k.-", label="guaranteed stable dt")
+    ax.plot(_places(dataset[y].values)[known], line[known], ".-", color=BLACK, label="guaranteed stable dt")
     for code in np.unique(status):
         ax.plot([], [], "s", color=colors(int(code)), label=STATUS[int(code)])
     _scale(ax, "x", dataset[y])
@@ -194,7 +194,7 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
     ax.figure.colorbar(mesh, ax=ax, label=_title(data[variable], variable))
     diverged = np.argwhere(data["status"].transpose(y, x).values == _UNSTABLE)
     places = _places(data[x].values), _places(data[y].values)
-    ax.plot(places[0][diverged[:, 1]], places[1][diverged[:, 0]], "x", color=_RED, ls="none")
+    ax.plot(places[0][diverged[:, 1]], places[1][diverged[:, 0]], "x", color=RED, ls="none")
     _scale(ax, "x", data[x])
     _scale(ax, "y", data[y])
     return ax
@@ -204,8 +204,13 @@ def _pyplot() -> Any:
     return needed("matplotlib.pyplot", "plot", extra="plot")
 
 
-def _axes(ax: Any) -> Any:
-    return _pyplot().subplots(figsize=(6.4, 4.6), layout="constrained")[1] if ax is None else ax
+def _axes(ax: Any, tidied: bool = False) -> Any:
+    """The given axes, or axes of a new figure that pyplot shows."""
+    if ax is None:
+        ax = _pyplot().subplots(figsize=(6.4, 4.6), layout="constrained")[1]
+        if tidied:
+            tidy(ax)
+    return ax
 
 
 def _grid_dimensions(dataset: Any) -> list[str]:

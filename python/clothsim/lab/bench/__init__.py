@@ -14,7 +14,7 @@ from typing import Any
 from clothsim.base import check
 from clothsim.base.progress import ProgressBar
 
-from . import candidates, efficiency, machine, measured_run
+from . import candidates, efficiency, machine_facts, measured_run
 from . import saved as files
 from . import sections as parts
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
@@ -72,7 +72,7 @@ def bench(
     """
     chosen = check.choices("sections", sections, SECTIONS)
     folder = None if out is None else check.folder("out", out)
-    about = machine.describe()
+    about = machine_facts.describe()
     figures = Figures()
     counts = tuple(sorted({1, min(2, about["cores"]), about["cores"]}))
     numba_threads = candidates.numba_threads(settings, counts, figures)
@@ -90,7 +90,7 @@ def bench(
 
         if "limits" in chosen:
             begin("limits")
-            limits = machine.limits(instruction_sets, counts)
+            limits = machine_facts.limits(instruction_sets, counts)
         plan = candidates.Bench(settings, figures, kernels, instruction_sets, counts, numba_threads, bar.advance)
         for name, measure in parts.ALL.items():
             if name in chosen:
@@ -107,7 +107,7 @@ def bench(
         "machine": about,
         "settings": asdict(settings),
         "sections": chosen,
-        "limits": machine.as_plain(limits),
+        "limits": machine_facts.as_plain(limits),
         "figures": [{**figure.as_dict(), **ratios(figure, figures)} for figure in figures],
         "accuracy": accuracy,
         "efficiency": attempt(partial(efficiency.efficiency, measured), [], skipped, table="efficiency"),

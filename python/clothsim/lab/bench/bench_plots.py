@@ -5,27 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from clothsim.base.plots import BLUE, GREEN, GREY, RED, figure
+
 from .efficiency import STATE_TRAFFIC
 from .figures import FEATURE
 from .measured_run import ALL_SPRINGS
 
-_COLORS = {"gather": "#c2512c", "edge": "#2f6db3", "numba strided": "#5b8c3a"}
+_COLORS = {"gather": RED, "edge": BLUE, "numba strided": GREEN}
 # By the rank of a thread count among those measured, which are three at most.
 _LINES = ("o-", "s--", "^-.")
 _SHADES = (1.0, 0.6, 0.3)
-
-
-def _figure(width: float, height: float, columns: int = 1) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, columns, squeeze=False, sharey=True)[0]
-    for panel in panels:
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.grid(alpha=0.3)
-    return figure, panels
 
 
 def _legend(panel: Any) -> None:
@@ -46,7 +35,7 @@ def _grids(report: dict[str, Any]) -> Any:
     from matplotlib.ticker import LogLocator, NullLocator
 
     counts = sorted({f["threads"] for f in figures})
-    figure, panels = _figure(11, 5.2, 2)
+    drawn, (panels,) = figure(11, 5.2, 1, 2, sharey=True)
     for panel, precision in zip(panels, ("single", "double"), strict=True):
         chosen = [f for f in figures if f["precision"] == precision]
         for by, threads in dict.fromkeys((f["by"], f["threads"]) for f in chosen):
@@ -57,7 +46,7 @@ def _grids(report: dict[str, Any]) -> Any:
                 *zip(*line, strict=True),
                 _LINES[counts.index(threads)],
                 ms=4,
-                color=_COLORS.get(by, "0.4"),
+                color=_COLORS.get(by, GREY),
                 label=f"{by}, {_on(threads)}",
             )
         if report["limits"]:
@@ -71,7 +60,7 @@ def _grids(report: dict[str, Any]) -> Any:
         panel.yaxis.set_major_formatter("{x:g}")
     panels[0].set_ylabel("ns per mass point and step")
     _legend(panels[0])
-    return figure
+    return drawn
 
 
 def _limit_lines(
@@ -99,7 +88,7 @@ def _bars(panel: Any, labels: list[str], groups: Sequence[tuple[str, str, int, l
     height = 0.8 / len(groups)
     for k, (name, by, shade, values) in enumerate(groups):
         at = [i + (k - (len(groups) - 1) / 2) * height for i in range(len(labels))]
-        look = {"color": _COLORS.get(by, "0.4"), "alpha": _SHADES[shade]}
+        look = {"color": _COLORS.get(by, GREY), "alpha": _SHADES[shade]}
         bars = panel.barh(at, values, height, label=name, **look)
         panel.bar_label(bars, fmt="%.1f", fontsize="x-small", padding=2)
     panel.set_yticks(range(len(labels)), labels)
@@ -121,11 +110,11 @@ def _threads(report: dict[str, Any]) -> Any:
         }
         values = [times[work] for work in works]
         groups.append((f"{by}, {_on(threads)}", by, counts.index(threads), values))
-    figure, (panel,) = _figure(8, 4.5)
+    drawn, ((panel,),) = figure(8, 4.5)
     _bars(panel, [f"{springs:,} springs\n{precision}" for springs, precision in works], groups)
-    panel.axvline(5.0, color="0.3", lw=1, ls=":")
+    panel.axvline(5.0, color=GREY, lw=1, ls=":")
     panel.set_xlabel("us per step of 32 x 32 mass points (dotted: real time at the paper's 5 us)")
-    return figure
+    return drawn
 
 
 def _features(report: dict[str, Any]) -> Any:
@@ -138,10 +127,10 @@ def _features(report: dict[str, Any]) -> Any:
         times = {f["work"]: 1e6 * f["minimum"] for f in figures if (f["by"], f["precision"]) == (by, precision)}
         values = [times[work] for work in works]
         groups.append((f"{by}, {precision}", by, int(precision == "double"), values))
-    figure, (panel,) = _figure(8, 8)
+    drawn, ((panel,),) = figure(8, 8)
     _bars(panel, [work.removeprefix(FEATURE) for work in works], groups)
     panel.set_xlabel("us per step of 32 x 32 mass points, one thread")
-    return figure
+    return drawn
 
 
 ALL = {"grids": _grids, "threads": _threads, "features": _features}

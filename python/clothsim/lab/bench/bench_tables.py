@@ -14,8 +14,7 @@ from .ratios import COLUMNS
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Columns aligned: the first to the left, the others to the right."""
-    first, *others = aligned(head, [tuple(row) for row in rows]).split("\n")
-    return [first, "-" * max(map(len, (first, *others))), *others]
+    return aligned(head, rows, rule=True).split("\n")
 
 
 def _label(figure: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from clothsim import _core
+from clothsim.machine import BYTES_IN_SHARED_CACHE
 
 from .figures import Missing
 from .measured_run import Measured, share_of_peak
@@ -64,7 +64,7 @@ def _row(m: Measured, work: str, kernel: str, precision: str, threads: int) -> d
     measured = figure.minimum / figure.points
     moved = traffic(kernel, precision)
     memory = moved / m.limits["bandwidth"][threads]
-    through_memory = figure.points * STATE_TRAFFIC / 2 > _core.bytes_in_shared_cache
+    through_memory = figure.points * STATE_TRAFFIC / 2 > BYTES_IN_SHARED_CACHE
     return {
         "work": work,
         "kernel": kernel,

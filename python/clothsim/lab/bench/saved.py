@@ -15,7 +15,7 @@ from clothsim.base.extras import how_to_install
 from . import bench_plots as plots
 from .bench_settings import FULL, NORMAL, QUICK, SECTIONS, Settings
 from .figures import Figure, Figures, attempt
-from .machine import slug
+from .machine_facts import slug
 from .measured_run import Measured
 
 COLUMNS = (
@@ -171,7 +171,7 @@ def _figure(row: dict[str, str]) -> Figure:
 
 
 def _limits(plain: dict[str, Any]) -> dict[str, Any]:
-    """The limits as `machine.limits` gives them: keys of JSON are texts."""
+    """The limits as `machine_facts.limits` gives them: keys of JSON are texts."""
     if not plain:
         return {}
     peak = {(p["instruction_set"], p["precision"], p["threads"]): p["flops_per_second"] for p in plain["peak"]}

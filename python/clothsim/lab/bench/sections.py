@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import gc
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 import clothsim as cs
-from clothsim.engine import plan
+from clothsim.typing import Kernel
 
 from ..peers.numpy_peer import NumpyPeer
 from . import works
@@ -212,7 +212,7 @@ def accuracy(bench: Bench) -> dict[str, Any]:
     fine = bench.settings.reference_dt
     expected, _ = cs.step(scene, x, v, fine, round(duration / fine), kernel="gather", strict=True, threads=1)
     result: dict[str, Any] = {"duration": duration, "dt": dt, "reference_dt": fine}
-    for kernel in (kernel for kernel in plan.KERNELS if kernel in bench.kernels):
+    for kernel in (kernel for kernel in kernels() if kernel in bench.kernels):
         end, _ = cs.step(scene, x, v, dt, round(duration / dt), kernel=kernel, threads=1)
         result[kernel] = float(np.linalg.norm(end - expected, axis=-1).max())
     return result
@@ -221,6 +221,6 @@ def accuracy(bench: Bench) -> dict[str, Any]:
 ALL = {"steps": steps, "features": features, "batch": batch, "grids": grids, "frames": frames, "calls": calls}
 
 
-def kernels() -> tuple[str, ...]:
+def kernels() -> tuple[Kernel, ...]:
     """The kernels that this build offers by name."""
-    return tuple(k for k in plan.KERNELS if k != "auto")
+    return tuple(k for k in get_args(Kernel) if k != "auto")

@@ -13,7 +13,7 @@ import numpy as np
 import clothsim as cs
 
 from ..timing import Work
-from . import machine
+from . import machine_facts
 from .bench_settings import BATCH, CONTACT_TIME, PAPER_DT, STATE_DT, STATE_TIME
 
 _HORIZON = 0.02  # s that a figure's cloth may move on before it is put back
@@ -97,7 +97,7 @@ class Core(Work):
 
     def rewind(self) -> None:
         start = self.start
-        with machine.instruction_set(self.instruction_set):
+        with machine_facts.instruction_set(self.instruction_set):
             self.stepper = cs.Stepper(start.scene, start.x, start.v, t=start.t, **self.options)
 
     def prepare(self) -> None:
@@ -117,7 +117,7 @@ class Core(Work):
 
     @property
     def flops(self) -> int:
-        with machine.instruction_set(self.instruction_set):
+        with machine_facts.instruction_set(self.instruction_set):
             return int(self.start.one.explain(**self.options)["flops_per_step"])
 
 
@@ -165,7 +165,7 @@ class StepCalls(Core):
 
     def run(self, steps: int) -> None:
         scene = self.start.scene
-        with machine.instruction_set(self.instruction_set):
+        with machine_facts.instruction_set(self.instruction_set):
             for _ in range(steps):
                 self.x, self.v = cs.step(scene, self.x, self.v, PAPER_DT, t=self.t, **self.options)
                 self.t += PAPER_DT

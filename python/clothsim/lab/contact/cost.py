@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Any
-
-import numpy as np
 
 import clothsim as cs
 from clothsim.typing import Precision
+
+from ..timing import Steps, measure
 
 # A variant's own step without a sphere, where it is not the one named first.
 _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
@@ -58,12 +57,8 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
     rows = []
     for precision in ("double", "single"):
         steppers = _steppers(precision)
-        least = dict.fromkeys(steppers, np.inf)
-        for _ in range(windows):
-            for name, stepper in steppers.items():
-                start = perf_counter()
-                stepper.advance(steps, dt)
-                least[name] = min(least[name], (perf_counter() - start) / steps)
+        timings = measure([Steps(stepper, dt, steps) for stepper in steppers.values()], windows)
+        least = dict(zip(steppers, (timing.minimum for timing in timings), strict=True))
         rows += [
             {
                 "precision": precision,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from time import perf_counter
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
+
+from ..timing import Steps, measure
 
 RESPONSES: dict[str, dict[str, Any]] = {
     "reflect, as printed": {"response": "reflect", "literal": True},
@@ -99,30 +101,28 @@ def follow(name: str, response: str, end: float | None = None, look: int = LOOK,
 
 def _cost(rows: Sequence[dict[str, Any]], windows: int = 30, steps: int = 20) -> None:
     """Adds "microseconds_per_step" in the middle of each scene's contact, least of windows."""
-    steppers = []
+    timed, works = [], []
     for row in rows:
         _, dt, duration = SCENES[row["scene"]]
         stepper = cs.Stepper(scene_of(row["scene"], row["response"]), threads=1)
+        row["microseconds_per_step"] = None
         try:
             stepper.advance(round(0.4 * duration / dt), dt)
             snapshot = stepper.snapshot()
+            stepper.advance(1 + steps, dt)
         except cs.UnstableError:
-            snapshot = None
-        steppers.append((row, snapshot, dt))
-        row["microseconds_per_step"] = None
-    for _ in range(windows):
-        for row, snapshot, dt in steppers:
-            if snapshot is None:
-                continue
-            stepper = cs.Stepper.restore(snapshot)
-            stepper.advance(1, dt)
-            start = perf_counter()
-            try:
-                stepper.advance(steps, dt)
-            except cs.UnstableError:
-                continue
-            taken = 1e6 * (perf_counter() - start) / steps
-            row["microseconds_per_step"] = min(row["microseconds_per_step"] or taken, taken)
+            continue
+        timed.append(row)
+        works.append(Steps(partial(_restored, snapshot, dt), dt, steps))
+    for row, timing in zip(timed, measure(works, windows), strict=True):
+        row["microseconds_per_step"] = 1e6 * timing.minimum
+
+
+def _restored(snapshot: cs.Snapshot, dt: float) -> cs.Stepper:
+    """A stepper that has stepped once, so that its engine is made."""
+    stepper = cs.Stepper.restore(snapshot)
+    stepper.advance(1, dt)
+    return stepper
 
 
 def comparison(

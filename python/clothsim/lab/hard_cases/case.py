@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+import clothsim as cs
 from clothsim.base import check
-from clothsim.engine.plan import PRECISIONS
-from clothsim.engine.stepper import SilentStepper, Stepper
-from clothsim.engine.stepping import reference_step
-from clothsim.errors import StabilityWarning, UnstableError
-from clothsim.measure.measures import energy
-from clothsim.model.cloth import Cloth
-from clothsim.model.scene import Scene
 from clothsim.typing import Precision
+
+from ..timing import Stopwatch
+
+PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -51,9 +48,9 @@ class End:
 
     x: Floats
     v: Floats
-    error: UnstableError | None
+    error: cs.UnstableError | None
     precision: Precision
-    stepper: Stepper
+    stepper: cs.Stepper
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ class HardCase:
         Whether an `UnstableError` is the expected outcome.
     """
 
-    scene: Scene
+    scene: cs.Scene
     dt: float
     steps: int
     why: str
@@ -139,20 +136,24 @@ class HardCase:
         m from above the centre 1e-12
         """
         check.choice("precision", precision, self.precisions)
-        begin = time.perf_counter()
-        stepper = SilentStepper(self.scene, precision=precision, **{"threads": 1, **options})
+        with Stopwatch() as watch:
+            figures = self._figures(precision, options)
+        return HardCaseResult(tuple(figures), watch.seconds)
+
+    def _figures(self, precision: Precision, options: dict[str, Any]) -> list[Figure]:
+        stepper = cs.Stepper(self.scene, precision=precision, **{"threads": 1, **options})
         error = None
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StabilityWarning)
+            warnings.simplefilter("ignore", cs.StabilityWarning)
             try:
                 stepper.advance(self.steps, self.dt)
-            except UnstableError as raised:
+            except cs.UnstableError as raised:
                 error = raised
         end = End(stepper.positions, stepper.velocities, error, precision, stepper)
         figures = [Figure("UnstableError", float(error is not None), self.unstable, self.unstable)]
         for judge in self.judges:
             figures += judge(self, end)
-        return HardCaseResult(tuple(figures), time.perf_counter() - begin)
+        return figures
 
 
 def moves_like_the_reference(double: float, single: float) -> Judge:
@@ -160,7 +161,7 @@ def moves_like_the_reference(double: float, single: float) -> Judge:
 
     def judge(case: HardCase, end: End) -> list[Figure]:
         start = case.scene.initial_position
-        expected, _ = reference_step(case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0)
+        expected, _ = cs.reference_step(case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0)
         moved = np.abs(expected - start).max()
         error = np.abs(end.x - expected).max() / moved if moved > 0 else np.abs(end.x - start).max()
         bound = {"double": double, "single": single}[end.precision]
@@ -184,8 +185,8 @@ def gains_energy(double: float, single: float, loss: float = np.inf) -> Judge:
 
     def judge(case: HardCase, end: End) -> list[Figure]:
         scene = case.scene
-        first = energy(scene, scene.initial_position, scene.initial_velocity)
-        last = energy(scene, end.x, end.v)
+        first = cs.energy(scene, scene.initial_position, scene.initial_velocity)
+        last = cs.energy(scene, end.x, end.v)
         scale = max(e["kinetic"] + e["elastic"] for e in (first, last))
         gain = float(last["total"] - first["total"]) / scale if scale > 0 else 0.0
         bound = {"double": double, "single": single}[end.precision]
@@ -222,14 +223,14 @@ def blows_up(within: int) -> Judge:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
-def sheet(shape: tuple[int, int] = (8, 8), **changes: Any) -> Cloth:
+def sheet(shape: tuple[int, int] = (8, 8), **changes: Any) -> cs.Cloth:
     """Half a kilogram a point, undamped, pinned at two corners, unless `changes` say otherwise."""
     mass = 0.5 * shape[0] * shape[1]
     arguments: dict[str, Any] = {"shape": shape, "mass": mass, "damping": 0.0, **changes}
-    return Cloth(**arguments)
+    return cs.Cloth(**arguments)
 
 
-def noise(cloth: Cloth, size: float) -> Floats:
+def noise(cloth: cs.Cloth, size: float) -> Floats:
     """Random displacements of the free points [m]."""
     displacements = np.random.default_rng(0).normal(scale=size, size=(*cloth.shape, 3))
     return displacements * ~cloth.pinned[..., None]

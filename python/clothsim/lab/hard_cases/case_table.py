@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from clothsim.base.progress import ProgressBar
+from clothsim.base.table import aligned
 
 from .case import HardCase, HardCaseResult
 
@@ -48,12 +49,14 @@ def hard_case_table(results: list[dict[str, Any]]) -> str:
             lines.append(f"{last}: {result['steps']:,} steps of {result['dt']:.3g} s")
             lines.append(f"    hard: {result['why']}")
             lines.append(f"    expected: {result['expected']}")
+        rows = []
         for figure in result["figures"]:
             if figure["passed"] and figure["name"] == "UnstableError" and not figure["value"]:
                 continue  # none expected, none raised
-            mark = "ok  " if figure["passed"] else "FAIL"
+            mark = "ok" if figure["passed"] else "FAIL"
             value = f"{figure['name']} = {figure['value']:.3g}"
-            lines.append(f"  {mark} {result['precision']:<6}  {value:<45} {_range(figure)}")
+            rows.append((mark, result["precision"], value, _range(figure)))
+        lines += [aligned((), rows, left=range(4), indent="  ")] if rows else []
     failed = sum(not result["passed"] for result in results)
     lines.append(f"{len(results) - failed} of {len(results)} runs as expected")
     return "\n".join(lines)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothsim.model.motion import Linear
-from clothsim.model.scene import Scene
-from clothsim.model.sphere import Sphere
-from clothsim.stability.limit import max_stable_dt
+import clothsim as cs
 
 from .case import NO_GRAVITY, End, Figure, Floats, HardCase, Judge, ends_at, moves_like_the_reference, sheet
 
@@ -18,14 +15,14 @@ def contact() -> dict[str, HardCase]:
     loose = sheet((2, 2), stiffness=0.0, pins=())
     inside, centre = loose.rest_positions + 10.0, loose.rest_positions + 10.0
     inside[0, 0], centre[0, 0] = (0.03, -0.04, 0.12), (0.0, 0.0, 0.0)
-    unit = Sphere((0.0, 0.0, 0.0), 0.5, offset="none")
-    at_pin = Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5)
-    in_sheet = Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5)
-    fast = Sphere((0.5, -2.0, 0.5), 0.25, Linear((0.0, 100.0, 0.0)), offset="none")
-    settled = 0.2 * max_stable_dt(Scene(soft))
+    unit = cs.Sphere((0.0, 0.0, 0.0), 0.5, offset="none")
+    at_pin = cs.Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5)
+    in_sheet = cs.Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5)
+    fast = cs.Sphere((0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none")
+    settled = 0.2 * cs.max_stable_dt(cs.Scene(soft))
     return {
         "pins inside a sphere": HardCase(
-            Scene(soft, at_pin),
+            cs.Scene(soft, at_pin),
             settled,
             1000,
             "what holds the cloth may not move, what hangs on it may not stay",
@@ -33,7 +30,7 @@ def contact() -> dict[str, HardCase]:
             (_pins_stay, _free_points_out(1e-12)),
         ),
         "a sphere that starts inside the cloth": HardCase(
-            Scene(soft, in_sheet),
+            cs.Scene(soft, in_sheet),
             settled,
             1000,
             "points inside at rest have no ray to go back along",
@@ -41,7 +38,7 @@ def contact() -> dict[str, HardCase]:
             (_free_points_out(1e-12), _speeds(0.0, 10.0)),
         ),
         "a point at rest inside": HardCase(
-            Scene(loose, unit, NO_GRAVITY, position=inside),
+            cs.Scene(loose, unit, NO_GRAVITY, position=inside),
             1e-3,
             1,
             "no velocity, so no ray",
@@ -49,7 +46,7 @@ def contact() -> dict[str, HardCase]:
             (ends_at(lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)), "m from the foot of the normal", 1e-15, 1e-7),),
         ),
         "a point at the exact centre": HardCase(
-            Scene(loose, unit, NO_GRAVITY, position=centre),
+            cs.Scene(loose, unit, NO_GRAVITY, position=centre),
             1e-3,
             1,
             "no velocity and no normal",
@@ -57,7 +54,7 @@ def contact() -> dict[str, HardCase]:
             (ends_at(lambda case: _only(case, (0.0, 0.5, 0.0)), "m from above the centre", 1e-12, 1e-7),),
         ),
         "a sphere at 100 m/s": HardCase(
-            Scene(soft, fast, NO_GRAVITY),
+            cs.Scene(soft, fast, NO_GRAVITY),
             1e-4,
             180,
             "it moves by 1 cm a step and is through the sheet in 50",

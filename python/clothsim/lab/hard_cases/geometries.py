@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothsim.engine.stepping import step
-from clothsim.model.scene import Scene
-from clothsim.model.sphere import Sphere
-from clothsim.stability.limit import max_stable_dt
+import clothsim as cs
 
 from .case import NO_GRAVITY, Floats, HardCase, ends_at, gains_energy, moves_like_the_reference, noise, sheet
 
@@ -15,33 +12,33 @@ from .case import NO_GRAVITY, Floats, HardCase, ends_at, gains_energy, moves_lik
 def geometry() -> dict[str, HardCase]:
     """Points that coincide, springs without length, narrow cloths, far places."""
     tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
-    linear = Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
+    linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
     cloth = sheet(stiffness=1000.0, damping=1.0)
     coincident = cloth.rest_positions.copy()
     coincident[3, 3] = coincident[3, 4]
     at_once = np.full((8, 8, 3), 0.25)
     free = cloth.replace(pins=())
     undamped = sheet(stiffness=1000.0, pins=())
-    noisy = Scene(undamped, gravity=NO_GRAVITY, position=at_once + noise(undamped, 1e-9))
-    collapsed = Scene(cloth, position=at_once)
-    fine = 0.005 * max_stable_dt(noisy)
-    half = 0.5 * max_stable_dt(Scene(cloth))
-    here = Scene(cloth, Sphere((0.5, -0.4, 0.5), 0.25, offset="none"))
+    noisy = cs.Scene(undamped, gravity=NO_GRAVITY, position=at_once + noise(undamped, 1e-9))
+    collapsed = cs.Scene(cloth, position=at_once)
+    fine = 0.005 * cs.max_stable_dt(noisy)
+    half = 0.5 * cs.max_stable_dt(cs.Scene(cloth))
+    here = cs.Scene(cloth, cs.Sphere((0.5, -0.4, 0.5), 0.25, offset="none"))
     far = np.array([1e6, 1e6, 1e6])
-    there = Scene(
-        cloth, Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"), position=cloth.rest_positions + far
+    there = cs.Scene(
+        cloth, cs.Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"), position=cloth.rest_positions + far
     )
     cases = {
         "zero rest length": HardCase(
             linear,
-            0.02 * max_stable_dt(linear),
+            0.02 * cs.max_stable_dt(linear),
             5000,
             "springs of 1e-300 m are linear in every direction, also through zero length",
             "the sum of the sheet's normal modes",
             (ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4), moves_like_the_reference(1e-11, 1e-3)),
         ),
         "coincident points": HardCase(
-            Scene(cloth, position=coincident),
+            cs.Scene(cloth, position=coincident),
             half,
             500,
             "a spring without length has no direction",
@@ -49,7 +46,7 @@ def geometry() -> dict[str, HardCase]:
             (moves_like_the_reference(1e-11, 1e-3), gains_energy(0.0, 0.0)),
         ),
         "collapsed cloth": HardCase(
-            Scene(free, position=at_once),
+            cs.Scene(free, position=at_once),
             1e-3,
             1000,
             "all points in one place: no spring has a direction",
@@ -82,10 +79,10 @@ def geometry() -> dict[str, HardCase]:
         ),
     }
     for shape in ((1, 2), (1, 12), (12, 1), (2, 12)):
-        scene = Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
+        scene = cs.Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
         cases["a strip of {} x {}".format(*shape)] = HardCase(
             scene,
-            0.5 * max_stable_dt(scene),
+            0.5 * cs.max_stable_dt(scene),
             400,
             "no cell, or one row of them; families without a spring",
             "the reference's motion",
@@ -99,9 +96,9 @@ def _fallen(case: HardCase) -> Floats:
     return case.scene.initial_position + np.array(case.scene.gravity) * t * t / 2
 
 
-def _moved(here: Scene, case: HardCase, by: Floats) -> Floats:
+def _moved(here: cs.Scene, case: HardCase, by: Floats) -> Floats:
     start = here.initial_position, here.initial_velocity
-    return step(here, *start, case.dt, case.steps, t=0.0)[0] + by
+    return cs.step(here, *start, case.dt, case.steps, t=0.0)[0] + by
 
 
 def _normal_modes(case: HardCase) -> Floats:

@@ -15,7 +15,7 @@ import clothsim as cs
 from clothsim.base import check
 from clothsim.base.extras import needed
 from clothsim.base.progress import ProgressBar
-from clothsim.engine.provenance import provenance
+from clothsim.machine import provenance
 
 from ..contact import comparison
 from ..contact.scene_table import RESPONSES, SCENES

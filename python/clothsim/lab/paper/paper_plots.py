@@ -8,31 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from clothsim.base.plots import BLUE, DPI, GREY, RED, figure
+
 from . import published as paper
 from .responses import Case, Experiment
 
-COLORS = {1: "#c2512c", 2: "#2f6db3"}
+COLORS = {1: RED, 2: BLUE}
 STYLES = {"as printed": "--", "corrected": "-"}
 LINEAR_ENERGY = 100.0  # J; above it the energy axis is logarithmic
 SHALLOWEST = 1e-3  # mm; the bottom of the depth axis, where no penetration is drawn
 
 
-def _figure(width: float, height: float, panels: int = 1) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(panels, 1, squeeze=False, sharex=True)[:, 0]
-    for panel in axes:
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.grid(alpha=0.3)
-    return figure, axes
-
-
 def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
     """Deepest triangle and cumulated contact energy, frame by frame."""
-    figure, (depth, energy) = _figure(8, 5.2, 2)
+    drawn, ((depth,), (energy,)) = figure(8, 5.2, 2, sharex=True)
     for case in cases:
         look = {"color": COLORS[case.method], "ls": STYLES[case.variant]}
         frames = case.history["frame"]
@@ -41,7 +30,7 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
         energy.plot(frames, case.history["contact_energy"], **look)
     for panel in (depth, energy):
         for frame in experiment.frames:
-            panel.axvline(frame, color="0.6", lw=0.8, zorder=0)
+            panel.axvline(frame, color=GREY, lw=0.8, zorder=0)
     depth.set(yscale="log", ylim=(SHALLOWEST, None), ylabel="deepest triangle [mm]")
     depth.legend(ncols=4, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
     energy.set(ylabel="contact energy [J]", xlabel="frame (grey: those of the paper's table)")
@@ -50,13 +39,13 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
         energy.set_yscale("symlog", linthresh=LINEAR_ENERGY)
         energy.set_ylim(bottom=-LINEAR_ENERGY)
     name = f"{experiment.table}_history.png"
-    figure.savefig(folder / name, dpi=120)
+    drawn.savefig(folder / name, dpi=DPI)
     return name
 
 
 def methods(result: dict[str, Any], folder: Path) -> str:
     """Experiment 3 as Figure 9: frames/s of each window, the spread over runs as bars."""
-    figure, (panel,) = _figure(8, 3.8)
+    drawn, ((panel,),) = figure(8, 3.8)
     for row in result["rows"]:
         windows = row["windows"]
         middle, low, high = (
@@ -84,18 +73,18 @@ def methods(result: dict[str, Any], folder: Path) -> str:
     steps.set_ylabel("steps/s")
     panel.axhline(
         paper.FRAMES_PER_SECOND / result["frame_steps"],
-        color="0.4",
+        color=GREY,
         ls=":",
         label=f"{paper.FRAMES_PER_SECOND} steps/s: the paper's frames/s, one step each",
     )
     panel.legend(fontsize="small", loc="center")
-    figure.savefig(folder / "figure9.png", dpi=120)
+    drawn.savefig(folder / "figure9.png", dpi=DPI)
     return "figure9.png"
 
 
 def speedup(result: dict[str, Any], folder: Path) -> str:
     """Experiment 4 as the CPU side of Figure 10: steps/s of each run."""
-    figure, (panel,) = _figure(8, 3.8)
+    drawn, ((panel,),) = figure(8, 3.8)
     for row in result["rows"]:
         runs = range(1, len(row["runs"]) + 1)
         threads = f"{row['threads']} thread{'s' if row['threads'] > 1 else ''}"
@@ -103,5 +92,5 @@ def speedup(result: dict[str, Any], folder: Path) -> str:
         panel.plot(runs, row["runs"], marker="o", ms=4, label=label)
     panel.set(xlabel="run", ylabel="steps/s", yscale="log", xticks=runs)
     panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(folder / "figure10.png", dpi=120)
+    drawn.savefig(folder / "figure10.png", dpi=DPI)
     return "figure10.png"

@@ -8,8 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from clothsim.base.table import aligned
+
 from . import published as paper
-from .paper_tables import Table, tables
+from .paper_tables import tables
 
 WIDTH = 100
 
@@ -36,7 +38,11 @@ def text(report: dict[str, Any]) -> str:
         title = f"Experiment {number}: {experiment['title']}"
         lines += ["", title, "-" * len(title), *_wrapped(experiment["setting"])]
         for table in tables(number, experiment):
-            lines += ["", *([table.caption] if table.caption else []), *_aligned(table)]
+            lines += [
+                "",
+                *([table.caption] if table.caption else []),
+                aligned(table.headings, table.rows, (), rule=True, stacked=True),
+            ]
         lines.append("")
         lines += [*_wrapped(f"The paper: {experiment['paper']}"), *_items(experiment["notes"])]
     return "\n".join(lines) + "\n"
@@ -51,17 +57,6 @@ def _items(entries: Iterable[str]) -> list[str]:
     for entry in entries:
         lines += textwrap.wrap(entry, WIDTH, initial_indent="- ", subsequent_indent="  ")
     return lines
-
-
-def _aligned(table: Table) -> list[str]:
-    """Right-aligned columns. Headings have one word per line."""
-    words = [heading.split(" ") for heading in table.headings]
-    height = max(map(len, words))
-    head = list(zip(*([""] * (height - len(column)) + column for column in words), strict=True))
-    widths = [max(map(len, column)) for column in zip(*head, *table.rows, strict=True)]
-    body = (*head, *table.rows)
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in body]
-    return [*lines[:height], "  ".join("-" * w for w in widths), *lines[height:]]
 
 
 def write(report: dict[str, Any], folder: Path) -> None:

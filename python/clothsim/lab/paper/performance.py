@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
-from clothsim.gpu.device import using
+from clothsim.gpu import using
 from clothsim.typing import Backend, Precision
 
-from ..step_timer import StepTimer
+from ..timing import StepTimer, Stopwatch
 from .paper_settings import PAPER_DT, Settings
 from .published import METHODS
 
@@ -69,11 +68,11 @@ def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: No
         for method, (response, _) in METHODS.items():
             stepper = cs.Stepper(cs.scenes.paper_static(response=response), threads=1)
             for window in range(settings.windows):
-                start = perf_counter()
-                for _ in range(settings.window_frames):
-                    stepper.advance(steps, settings.timing_dt)
-                    stepper.positions  # noqa: B018
-                seconds[method][run, window] = perf_counter() - start
+                with Stopwatch() as watch:
+                    for _ in range(settings.window_frames):
+                        stepper.advance(steps, settings.timing_dt)
+                        stepper.positions  # noqa: B018
+                seconds[method][run, window] = watch.seconds
             advance(1)
     rows = []
     for method, measured in seconds.items():
@@ -118,10 +117,10 @@ def speedup(
 
     def core(precision: Precision, threads: int | None, backend: Backend = "cpu") -> Measure:
         def measure() -> tuple[float, float]:
-            start = perf_counter()
-            stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, backend=backend)
-            stepper.advance(1, dt)
-            return perf_counter() - start, timed(lambda part: stepper.advance(part, dt))
+            with Stopwatch() as setup:
+                stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, backend=backend)
+                stepper.advance(1, dt)
+            return setup.seconds, timed(lambda part: stepper.advance(part, dt))
 
         return measure
 
@@ -133,9 +132,9 @@ def speedup(
         return measure
 
     def reference() -> tuple[float, float]:
-        start = perf_counter()
-        cs.reference_step(scene, x, v, dt, steps=1, t=t)
-        return perf_counter() - start, timed(lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t))
+        with Stopwatch() as setup:
+            cs.reference_step(scene, x, v, dt, steps=1, t=t)
+        return setup.seconds, timed(lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t))
 
     variants: dict[tuple[str, Precision, int], Measure] = {(REFERENCE, "double", 1): reference}
     for precision in PRECISIONS:

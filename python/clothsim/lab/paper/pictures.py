@@ -9,8 +9,8 @@ from typing import cast
 import numpy as np
 
 import clothsim as cs
+from clothsim.base.plots import DPI, figure
 from clothsim.typing import Report
-from clothsim.viewing.picture import draw
 
 from . import responses as contact
 from .paper_settings import Settings
@@ -68,13 +68,11 @@ def _camera(experiment: Experiment, cases: Sequence[Case], frame: int) -> cs.Cam
 def _draw(experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int) -> np.ndarray:
     positions, time = case.states[frame]
     scene = contact.scene_of(experiment, case.method, case.variant)
-    return draw(scene, positions, time, camera, width).pixels
+    return cs.picture(scene, positions, time, camera=camera, width=width).pixels
 
 
 def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
     """All cells of a table in one picture with its numbers; its path relative to `folder`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.image import imread
 
     cells = {(cell["frame"], k): cell for k, case in enumerate(cases) for cell in case.cells}
@@ -83,9 +81,8 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
     for frame in experiment.frames:
         shapes = [p.shape for (f, _), p in pictures.items() if f == frame]
         heights.append(max((rows / columns for rows, columns, _ in shapes), default=0.3) + 0.12)
-    figure = Figure(figsize=(3.2 * len(cases), 3.2 * sum(heights) + 0.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(heights), len(cases), squeeze=False, gridspec_kw={"height_ratios": heights})
+    size = 3.2 * len(cases), 3.2 * sum(heights) + 0.4
+    drawn, axes = figure(*size, len(heights), len(cases), height_ratios=heights)
     for (row, column), panel in np.ndenumerate(axes):
         case, frame = cases[column], experiment.frames[row]
         panel.set(xticks=[], yticks=[])
@@ -102,7 +99,7 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
         depth = cell["penetration"]
         panel.set_xlabel(f"deepest point {number(1e3 * depth['points'])} mm, triangle {number(1e3 * depth['triangles'])} mm")
     name = f"{experiment.table}.png"
-    figure.savefig(folder / name, dpi=110)
+    drawn.savefig(folder / name, dpi=DPI)
     return name
 
 

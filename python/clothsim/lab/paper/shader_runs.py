@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from clothsim.gpu import adapters
-from clothsim.gpu.device import Adapter
+from clothsim.gpu import Adapter, adapters
 from clothsim.typing import Precision
 
 from ..shader import comparison, experiment

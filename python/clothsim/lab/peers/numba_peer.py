@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+import clothsim as cs
 from clothsim.base.extras import how_to_install
-from clothsim.model.scene import Scene
 
 from ..timing import Work
-from .numpy_peer import OFFSETS, spring_kinds
+from .numpy_peer import spring_kinds
 
+# Row and column offsets of the springs that the strided kernel is written for, in its order.
+_KINDS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
@@ -59,7 +61,7 @@ def set_threads(threads: int) -> None:
 class NumbaGather(Work):
     """The simple kernel: each mass point gathers its springs, parallel over rows, fastmath off."""
 
-    def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int) -> None:
+    def __init__(self, scene: cs.Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int) -> None:
         self.kernels = import_kernels()
         self.threads = threads
         self.x: np.ndarray
@@ -96,12 +98,12 @@ class NumbaStrided(Work):
     """The strong kernel: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
 
     def __init__(
-        self, scene: Scene | Sequence[Scene], x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
+        self, scene: cs.Scene | Sequence[cs.Scene], x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
     ) -> None:
         self.kernels = kernels = import_kernels()
         self.threads = threads
-        scenes = [scene] if isinstance(scene, Scene) else list(scene)
-        self.batched = not isinstance(scene, Scene)
+        scenes = [scene] if isinstance(scene, cs.Scene) else list(scene)
+        self.batched = not isinstance(scene, cs.Scene)
         cloth = scenes[0].cloth
         rows, columns = cloth.shape
         border = kernels.BORDER
@@ -161,7 +163,7 @@ class NumbaSlopes:
     y has 6 rows columns entries: the planes of x, y, z and of the three velocities.
     """
 
-    def __init__(self, scene: Scene, threads: int) -> None:
+    def __init__(self, scene: cs.Scene, threads: int) -> None:
         x, v = scene.initial_position, scene.initial_velocity
         peer = NumbaStrided(scene, x, v, 1.0, np.float64, threads)
         self.threads = threads
@@ -182,9 +184,10 @@ class NumbaSlopes:
         return both[..., :3], both[..., 3:]
 
 
-def _strided_springs(scene: Scene, dtype: type[Any]) -> np.ndarray:
+def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:
     """Stiffness, stiffness x rest length and damping per mass of the six kinds; 0 if left out."""
     mass = scene.cloth.mass_per_point[0, 0]
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
-    every = [offset for offsets in OFFSETS.values() for offset in offsets]
-    return np.asarray(np.array([present.get(offset, (0, 0, 0)) for offset in every], dtype) / dtype(mass))
+    if unknown := sorted(set(present) - set(_KINDS)):
+        raise ValueError(f"numba's strided kernel has no springs with the offsets {unknown}")
+    return np.asarray(np.array([present.get(offset, (0, 0, 0)) for offset in _KINDS], dtype) / dtype(mass))

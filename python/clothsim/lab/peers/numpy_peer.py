@@ -7,36 +7,29 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clothsim import _core
-from clothsim.model.cloth import FAMILIES
-from clothsim.model.scene import Scene
-from clothsim.typing import Family
+import clothsim as cs
 
 from ..timing import Work
 
 Slices = tuple[slice, slice, slice]
 
-# Per family, the (row, column) offset of each spring's far end: of a diagonal one, both diagonals.
-OFFSETS: dict[Family, tuple[tuple[int, int], ...]] = {
-    family: tuple(
-        (rows, sign * columns)
-        for name, rows, columns in _core.spring_kinds
-        for sign in ((1, -1) if rows and columns else (1,))
-        if name == family
-    )
-    for family in FAMILIES
-}
+_CORNER = 8  # points along a side; a spring of any family is shorter
 
 
-def spring_kinds(scene: Scene) -> list[tuple[int, int, float, float, float]]:
-    """(row offset, column offset, stiffness, rest length, damping) of each kind of spring."""
+def spring_kinds(scene: cs.Scene) -> list[tuple[int, int, float, float, float]]:
+    """(row offset, column offset, stiffness, rest length, damping) of each kind of spring.
+
+    The spring table of a corner of the cloth has every kind; that of a large cloth needs 80 bytes a spring.
+    """
     cloth = scene.cloth
-    row, column = cloth.spacing
-    return [
-        (r, c, cloth.family_stiffness[f], float(np.hypot(r * row, c * column)), cloth.family_damping[f])
-        for f in cloth.families
-        for r, c in OFFSETS[f]
-    ]
+    shape = (min(cloth.rows, _CORNER), min(cloth.columns, _CORNER))
+    size = tuple(max(n - 1, 1) * (spacing or 1.0) for n, spacing in zip(shape, cloth.spacing, strict=True))
+    kinds: dict[tuple[int, int], tuple[int, int, float, float, float]] = {}
+    for spring in cloth.replace(shape=shape, size=size, mass=1.0, pins=()).spring_table():
+        (r, c), (far_r, far_c) = (divmod(int(spring[end]), shape[1]) for end in ("i", "j"))
+        offset = far_r - r, far_c - c
+        kinds.setdefault(offset, (*offset, *(float(spring[name]) for name in ("stiffness", "rest_length", "damping"))))
+    return list(kinds.values())
 
 
 def spring_ends(r: int, c: int) -> tuple[Slices, Slices]:
@@ -51,7 +44,7 @@ def spring_ends(r: int, c: int) -> tuple[Slices, Slices]:
 class NumpyPeer(Work):
     """A scene without spheres, of uniform mass; RK4 on (x, v), each (3, rows, columns)."""
 
-    def __init__(self, scene: Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any]) -> None:
+    def __init__(self, scene: cs.Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any]) -> None:
         self.x: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(x, -1, 0), dtype)
         self.v: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(v, -1, 0), dtype)
         self.dt = dtype(dt)

@@ -13,17 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from clothsim.accuracy.methods import RTOLS, Outcome, extent
-from clothsim.model.scene import Scene
-from clothsim.stability.limit import max_stable_dt
+import clothsim as cs
+from clothsim.accuracy import RTOLS, Outcome, extent
 from clothsim.typing import Precision
 
-from ..timing import measure
+from ..timing import Stopwatch, measure
 from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
 from .numpy_peer import spring_ends, spring_kinds
 
@@ -41,21 +39,20 @@ class NumbaRK4:
     library: str = "numba"
     control: str = "dt"
 
-    def settings(self, scene: Scene, duration: float) -> list[float]:
-        largest = min(_SAFETY * max_stable_dt(scene), duration / 4)
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
+        largest = min(_SAFETY * cs.max_stable_dt(scene), duration / 4)
         return [largest / 2**k for k in range(_HALVINGS)]
 
-    def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
         steps = max(1, int(np.ceil(duration / setting - 1e-9)))
         dtype = np.float64 if self.precision == "double" else np.float32
         state = scene.initial_position, scene.initial_velocity
         peer = NumbaStrided(scene, *state, duration / steps, dtype, self.threads)
         peer.prepare()
-        start = perf_counter()
-        peer.run(steps)
-        seconds = perf_counter() - start
+        with Stopwatch() as watch:
+            peer.run(steps)
         x, v = (a.astype(np.float64) for a in (peer.positions, peer.velocities))
-        return Outcome(x, v, 4 * steps, seconds)
+        return Outcome(x, v, 4 * steps, watch.seconds)
 
 
 @dataclass(frozen=True)
@@ -72,28 +69,20 @@ class SciPy:
     def name(self) -> str:
         return f"{self.method} (SciPy)"
 
-    def settings(self, scene: Scene, duration: float) -> list[float]:
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
         return list(RTOLS)
 
-    def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
         from scipy.integrate import solve_ivp
 
         set_threads(self.threads)
         slopes = NumbaSlopes(scene, self.threads)
-        start = perf_counter()
-        run = solve_ivp(
-            slopes,
-            (0.0, duration),
-            slopes.start,
-            method=self.method,
-            rtol=setting,
-            atol=setting * extent(scene),
-            t_eval=(duration,),
-        )
-        seconds = perf_counter() - start
+        options = {"rtol": setting, "atol": setting * extent(scene), "t_eval": (duration,)}
+        with Stopwatch() as watch:
+            run = solve_ivp(slopes, (0.0, duration), slopes.start, method=self.method, **options)
         if not run.success:
             raise ArithmeticError(f"{self.name}: {run.message}")
-        return Outcome(*slopes.points(run.y[:, -1]), int(run.nfev), seconds)
+        return Outcome(*slopes.points(run.y[:, -1]), int(run.nfev), watch.seconds)
 
 
 @dataclass(frozen=True)
@@ -111,27 +100,26 @@ class Diffrax:
     def name(self) -> str:
         return f"{self.solver} (diffrax)"
 
-    def settings(self, scene: Scene, duration: float) -> list[float]:
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
         return list(RTOLS)
 
-    def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
         import jax
 
         with jax.enable_x64(True):
             run, start = _diffrax_program(_Identity(scene), self.solver)
             arguments = start, duration, setting, setting * extent(scene)
             jax.block_until_ready(run(*arguments))  # compiled at the first call
-            begin = perf_counter()
-            end, steps = jax.block_until_ready(run(*arguments))
-            seconds = perf_counter() - begin
+            with Stopwatch() as watch:
+                end, steps = jax.block_until_ready(run(*arguments))
             x, v = (np.moveaxis(np.asarray(a), 0, -1) for a in end)
-            return Outcome(x, v, self.stages * int(steps), seconds)
+            return Outcome(x, v, self.stages * int(steps), watch.seconds)
 
 
 class _Identity:
     """A hashable handle of a scene, equal by identity."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: cs.Scene) -> None:
         self.scene = scene
 
     def __hash__(self) -> int:
@@ -186,7 +174,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
 Peer = NumbaRK4 | SciPy | Diffrax
 
 
-def refused(scene: Scene) -> str | None:
+def refused(scene: cs.Scene) -> str | None:
     """The reason why the peers cannot solve this scene; None if they can."""
     cloth = scene.cloth
     if scene.spheres:
@@ -198,7 +186,7 @@ def refused(scene: Scene) -> str | None:
     return None
 
 
-def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer], list[str]]:
+def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Peer], list[str]]:
     """The peers that can be run here, and a reason for each that cannot.
 
     Parameters
@@ -225,17 +213,10 @@ def installed_peers(scene: Scene, threads: int | None = None) -> tuple[list[Peer
     return peers, missing
 
 
-def peers_for(scene: Scene, threads: int | None) -> list[Any]:
-    """The installed peers of `work_precision` that can step the scene."""
-    if reason := refused(scene):
-        raise ValueError(f"peers must be False for this scene: {reason}")
-    return installed_peers(scene, threads)[0]
-
-
-def parallel_pays(scene: Scene, threads: int) -> bool:
+def parallel_pays(scene: cs.Scene, threads: int) -> bool:
     """Whether numba's parallel kernel steps this scene faster than its serial one, right now."""
     state = scene.initial_position, scene.initial_velocity
-    dt = 0.5 * max_stable_dt(scene)
+    dt = 0.5 * cs.max_stable_dt(scene)
     works = [NumbaStrided(scene, *state, dt, np.float64, n) for n in (1, threads)]
     for work in works:
         work.run(1)  # compiles

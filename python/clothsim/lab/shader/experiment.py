@@ -12,16 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
-from clothsim.gpu.device import Adapter, adapters, using
+from clothsim.gpu import Adapter, adapters, using
 from clothsim.typing import Precision, Response
 
-from ..step_timer import StepTimer
+from ..timing import StepTimer, Stopwatch
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
@@ -148,9 +147,9 @@ def measure(measurement: Measurement, scene: cs.Scene, dt: float, settings: Sett
     """One more run of `measurement`."""
     m = measurement
     with using(m.target.adapter) if m.target.adapter else nullcontext():
-        start = perf_counter()
-        advance = _stepping(m.target, scene, m.members, m.precision, dt)
-        m.setup.append(perf_counter() - start)
+        with Stopwatch() as setup:
+            advance = _stepping(m.target, scene, m.members, m.precision, dt)
+        m.setup.append(setup.seconds)
         timer, spent = StepTimer(advance), 0.0
         first: list[float] = []
         while len(first) < settings.first_frames and spent <= 4 * settings.first_seconds:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from clothsim.gpu.device import Adapter
+from clothsim.gpu import Adapter
 from clothsim.typing import Precision
 
 SCALAR, SIMD, GPU = "scalar", "SIMD", "GPU"

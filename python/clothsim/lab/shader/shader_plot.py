@@ -6,28 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from clothsim.base.plots import BLUE, DPI, GREY, RED, figure
+
 from .comparison import by_table, crossover, warnings
 from .measurement import GPU, Measurement
 
-_COLORS = {"scalar": "#777777", "SIMD": "#2f6db3", "GPU": "#c2512c"}
+_COLORS = {"scalar": GREY, "SIMD": BLUE, "GPU": RED}
 
 
 def draw(measurements: Sequence[Measurement], path: Path) -> Path:
     """The plot: speed over size with the crossover, and the first frames apart."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     tables = by_table(measurements)
-    figure = Figure(figsize=(11.5, 3.9 * len(tables) + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(tables), 2, squeeze=False, width_ratios=(2, 1))
+    drawn, panels = figure(11.5, 3.9 * len(tables) + 0.6, len(tables), 2, width_ratios=(2, 1))
     for (title, group), (speed, start) in zip(tables.items(), panels, strict=True):
         _draw_speed(speed, group, measurements)
         speed.set_title(f"{title[0]}, method {title[1]}", loc="left", fontsize="medium")
         _draw_first_frames(start, group)
     if warned := warnings(measurements):
-        figure.suptitle("\n".join(warned), fontsize="small", color=_COLORS["GPU"])
-    figure.savefig(path, dpi=120)
+        drawn.suptitle("\n".join(warned), fontsize="small", color=_COLORS["GPU"])
+    drawn.savefig(path, dpi=DPI)
     return path
 
 
@@ -59,7 +56,6 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
     panel.set(
         xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)", ylabel="mass points x steps / s"
     )
-    panel.grid(alpha=0.3)
     panel.legend(fontsize="x-small")
 
 
@@ -92,7 +88,6 @@ def _draw_first_frames(panel: Any, group: list[Measurement]) -> None:
             color=_COLORS[m.target.kind],
             label=m.target.name,
         )
-    panel.axhline(1, color="0.5", lw=0.8)
+    panel.axhline(1, color=GREY, lw=0.8)
     panel.xaxis.get_major_locator().set_params(integer=True)
     panel.set(yscale="log", xlabel="frame of the first run (smallest scene)", ylabel="time of a step / its median later")
-    panel.grid(alpha=0.3)

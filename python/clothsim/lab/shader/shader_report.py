@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.engine.provenance import processor
+from clothsim.base.table import aligned
+from clothsim.machine import processor
 
 from . import shader_plot as figure
 from .comparison import against_cpu, by_table, crossovers, frames_per_run, scene_name, shortened, warnings
@@ -79,16 +80,15 @@ def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
 def text(measurements: Sequence[Measurement]) -> str:
     """The table, the crossovers and the first frames, to read."""
     lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = f"{'scene':>20} {'us/step':>11} {'steps/s':>11} {'Mpoints/s':>10} {'times CPU':>9} {'frames':>8}  by"
+    head = ("scene", "us/step", "steps/s", "Mpoints/s", "times CPU", "frames", "by")
     for (precision, method), group in by_table(measurements).items():
-        lines += ["", f"{precision}, method {method}", head]
+        cells = []
         for m in group:
             gain = against_cpu(m, measurements)
-            lines.append(
-                f"{scene_name(m):>20} {1e6 / m.rate:11.4g} {m.rate:11.4g} "
-                f"{m.rate * m.points / 1e6:10.4g} {'' if gain is None else f'{gain:.3g}':>9} "
-                f"{f'{frames_per_run(m):.3g}' + '*' * m.shortened:>8}  {m.target.name}"
-            )
+            numbers = [f"{value:.4g}" for value in (1e6 / m.rate, m.rate, m.rate * m.points / 1e6)]
+            frames = f"{frames_per_run(m):.3g}" + "*" * m.shortened
+            cells.append((scene_name(m), *numbers, "" if gain is None else f"{gain:.3g}", frames, m.target.name))
+        lines += ["", f"{precision}, method {method}", aligned(head, cells, left=(6,))]
     lines += ["", *shortened(measurements)]
     lines += ["", "Where the shader becomes faster:", *crossovers(measurements)]
     lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from clothsim.base.table import aligned
-
+from ..base.table import aligned
 from .front import Front, statement
 
 

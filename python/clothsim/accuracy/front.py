@@ -11,17 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clothsim.accuracy.labelled import label
-from clothsim.accuracy.measured import Bench, Measured
-from clothsim.accuracy.methods import OWN, Method, own_methods
-from clothsim.accuracy.order import solution_for
-from clothsim.accuracy.solution import Reference
-from clothsim.base import check
-from clothsim.base.progress import ProgressBar
-from clothsim.model.scene import Scene
-from clothsim.typing import Precision
-
-from .solvers import installed_peers, refused
+from ..base import check
+from ..base.later import later
+from ..base.progress import ProgressBar
+from ..model.scene import Scene
+from ..typing import Precision
+from .labelled import label
+from .measured import Bench, Measured
+from .methods import OWN, Method, own_methods
+from .order import solution_for
+from .solution import Reference
 
 ERRORS = tuple(10.0**-k for k in range(4, 13))
 """Errors [m] that are asked for by default."""
@@ -62,7 +61,7 @@ def cheapest(
 
     Examples
     --------
-    >>> from clothsim.lab.peers.front import cheapest
+    >>> from clothsim.accuracy.front import cheapest
     >>> 0.0097 < cheapest(lambda dt: dt**4, 1.0, 1e-6, 1e-8) <= 0.01
     True
     """
@@ -158,7 +157,7 @@ def front(
     Examples
     --------
     >>> import clothsim as cs
-    >>> from clothsim.lab.peers.front import front
+    >>> from clothsim.accuracy.front import front
     >>> found = front(cs.scenes.oscillator(), 1.0, [1e-4, 1e-8], methods=["rk4", "dop853"],
     ...               precisions=["double"], windows=1)
     >>> [row.result.rms <= row.error for row in found.rows]
@@ -171,10 +170,10 @@ def front(
     missing: list[str] = []
     chosen: list[Method] = list(own_methods(methods, precisions, threads))
     if peers:
-        if reason := refused(scene):
+        if reason := later("refusal of the peers")(scene):
             missing = [reason]
         else:
-            more, missing = installed_peers(scene, threads)
+            more, missing = later("peers")(scene, threads)
             chosen += more
     # Methods with error control need few evaluations at every error, so they bound the search of the others.
     chosen.sort(key=lambda method: method.control != "rtol")

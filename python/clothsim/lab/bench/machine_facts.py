@@ -1,4 +1,4 @@
-"""The machine: its name, its load, and its limits measured by loops that do nothing else."""
+"""The machine of a benchmark: its name, its load, and its limits on several threads and instruction sets."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import clothsim as cs
-from clothsim import _core
-from clothsim.engine.provenance import provenance
+from clothsim import machine as this_machine
 
 # Larger than any last-level cache's share of this process, small enough for any machine.
 _MEMORY_BYTES = 1 << 29
@@ -33,7 +32,7 @@ def instruction_set(name: str) -> Iterator[None]:
 
 def describe() -> dict[str, Any]:
     """Processor, cores, system, load average, build and time."""
-    origin = provenance()
+    origin = this_machine.provenance()
     load = os.getloadavg() if hasattr(os, "getloadavg") else None
     machine = {**origin["machine"], "cores": int(cs.build_config()["openmp_threads"])}
     return {**machine, "load_average": load, "created": origin["created"], "build": origin["build"]}
@@ -68,16 +67,16 @@ def limits(instruction_sets: tuple[str, ...], threads: tuple[int, ...]) -> dict[
         with instruction_set(name):
             for precision in ("single", "double"):
                 for count in threads:
-                    peak[name, precision, count] = _core.multiply_add_peak(precision, count)
+                    peak[name, precision, count] = this_machine.multiply_add_peak(precision, count)
     with instruction_set(instruction_sets[0]):
-        memory = {count: _core.memory_bandwidth(count, _MEMORY_BYTES) for count in threads}
-        cache = {count: _core.memory_bandwidth(count, _CACHE_BYTES) for count in threads}
+        memory = {count: this_machine.memory_bandwidth(count, _MEMORY_BYTES) for count in threads}
+        cache = {count: this_machine.memory_bandwidth(count, _CACHE_BYTES) for count in threads}
     return {
         "peak": peak,
         "bandwidth": {count: one["update"] for count, one in memory.items()},
         "triad": {count: one["triad"] for count, one in memory.items()},
         "cache_bandwidth": {count: one["update"] for count, one in cache.items()},
-        "round_trip": _core.core_round_trip() if max(threads) > 1 else None,
+        "round_trip": this_machine.core_round_trip() if max(threads) > 1 else None,
     }
 
 
