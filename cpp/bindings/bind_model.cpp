@@ -77,8 +77,9 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
     s.center = center;
     s.radius = radius;
     s.contact_radius = contact_radius;
-    s.response = response == "reflect" ? Response::reflect : response == "ray" ? Response::ray
-                                                                               : Response::continuous;
+    const auto name = std::find(response_names.begin(), response_names.end(), response);
+    if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
+    s.response = Response(name - response_names.begin());
     s.faces = faces;
     s.push_out_speed = push_out_speed;
     s.literal = literal;

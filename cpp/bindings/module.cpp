@@ -1,4 +1,5 @@
 // The module; how it was built, and the limits of the processor.
+#include <algorithm>
 #include <cstdlib>
 #include <Eigen/Core>
 #include <string>
@@ -10,6 +11,7 @@
 #include "engines/caches.hpp"
 #include "engines/threads.hpp"
 #include "kernels/dispatch.hpp"
+#include "kernels/edge/edge_legs.hpp"
 #include "measure/limits.hpp"
 
 namespace clothsim {
@@ -72,6 +74,14 @@ void bind_build(py::module_& m) {
     py::list kinds;
     for (const Neighbour& n : spring_kinds) kinds.append(py::make_tuple(family_names[n.family], n.row, n.column));
     m.attr("spring_kinds") = py::tuple(kinds);
+    py::list ends;
+    for (const MirroredNeighbour& n : neighbours) ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
+    m.attr("neighbours") = py::tuple(ends);
+    py::list families;
+    for (int family = 0; family < family_count; ++family)
+        if (std::any_of(kind_of_leg.begin(), kind_of_leg.end(), [family](SpringKind kind) { return spring_kinds[kind].family == family; }))
+            families.append(family_names[family]);
+    m.attr("edge_families") = py::tuple(families);
     m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("negligible_part") = EnergyWatch::negligible_part;

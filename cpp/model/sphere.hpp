@@ -1,6 +1,7 @@
 // A sphere, its motion and how cloth answers to it.
 #pragma once
 
+#include <array>
 #include <Eigen/Core>
 #include <vector>
 
@@ -27,6 +28,7 @@ struct Motion {
 enum class Response { reflect,
                       ray,
                       continuous };
+inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "continuous"};
 
 struct Sphere {
     Vec3 center = Vec3::Zero();

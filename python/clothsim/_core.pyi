@@ -12,6 +12,8 @@ group_size: int
 most_threads: int
 points_worth_a_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]
+edge_families: tuple[Family, ...]
+neighbours: tuple[tuple[int, int, Family, int], ...]
 bytes_in_shared_cache: int
 extents_that_are_far: float
 negligible_part: float

@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from functools import partial
 
 import clothsim as cs
 import numpy as np
@@ -58,6 +59,20 @@ def test_a_point_inside_one_of_two_spheres_goes_out_no_faster_than_the_push():
     for step in range(1, 4):
         stepper.advance(1, 1e-3)
         np.testing.assert_allclose(stepper.positions[0, 0], (0.8 + 1e-3 * step, 0, 0), rtol=0, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("kernel", ["edge", "gather", "reference"])
+def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
+    """The push out of one leads into the other, again and again, for the wedge between them is sharp."""
+    spheres = [ball((0, 0, 0), 0.5, push_out_speed=1e6), ball((0.85, 0, 0), 0.4)]
+    scene = lone((0.44, 0.02, -0.01), spheres)
+    state = scene.initial_position, scene.initial_velocity
+    step = cs.reference_step if kernel == "reference" else partial(cs.step, kernel=kernel)
+    x, _ = step(scene, *state, 1e-3, t=0.0)
+    along = (0.85**2 + 0.5**2 - 0.4**2) / (2 * 0.85)
+    height = np.sqrt(0.5**2 - along**2)
+    np.testing.assert_allclose(x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, -1])

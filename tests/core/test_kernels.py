@@ -10,6 +10,7 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.engine import plan
 from clothsim.model.cloth import FAMILIES
 from tables import each
 from variants import INSTRUCTION_SETS, cases
@@ -240,3 +241,14 @@ def test_a_wrong_place_to_hand_on_is_an_error_that_lists_the_right_ones(monkeypa
     monkeypatch.setenv("CLOTHSIM_HAND_ON", "cache")
     with pytest.raises(ValueError, match="CLOTHSIM_HAND_ON is 'cache'; accepted: registers, memory"):
         cs.step(scene, x, v, dt, 1, kernel="edge")
+
+
+def test_a_family_that_the_edge_kernel_lacks_is_left_to_the_gather_kernel(monkeypatch):
+    """As docs/howto/add-a-spring-family.md has it."""
+    scene = cs.Scene(cs.Cloth((4, 5), springs=("structural", "bend")))
+    assert cs.Stepper(scene).kernel == "edge"
+    monkeypatch.setattr(plan._core, "edge_families", ("structural", "shear"))
+    assert cs.Stepper(scene).kernel == scene.explain()["kernel"] == "gather"
+    with pytest.raises(ValueError, match="kernel must be 'gather' or 'auto' for a cloth with bend springs, got 'edge'"):
+        cs.Stepper(scene, kernel="edge")
+    assert cs.Stepper(scene.replace(cloth=scene.cloth.replace(springs=("shear",)))).kernel == "edge"

@@ -6,8 +6,10 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from clothsim import _core
+from clothsim.gpu.springs import spring_energies, springs
 from clothsim.model.cloth import FAMILIES, Cloth
 
 ROOT = Path(__file__).parents[2]
@@ -121,6 +123,46 @@ def test_what_a_fourth_family_must_be_written_into_does_not_compile_without(tmp_
     assert compiled(CORE, Path(source), tmp_path) == ""
     errors = compiled(with_a_fourth_family(tmp_path), Path(source), tmp_path)
     assert re.search(rf"static assertion failed:.*{says}", errors), errors
+
+
+def written_springs(text, rows, columns, x, y):
+    """(index of the neighbour, family, kind) in the order in which the shader's text adds springs at a mass point."""
+    names = {"rows": rows, "columns": columns, "id_x": x, "id_y": y, "at": y * columns + x}
+
+    def value(wgsl):
+        for old, new in (("&&", "and"), ("id.", "id_"), ("constants.", "")):
+            wgsl = wgsl.replace(old, new)
+        return eval(re.sub(r"(\d)u\b", r"\1", wgsl), {}, names)
+
+    found, family = [], None
+    for line in text.splitlines():
+        if opened := re.fullmatch(r"    if \((\w+)\) \{", line):
+            family = opened[1]
+        elif pull := re.fullmatch(r" +if \((.+)\) \{ a = pulled\(a, x, v, (.+), first \+ (\d+)u\); \}", line):
+            condition, place, first = map(value, pull.groups())
+            found += [(place, family, first // 3)] if condition else []
+        elif energy := re.fullmatch(r" +energy \+= spring_energy\(o, x, (-?\d+), (-?\d+), (\d+)u\);", line):
+            row, column, kind = map(int, energy.groups())
+            inside = 0 <= y + row < rows and 0 <= x + column < columns
+            found += [((y + row) * columns + x + column, family, kind)] if inside else []
+    return found
+
+
+@pytest.mark.parametrize("families", [3, 4])
+@pytest.mark.parametrize("write", [springs, spring_energies])
+def test_the_shader_follows_the_list_of_springs(families, write):
+    """Each mass point of a cloth, its neighbours in order: those of the core, or of a list with a fourth family."""
+    neighbours = list(_core.neighbours)
+    if families == 4:
+        neighbours += [(down, 3 * right, "skew", 5) for down in (1, -1) for right in (1, -1)]
+    text, rows, columns = write(neighbours), 4, 5
+    for y, x in np.ndindex(rows, columns):
+        ends = [(y + row, x + column, family, kind) for row, column, family, kind in neighbours]
+        inside = [(r * columns + c, f, k) for r, c, f, k in ends if 0 <= r < rows and 0 <= c < columns]
+        assert written_springs(text, rows, columns, x, y) == inside
+    if write is springs:
+        assert f"const spring_kinds = {len(_core.spring_kinds) + families - 3}u;" in text
+        assert ("override skew: bool = true;" in text) == (families == 4)
 
 
 def test_python_has_the_springs_of_the_core():

@@ -3,10 +3,12 @@
 import pickle
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.gpu.block import Block
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
 GPU = {"backend": "gpu", "precision": "single"}
@@ -215,3 +217,12 @@ except ImportError as error:
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert "pip install '.[gpu]'" in run.stdout, run.stderr
+
+
+@pytest.mark.needs_no_adapter
+def test_a_response_that_the_shader_lacks_is_refused():
+    """And not taken for "reflect"."""
+    sphere = SimpleNamespace(response="stick", offset="none")
+    block = SimpleNamespace(scenes=[SimpleNamespace(spheres=[sphere])], wide=np.float64)
+    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be one of .* got 'stick'"):
+        Block._check_responses(block)

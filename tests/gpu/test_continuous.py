@@ -74,6 +74,22 @@ def test_points_that_start_inside_go_out_at_the_cores_speed():
     assert depths[1] == pytest.approx(depths[0] - 20 * 5e-4 * 0.5, abs=5e-4)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+def test_a_point_between_two_spheres_ends_on_their_common_circle():
+    """As tests/core/test_continuous_hard.py has it for the core."""
+    cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
+    spheres = [
+        cs.Sphere((0, 0, 0), 0.5, response="continuous", offset="none", push_out_speed=1e6),
+        cs.Sphere((0.85, 0, 0), 0.4, response="continuous", offset="none"),
+    ]
+    x = np.array([[(0.44, 0.02, -0.01), (90.0, 90.0, 90.0)]])
+    scene = cs.Scene(cloth, spheres, (0, 0, 0), x)
+    x, _ = cs.step(scene, x, np.zeros_like(x), 1e-3, t=0.0, backend="gpu")
+    along = (0.85**2 + 0.5**2 - 0.4**2) / (2 * 0.85)
+    height = np.sqrt(0.5**2 - along**2)
+    np.testing.assert_allclose(x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12)
+
+
 def test_a_batch_has_the_bits_of_its_members(same_bits):
     scenes = [falling((BALL,)), falling((BALL.replace(radius=0.22),)), falling((LEFT, RIGHT))]
     x = np.stack([s.initial_position for s in scenes])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..base.table import aligned
+from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .integration import UPDATES, Integrator, integrators
 from .limiting import limiting_term
@@ -98,13 +99,11 @@ def explain(
     """See `Scene.explain`."""
     integrator = check_options(precision, kernel, strict, integrator)
     cloth, method = scene.cloth, integrators()[integrator]
-    kernel = choose_kernel(kernel, strict)
+    kernel = choose_kernel(kernel, strict, cloth)
     plan = core_plan(scene, precision, kernel, strict, integrator)
     compensated = precision == "single"
     everything = {
-        "structural springs": "structural" in cloth.families,
-        "shear springs": "shear" in cloth.families,
-        "bend springs": "bend" in cloth.families,
+        **{f"{family} springs": family in cloth.families for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
         "point damping": cloth.point_damping > 0,
         "mass per point": not cloth.uniform_mass,

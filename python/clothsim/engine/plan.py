@@ -12,6 +12,7 @@ from ..typing import Backend, Kernel, Precision
 from .integration import integrator_name, integrators
 
 if TYPE_CHECKING:
+    from ..model.cloth import Cloth
     from ..model.scene import Scene
     from ..model.sphere import Sphere
 
@@ -25,9 +26,12 @@ BACKENDS: tuple[Backend, ...] = ("cpu", "gpu")
 _POINTS_WORTH_A_THREAD = 128
 
 
-def choose_kernel(kernel: str, strict: bool) -> str:
-    """The kernel that "auto" stands for: "edge", or "gather" with `strict`."""
-    return kernel if kernel != "auto" else "gather" if strict else "edge"
+def choose_kernel(kernel: str, strict: bool, cloth: Cloth) -> str:
+    """The kernel that "auto" stands for: "edge", unless the strict class or a family that it lacks needs "gather"."""
+    lacking = [family for family in cloth.families if family not in _core.edge_families]
+    if kernel == "edge" and lacking:
+        raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {lacking[0]} springs, got 'edge'")
+    return kernel if kernel != "auto" else "gather" if strict or lacking else "edge"
 
 
 def check_options(precision: str, kernel: str, strict: bool, integrator: str = "rk4") -> str:
@@ -105,7 +109,7 @@ def core_plan(
             for sphere in scene.spheres
         ],
         precision=precision,
-        kernel=choose_kernel(kernel, strict),
+        kernel=choose_kernel(kernel, strict, scene.cloth),
         strict=strict,
         instruction_set="",
         integrator=integrator,

@@ -95,7 +95,7 @@ class State:
         else:
             self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
             plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
-            self.kernel = choose_kernel(kernel, strict)
+            self.kernel = choose_kernel(kernel, strict, scenes[0].cloth)
             self.instruction_set = plans[0].instruction_set
             self.core = _core.Simulation(plans * members if not batched else plans, t, self.threads)
             cloths = [plan.cloth for plan in plans]

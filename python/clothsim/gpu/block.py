@@ -13,7 +13,7 @@ from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import parameters
 from .device import Device, translated
-from .shader import Features, pipelines
+from .shader import RESPONSES, Features, pipelines
 
 NONE_BAD = 0xFFFFFFFF
 _BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
@@ -90,6 +90,11 @@ class Block:
     def _check_responses(self) -> None:
         for scene in self.scenes:
             for k, sphere in enumerate(scene.spheres):
+                if sphere.response not in RESPONSES:
+                    raise ValueError(
+                        f"response of spheres[{k}] must be one of {RESPONSES} with backend 'gpu', got {sphere.response!r}; "
+                        "backend='cpu' has it"
+                    )
                 if sphere.offset == "face" and self.wide == np.float64:
                     raise ValueError(
                         f"offset of spheres[{k}] must be 'edge', 'none' or a length on the graphics "

@@ -14,16 +14,16 @@ from ..engine.plan import point_radius
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 
-FIRST_WEIGHT = 20
-CONTACT_SIZE = 16
-ENERGY_SIZE = 13  # without masses
-
-# Family, row and column of a neighbour at the end of each of the shader's five springs.
+# Family, row and column of a neighbour at the end of each kind of spring.
 _SPRINGS = _core.spring_kinds
+
+FIRST_WEIGHT = 5 + 3 * len(_SPRINGS)
+CONTACT_SIZE = 16
+ENERGY_SIZE = 3 + 2 * len(_SPRINGS)  # without masses
 
 
 def rest_lengths(scene: Scene) -> list[float]:
-    """Rest lengths of the five kinds of springs [m]."""
+    """Of each kind of spring [m]."""
     row_spacing, column_spacing = scene.cloth.spacing
     along = [(rows * row_spacing, columns * column_spacing) for _, rows, columns in _SPRINGS]
     return [math.sqrt(c * c + r * r) for r, c in along]

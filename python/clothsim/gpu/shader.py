@@ -10,8 +10,10 @@ from typing import Any
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device, translated
+from .springs import spring_energies, springs
 
 STAGES = (1, 2, 3, 4)
+RESPONSES = ("reflect", "ray", "continuous")  # of contact.wgsl and continuous.wgsl
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,11 @@ def arithmetic_file(precision: str, float64: bool) -> str:
 def source(features: Features, precision: str, float64: bool) -> str:
     """The whole WGSL of a step."""
     names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
+    written = [springs(), features.after_contacts()]
     if features.continuous:
         names.append("continuous")
-    return "\n".join([*map(shader_text, names), features.after_contacts()])
+        written.append(spring_energies())
+    return "\n".join([*map(shader_text, names), *written])
 
 
 class Pipelines:

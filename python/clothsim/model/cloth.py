@@ -137,7 +137,7 @@ class Cloth(Record):
     stiffness: float | Mapping[str, float] = 35_000.0
     damping: float | Mapping[str, float] = 100.0
     damping_model: DampingModel = "spring"
-    springs: tuple[Family, ...] = FAMILIES
+    springs: tuple[Family, ...] = ("structural", "shear", "bend")
     pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
@@ -150,7 +150,7 @@ class Cloth(Record):
             stiffness: float | Mapping[str, float] = 35_000.0,
             damping: float | Mapping[str, float] = 100.0,
             damping_model: DampingModel = "spring",
-            springs: Iterable[Family] = FAMILIES,
+            springs: Iterable[Family] = ("structural", "shear", "bend"),
             pins: Pins = ((0, 0), (-1, 0)),
         ) -> None: ...
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..base import check
 from ..base.keywords import suggests
 from ..typing import Family, Numbers, Offset, Response, Shape
-from .cloth import FAMILIES, Cloth
+from .cloth import Cloth
 from .fabrics import FABRICS, fabric_scene
 from .motion import Reciprocate
 from .scene import Scene
@@ -23,7 +23,7 @@ from .sphere import Sphere
 
 
 def _paper_cloth(bend: bool) -> Cloth:
-    return Cloth(springs=FAMILIES if check.boolean("bend", bend) else ("structural", "shear"))
+    return Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear"))
 
 
 @suggests

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..model.sphere import RESPONSES
 from .playground import Playground
 
 CURVES = 200  # entries of a curve
@@ -119,7 +120,7 @@ class Controls:
             return offset if isinstance(offset, str) else f"{offset:g} m"
 
         self._entry(
-            gui.add_dropdown("response", ("reflect", "ray", "continuous"), initial_value=first().response),
+            gui.add_dropdown("response", RESPONSES, initial_value=first().response),
             lambda value: play.change(response=value),
             lambda: first().response,
         )

@@ -264,14 +264,14 @@ struct Owner {
     at: u32,
 }
 
-// What the energy of a point is made of, member after member at the front of `contacts`: gravity (3), stiffness of the
-// five springs, their rest lengths, and one mass, or one a point.
+// What the energy of a point is made of, member after member at the front of `contacts`: gravity (3), stiffness of
+// each kind of spring, their rest lengths, and one mass, or one a point.
 fn energy_place(o: Owner) -> u32 {
     return o.member * constants.energy_stride;
 }
 
 fn mass_of(o: Owner) -> wide {
-    let at = energy_place(o) + 13u;
+    let at = energy_place(o) + 3u + 2u * spring_kinds;
     if (mass_per_point) {
         return contacts[at + o.row * constants.columns + o.column];
     }
@@ -287,34 +287,15 @@ fn spring_energy(o: Owner, x: vec3<wide>, row: i32, column: i32, kind: u32) -> w
     let other = u32(i32(o.at) + row * i32(constants.columns) + column);
     let d = now_of(other, 0u) - x;
     let at = energy_place(o) + 3u + kind;
-    let stretch = sqrt(wide_inner(d, d)) - contacts[at + 5u];
+    let stretch = sqrt(wide_inner(d, d)) - contacts[at + spring_kinds];
     return wide_product(wide_product(contacts[at] / wide(2.0), stretch), stretch);
 }
 
-// Of all springs of a point and of gravity, if it were at x.
+// Of all springs of a point and of gravity, if it were at x. The host writes `spring_energies`.
 fn potential(o: Owner, x: vec3<wide>) -> wide {
-    var energy = zero;
-    if (structural) {
-        energy += spring_energy(o, x, 0, 1, 0u);
-        energy += spring_energy(o, x, 0, -1, 0u);
-        energy += spring_energy(o, x, 1, 0, 1u);
-        energy += spring_energy(o, x, -1, 0, 1u);
-    }
-    if (shear) {
-        energy += spring_energy(o, x, 1, 1, 2u);
-        energy += spring_energy(o, x, 1, -1, 2u);
-        energy += spring_energy(o, x, -1, 1, 2u);
-        energy += spring_energy(o, x, -1, -1, 2u);
-    }
-    if (bend) {
-        energy += spring_energy(o, x, 0, 2, 3u);
-        energy += spring_energy(o, x, 0, -2, 3u);
-        energy += spring_energy(o, x, 2, 0, 4u);
-        energy += spring_energy(o, x, -2, 0, 4u);
-    }
     let at = energy_place(o);
     let gravity = vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]);
-    return energy - wide_product(mass_of(o), wide_inner(gravity, x));
+    return spring_energies(o, x) - wide_product(mass_of(o), wide_inner(gravity, x));
 }
 
 fn answer_of(o: Owner, s: Swept, t: Touch, end: Motion) -> Motion {

@@ -8,11 +8,9 @@
 // neighbouring invocations read neighbouring memory. `real` is the arithmetic of a step, `wide` that of a
 // collision response; the file of a precision defines both.
 
-// What a scene leaves out is compiled out: the host sets these when it makes a pipeline.
+// What a scene leaves out is compiled out: the host sets these when it makes a pipeline. The host writes the
+// constants of the spring families, and `spring_kinds`.
 override stage: u32 = 1u;
-override structural: bool = true;
-override shear: bool = true;
-override bend: bool = true;
 override spring_damping: bool = true;
 override point_damping: bool = true;
 override mass_per_point: bool = true;
@@ -36,17 +34,17 @@ struct Constants {
     first_contact: u32,          // of `contacts`
 }
 
-// Springs that share a rest length: structural along columns and rows, shear, bend along columns and rows.
+// A kind of spring, whose springs share a rest length.
 struct Spring {
     stiffness: real,
     rest_length: real,
     damping: real,
 }
 
-// `parameters` of a member: gravity (3), point damping, the largest speed, 5 springs of 3, and from
+// `parameters` of a member: gravity (3), point damping, the largest speed, 3 numbers per kind of spring, and from
 // `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
 const first_spring = 5u;
-const first_weight = 20u;
+const first_weight = first_spring + 3u * spring_kinds;
 
 @group(0) @binding(0) var<uniform> constants: Constants;
 @group(0) @binding(1) var<storage, read_write> state: array<real>;

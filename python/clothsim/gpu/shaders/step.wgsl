@@ -1,6 +1,6 @@
 // A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on
-// the CPU). Every invocation gathers from its point's neighbours, in the order of `neighbours`
-// (cpp/model/cloth.hpp), and finishes its own point; operations and their order are the core's strict ones.
+// the CPU). Every invocation gathers from its point's neighbours, and finishes its own point. The host writes
+// `spring_forces` from `neighbours` (cpp/model/stencil.hpp). Operations and their order are the core's strict ones.
 //
 //   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
 
@@ -61,36 +61,7 @@ fn pulled(force: vec3<real>, x: vec3<real>, v: vec3<real>, other: u32, first: u3
 
 fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
     let base = id.z * constants.parameter_stride;
-    let columns = constants.columns;
-    let at = place(id);
-    let right = id.x + 1u < columns;
-    let left = id.x >= 1u;
-    let below = id.y + 1u < constants.rows;
-    let above = id.y >= 1u;
-    var a = vec3<real>();
-    if (structural) {
-        let along_columns = base + first_spring;
-        let along_rows = along_columns + 3u;
-        if (right) { a = pulled(a, x, v, at + 1u, along_columns); }
-        if (left) { a = pulled(a, x, v, at - 1u, along_columns); }
-        if (below) { a = pulled(a, x, v, at + columns, along_rows); }
-        if (above) { a = pulled(a, x, v, at - columns, along_rows); }
-    }
-    if (shear) {
-        let diagonal = base + first_spring + 6u;
-        if (below && right) { a = pulled(a, x, v, at + columns + 1u, diagonal); }
-        if (below && left) { a = pulled(a, x, v, at + columns - 1u, diagonal); }
-        if (above && right) { a = pulled(a, x, v, at - columns + 1u, diagonal); }
-        if (above && left) { a = pulled(a, x, v, at - columns - 1u, diagonal); }
-    }
-    if (bend) {
-        let along_columns = base + first_spring + 9u;
-        let along_rows = along_columns + 3u;
-        if (id.x + 2u < columns) { a = pulled(a, x, v, at + 2u, along_columns); }
-        if (id.x >= 2u) { a = pulled(a, x, v, at - 2u, along_columns); }
-        if (id.y + 2u < constants.rows) { a = pulled(a, x, v, at + 2u * columns, along_rows); }
-        if (id.y >= 2u) { a = pulled(a, x, v, at - 2u * columns, along_rows); }
-    }
+    var a = spring_forces(id, x, v);
     if (point_damping) {
         a = a - scaled(parameters[base + 3u], v);
     }
