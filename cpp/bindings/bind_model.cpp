@@ -8,6 +8,7 @@
 #include "contact/triangle.hpp"
 #include "engines/plan.hpp"
 #include "integrators/engine.hpp"
+#include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"
 #include "measure/mode_bounds.hpp"
 #include "model/thread_grid.hpp"
@@ -114,6 +115,37 @@ Array<double> sphere_states(const Plan& plan, const std::vector<double>& times) 
     return states;
 }
 
+// Vectors times a number, added to a vector, in a step of an explicit method.
+std::ptrdiff_t updates(const ExplicitMethod& method) {
+    const auto terms = [](const std::vector<double>& row) { return std::ptrdiff_t(row.size()) - std::count(row.begin(), row.end(), 0.0); };
+    const auto of = [&](const Weights& w) { return (w.drift != 0) + terms(w.x) + terms(w.v); };
+    std::ptrdiff_t sum = of(method.result);
+    for (const Weights& weights : method.stage) sum += of(weights);
+    return sum;
+}
+
+std::ptrdiff_t updates(const Splitting& method) {
+    const auto terms = [](const std::vector<double>& parts) { return std::ptrdiff_t(parts.size()) - std::count(parts.begin(), parts.end(), 0.0); };
+    return terms(method.drifts) + terms(method.kicks);
+}
+
+// What Python's theory of stability and its count of operations need of a method: "tableau", whose last row is that of the result,
+// or "splitting" (drifts, kicks); and "updates" without and with damping.
+py::dict method_facts(const std::string& name) {
+    const Method& method = method_of(name);
+    py::dict facts;
+    if (const ExplicitMethod* const rk = method.explicit_method) {
+        facts["tableau"] = rk->a;
+        facts["updates"] = py::make_tuple(updates(*rk), updates(*rk));
+    } else if (const Splitting* const parts = method.splitting) {
+        facts["splitting"] = py::make_tuple(parts->drifts, parts->kicks);
+        facts["updates"] = py::make_tuple(updates(*parts), updates(*parts));
+    } else if (method.scheme == Scheme::verlet) {
+        facts["updates"] = py::make_tuple(3, updates(*method.damped));  // kick, drift, kick
+    }
+    return facts;
+}
+
 template <class Real>
 int lanes(const Plan& plan) {
     return kernels_of<Real>(*plan.kernels).lanes;
@@ -153,6 +185,7 @@ void bind_model(py::module_& m) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
         });
     m.def("edge_offset", &edge_offset);
+    m.def("method_facts", &method_facts);
 }
 
 namespace {

@@ -7,6 +7,7 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.engine import integration
 from clothsim.engine.amplification import amplification, amplification_matrix
 from clothsim.engine.integration import ALIASES
 from clothsim.engine.plan import INTEGRATORS
@@ -321,3 +322,21 @@ def test_the_docs_have_every_other_name():
     text = (Path(__file__).parents[2] / "docs" / "integrators.md").read_text(encoding="utf-8")
     for alias, name in ALIASES.items():
         assert re.search(rf"^\| .*`{alias}`.* \| `{name}` \|$", text, re.M), alias
+
+
+def test_the_theory_takes_the_coefficients_of_the_core():
+    """Dormand and Prince's further term is 1/600; the counts are those of the coefficients that are not 0."""
+    assert integration.FURTHER_TERMS["rk4"] == () and set(integration.FURTHER_TERMS) == {"rk4", "dopri5", "dop853"}
+    assert integration.FURTHER_TERMS["dopri5"] == pytest.approx((1 / 600,), rel=1e-14, abs=0)
+    known = (2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10)
+    assert integration.FURTHER_TERMS["dop853"] == pytest.approx(known, rel=1e-12, abs=0)
+    verlet = {"velocity_verlet": (3, 7)}  # 3 in the damped stage, 4 in its result
+    assert {
+        "semi_implicit_euler": (2, 2),
+        "pefrl": (9, 9),
+        "dopri5": (40, 40),
+        "dop853": (126, 126),
+        **verlet,
+    } == integration.UPDATES
+    drifts, kicks = integration.SPLITTINGS["pefrl"]
+    assert len(drifts) == len(kicks) == 5 and sum(drifts) == pytest.approx(1) and sum(kicks) == pytest.approx(1)

@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import check
 from ..base.keywords import suggests
+from ..base.table import aligned
 from ..errors import OrderWarning, warn_caller
 
 if TYPE_CHECKING:
@@ -241,9 +243,7 @@ class _Integrators(Mapping[str, Integrator]):
             stages, kind = one._traits
             limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
             rows.append((one.name, str(one.order), stages, *limits, kind))
-        widths = [max(map(len, column)) for column in zip(*rows)]
-        lines = ("  ".join(cell.ljust(n) for cell, n in zip(row, widths)).rstrip() for row in rows)
-        return "\n".join(lines)
+        return aligned((), rows, left=range(6))
 
 
 _INTEGRATORS: Mapping[str, Integrator] = _Integrators(_TABLE)
@@ -341,26 +341,39 @@ def warn_of_order(integrator: str, scene: Scene) -> bool:
     return lower
 
 
-# Vectors times a number, added to a vector, in a step of each explicit method but RK4, without and with damping
-# (cpp/integrators/methods.cpp). The velocity in x counts one, and each weight that is not 0 counts one.
-UPDATES = {
-    "semi_implicit_euler": (2, 2),
-    "velocity_verlet": (3, 7),
-    "pefrl": (9, 9),
-    "dopri5": (40, 40),
-    "dop853": (126, 126),
-}
+_FACTS = {name: _core.method_facts(name) for name in _INTEGRATORS}
 
-# Of exp(z) = sum z^k / k! the Runge-Kutta methods keep the terms up to their order and have these
-# further ones: b A^(k-1) 1 with their tableau (A, b).
+UPDATES: dict[str, tuple[int, int]] = {name: facts["updates"] for name, facts in _FACTS.items() if "updates" in facts}
+"""Vectors times a number, added to a vector, in a step of each explicit method but RK4, without and with damping. The
+velocity in x counts one, and each weight that is not 0 counts one."""
+
+SPLITTINGS = {
+    name: (facts["splitting"][0], [*facts["splitting"][1], 0.0]) for name, facts in _FACTS.items() if "splitting" in facts
+}
+"""As many drifts and kicks of each splitting, in turn, as parts of the step."""
+
+
+def _further_terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
+    """Of exp(z) = sum z^k / k! a Runge-Kutta method keeps the terms up to its order and has these further ones.
+
+    The k-th is b A^(k-1) 1 with the tableau (A, b). In long double, as the terms of dop853 cancel.
+    """
+    whole = np.array(tableau, np.longdouble)
+    a, row = whole[:stages, :stages], whole[stages, :stages]
+    terms = []
+    for k in range(1, stages + 1):
+        if k > order:
+            terms.append(float(row.sum()))
+        row = row @ a
+    return tuple(terms)
+
+
 FURTHER_TERMS = {
     "rk4": (),
-    "dopri5": (1 / 600,),
-    "dop853": (2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10),
+    **{
+        name: _further_terms(facts["tableau"], _INTEGRATORS[name].order, _INTEGRATORS[name].stages)
+        for name, facts in _FACTS.items()
+        if "tableau" in facts
+    },
 }
-
-# PEFRL: drift, kick, drift, kick, ... as parts of the step.
-_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
-_PEFRL_DRIFTS = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
-_PEFRL_KICKS = ((1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2, 0.0)
-SPLITTINGS = {"semi_implicit_euler": ((0.0, 1.0), (1.0, 0.0)), "pefrl": (_PEFRL_DRIFTS, _PEFRL_KICKS)}
+"""Of each Runge-Kutta method."""

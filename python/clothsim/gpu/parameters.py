@@ -19,7 +19,6 @@ _SPRINGS = _core.spring_kinds
 
 FIRST_WEIGHT = 5 + 3 * len(_SPRINGS)
 CONTACT_SIZE = 16
-ENERGY_SIZE = 3 + 2 * len(_SPRINGS)  # without masses
 
 
 def rest_lengths(scene: Scene) -> list[float]:
