@@ -335,7 +335,7 @@ def test_the_theory_takes_the_coefficients_of_the_core():
         "semi_implicit_euler": (2, 2),
         "pefrl": (9, 9),
         "dopri5": (40, 40),
-        "dop853": (126, 126),
+        "dop853": (125, 125),
         **verlet,
     } == integration.UPDATES
     drifts, kicks = integration.SPLITTINGS["pefrl"]

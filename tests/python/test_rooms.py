@@ -94,7 +94,7 @@ def public_names(module):
     found = import_module(f"clothsim.{module}") if module else cs
     return {
         *getattr(found, "__all__", [name for name in vars(found) if not name.startswith("_")]),
-        *(() if module else PUBLIC),
+        *(() if module else (*PUBLIC, "__version__")),
     }
 
 
