@@ -27,8 +27,8 @@ def spring_kinds(scene: cs.Scene) -> list[tuple[int, int, float, float, float]]:
     kinds: dict[tuple[int, int], tuple[int, int, float, float, float]] = {}
     for spring in cloth.replace(shape=shape, size=size, mass=1.0, pins=()).spring_table():
         (r, c), (far_r, far_c) = (divmod(int(spring[end]), shape[1]) for end in ("i", "j"))
-        offset = far_r - r, far_c - c
-        kinds.setdefault(offset, (*offset, *(float(spring[name]) for name in ("stiffness", "rest_length", "damping"))))
+        stiffness, rest, damping = (float(spring[name]) for name in ("stiffness", "rest_length", "damping"))
+        kinds.setdefault((far_r - r, far_c - c), (far_r - r, far_c - c, stiffness, rest, damping))
     return list(kinds.values())
 
 
