@@ -22,7 +22,7 @@ CONTACT_SIZE = 16
 
 
 def rest_lengths(scene: Scene) -> list[float]:
-    """Of each kind of spring [m]."""
+    """Rest lengths of the kinds of springs [m]."""
     row_spacing, column_spacing = scene.cloth.spacing
     along = [(rows * row_spacing, columns * column_spacing) for _, rows, columns in _SPRINGS]
     return [math.sqrt(c * c + r * r) for r, c in along]

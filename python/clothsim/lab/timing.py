@@ -155,7 +155,7 @@ class StepTimer:
     Parameters
     ----------
     advance : callable
-        Does so many steps.
+        Called with a number of steps, which it takes.
     """
 
     LONGEST_PART = 0.1  # s of steps between two looks at the clock
