@@ -141,7 +141,7 @@ def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
 ):
     for measures in ("simulate", "work_precision", "stability_map", "Stepper"):
         monkeypatch.delattr(cs, measures)
-    monkeypatch.delattr("clothsim.lab.bench.machine.describe")
+    monkeypatch.delattr("clothsim.lab.bench.machine_facts.describe")
     file = tmp_path / "file"
     file.write_text("kept")
     code, out, err = run(capsys, *command, "--out", file / below)
