@@ -20,6 +20,7 @@
 #include "engines/plan.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/contact/contact_marks.hpp"
+#include "kernels/dispatch.hpp"
 #include "measure/diagnostics.hpp"
 
 namespace clothsim {
@@ -38,7 +39,7 @@ public:
             }
         if (spheres_.empty()) return;
         if (faces_) {
-            face_pass_ = make_face_pass(plan.cloth, plan.gravity, faces);
+            face_pass_ = make_face_pass(plan.cloth, plan.gravity, faces, face_kernels(plan.kernels->set));
             for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(place(i, 0));
         }
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;

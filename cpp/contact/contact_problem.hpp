@@ -36,6 +36,13 @@ struct ContactRow {
     Vec3 at(const std::vector<Vec3>& z) const {
         return weight[0] * z[std::size_t(corner[0])] + weight[1] * z[std::size_t(corner[1])] + weight[2] * z[std::size_t(corner[2])];
     }
+    Vec3 at(const std::array<std::vector<double>, 3>& z) const {
+        Vec3 y;
+        for (std::size_t k = 0; k < 3; ++k)
+            y[Eigen::Index(k)] = weight[0] * z[k][std::size_t(corner[0])] + weight[1] * z[k][std::size_t(corner[1])] +
+                weight[2] * z[k][std::size_t(corner[2])];
+        return y;
+    }
     void push(std::vector<Vec3>& z, const Vec3& impulse) const {
         for (std::size_t i = 0; i < 3; ++i)
             if (share[i] != 0) z[std::size_t(corner[i])] += share[i] * impulse;

@@ -58,7 +58,7 @@ bool FaceWork::bounced() const {
 bool FaceWork::restore_speeds() {
     if (!bounced()) return true;
     note_changed();
-    std::vector<Vec3>& change = end_;  // of velocities, by those impulses
+    std::vector<Vec3>& change = scratch_;  // of velocities, by those impulses
     std::fill(change.begin(), change.end(), Vec3(0, 0, 0));
     double first = 0, second = 0;
     for (std::size_t k = 0; k < rows_.size(); ++k) {

@@ -11,8 +11,6 @@ using exact::vec;
 
 namespace {
 
-constexpr int most_rounds = 24, most_projections = 30;
-constexpr int most_sweeps = 100;  // of a projection
 // Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as many as make so
 // many blocks. A small problem is solved in full, a large one goes on from its impulses in the next step. Half the blocks make
 // more rounds, twice the blocks cost up to 1.5 times in folds.
@@ -26,17 +24,28 @@ constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer
 
 }  // namespace
 
-FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces)
-    : cloth_(cloth), gravity_(gravity), faces_(faces) {
+FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces, const FaceKernels& kernels)
+    : cloth_(cloth), gravity_(gravity), faces_(faces), kernels_(kernels) {
     const std::size_t n = at(cloth.points());
-    for (auto* a : {&x0, &v0, &x, &v, &start_, &end_}) a->resize(n);
+    for (auto* a : {&x0, &v0, &x, &v, &scratch_}) a->resize(n);
     changed.resize(n);
     moved_.resize(n);
     sum_.resize(n);
     seen_.resize(6 * n * faces.size(), 0);
     lasted_.resize(seen_.size(), 0);
-    planes_.assign(faces.size(), {2 * n, {Vec3(0, 1, 0), Vec3(0, 1, 0)}});
+    heights_.resize(2 * at(cloth.columns));
+    frames_.resize(faces.size());
+    for (Frame& frame : frames_) {
+        for (std::size_t k = 0; k < 3; ++k) {
+            frame.start[k].resize(n);
+            frame.end[k].resize(n);
+        }
+        for (auto& of_triangle : frame.planes)
+            for (std::size_t k = 0; k < 6; ++k) of_triangle[k].assign(n, k % 3 == 1 ? 1.0 : 0.0);
+    }
     reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
+    reached_list_.resize(faces.size());
+    look_again_.resize(at(cloth.rows));
     inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
 }
 
@@ -44,12 +53,25 @@ Corners FaceWork::corners(const std::vector<Vec3>& of, const std::array<int, 3>&
     return {of[at(c[0])], of[at(c[1])], of[at(c[2])]};
 }
 
-void FaceWork::place_in_frame(int sphere) {
-    const SweptSphere& s = (*spheres_)[at(sphere)];
-    const Vec3 c0 = vec(s.start), c1 = vec(s.end);
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        start_[i] = x0[i] - c0;
-        end_[i] = x[i] - c1;
+void FaceWork::place(const std::vector<Vec3>& from, const double (&center)[3], std::array<std::vector<double>, 3>& to) {
+    for (std::size_t k = 0; k < 3; ++k) {
+        double* const out = to[k].data();
+        for (std::size_t i = 0; i < from.size(); ++i) out[i] = from[i][Eigen::Index(k)] - center[k];
+    }
+}
+
+// Where points are now, seen from a sphere.
+FaceWork::Frame& FaceWork::place_in_frame(int sphere) {
+    Frame& frame = frames_[at(sphere)];
+    place(x, (*spheres_)[at(sphere)].end, frame.end);
+    return frame;
+}
+
+void FaceWork::set_plane(int sphere, const Triangle& t, const TriangleTouch& touch) {
+    auto& planes = frames_[at(sphere)].planes[t.number % 2];
+    for (std::size_t k = 0; k < 3; ++k) {
+        planes[k][t.number / 2] = touch.first_normal[Eigen::Index(k)];
+        planes[3 + k][t.number / 2] = touch.normal[Eigen::Index(k)];
     }
 }
 
@@ -77,49 +99,6 @@ void FaceWork::solve(std::size_t first, ContactSide side) {
     if (first > 0 && !flies) tolerance = quiet;
     const int most = std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
     solve_side(first, places ? x : v, side, tolerance, quiet, most);
-}
-
-// Where the rows of the ways do not end it: rows at the places that are nearest at the end, again and again.
-bool FaceWork::project() {
-    const std::size_t kept = rows_.size();
-    for (int k = 0; k < most_projections; ++k) {
-        rows_.resize(kept);
-        origins_.resize(kept);
-        bool low = false;
-        ++look_;
-        for (int s = 0; s < int(spheres_->size()); ++s) {
-            place_in_frame(s);
-            const Shell& shell = shells_[at(s)];
-            const auto add = [&](const std::array<int, 3>& corner, const Foot& foot) {
-                const double distance = foot.point.norm();
-                if (distance > shell.surface + 0.2 * shell.surface || distance == 0) return;
-                const std::size_t before = rows_.size();
-                const Vec3 n = foot.point / distance;
-                add_row(s, corner, foot, n, 0, most_rounds);
-                if (rows_.size() > before) {
-                    rows_.back().speed.target = vec((*spheres_)[at(s)].velocity);
-                    low |= distance < shell.middle;
-                }
-            };
-            if (faces_[at(s)]) {
-                each_near_triangle(s, [&](const Triangle& t) {
-                    if (!inside_[at(s)][t.number]) add(t.corner, nearest_to_origin(corners(end_, t.corner)));
-                });
-            } else {
-                for (int i = 0; i < cloth_.points(); ++i)
-                    if (!inside_[at(s)][at(i)]) add({i, i, i}, {end_[at(i)], {1, 0, 0}});
-            }
-        }
-        if (!low) {
-            solve_side(kept, v, &ContactRow::speed, 1e-12, 0, most_sweeps);
-            return true;
-        }
-        std::vector<ContactRow> rows(rows_.begin() + std::ptrdiff_t(kept), rows_.end());
-        for (ContactRow& row : rows) row.friction = 0;
-        guess_impulses(rows, 0, x, sum_, &ContactRow::place);
-        solve_contacts(rows, x, &ContactRow::place, 1e-3 * (shells_[0].surface - shells_[0].inside), most_sweeps, memory_);
-    }
-    return false;
 }
 
 // Impulses to begin with, of the step before.
@@ -214,31 +193,6 @@ void FaceWork::push_out_all() {
     }
 }
 
-// What the ways to the end still lead through, or leave inside.
-void FaceWork::note_left_over() {
-    for (int s = 0; s < int(spheres_->size()); ++s) {
-        place_in_frame(s);
-        const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
-        const auto note = [&](const std::array<int, 3>& corner) {
-            const int held = pinned_corner(corner);
-            if (held >= 0) report_.note_pinned(held);
-            else report_.note_shut_in(corner[0]);
-        };
-        if (faces_[at(s)]) {
-            each_near_triangle(s, [&](const Triangle& t) {
-                if (inside_[at(s)][t.number]) return;
-                if (triangle_touch(corners(start_, t.corner), corners(end_, t.corner), reach, slop / 2).hit) note(t.corner);
-            });
-        } else {
-            for (int i = 0; i < cloth_.points(); ++i) {
-                const Vec3 &p0 = start_[at(i)], q = end_[at(i)] - p0;
-                const double a = q.squaredNorm(), closest = a > 0 ? std::clamp(-p0.dot(q) / a, 0.0, 1.0) : 0.0;
-                if (!inside_[at(s)][at(i)] && (p0 + closest * q).norm() < reach) note({i, i, i});
-            }
-        }
-    }
-}
-
 void FaceWork::note_changed() {
     for (const ContactRow& row : rows_)
         for (std::size_t i = 0; i < 3; ++i)
@@ -280,6 +234,7 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
         const double margin = face_margin * s.radius + 4 * s.slop;
         shells_.push_back({s.radius, s.radius + margin / 2, s.radius + margin, s.radius + 2 * margin});
     }
+    for (std::size_t s = 0; s < spheres.size(); ++s) place(x0, spheres[s].start, frames_[s].start);
     free_x_ = x;
     free_v_ = v;
     grounded_ = false;
@@ -289,16 +244,19 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
         clear = follow_ways(1);
         restore_speeds();
     }
-    if (!clear) project();
+    if (!clear) project(all_sweeps);
     note_changed();
     if (!starts_inside_.empty()) push_out_all();
-    if (!clear) note_left_over();
+    int stuck = left_over();
+    if (stuck >= 0 && search()) stuck = -1;
+    if (stuck >= 0) report_.note_shut_in(stuck);
     remember(spheres[0].dt);
     return report_;
 }
 
-std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces) {
-    return std::make_unique<FaceWork>(cloth, gravity, faces);
+std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
+                                         const FaceKernels& kernels) {
+    return std::make_unique<FaceWork>(cloth, gravity, faces, kernels);
 }
 
 }  // namespace clothsim

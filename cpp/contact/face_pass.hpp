@@ -17,6 +17,7 @@
 
 #include "contact/contact_report.hpp"
 #include "kernels/contact/continuous.hpp"
+#include "kernels/contact/face_kernels.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {
@@ -42,6 +43,7 @@ public:
 };
 
 // `faces`: of each continuous sphere, whether it keeps triangles out.
-std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces);
+std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
+                                         const FaceKernels& kernels);
 
 }  // namespace clothsim

@@ -15,16 +15,20 @@ namespace {
 
 // Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100 times its speed.
 constexpr double least_lever = 0.01;
-constexpr double closeness = 1e-3;  // of the margin: how near counts as on the surface
+// Of the margin: how near counts as on the surface.
+constexpr double closeness(int round) { return round == 0 ? 1e-3 : 1.0 / 16; }
 
 Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * c[0] + w[1] * c[1] + w[2] * c[2]; }
 
 }  // namespace
 
 // Whether the triangle keeps beyond its plane at that distance throughout.
-bool FaceWork::separated(int sphere, const Triangle& triangle, double reach) const {
-    const auto& [n0, n1] = planes_[at(sphere)][triangle.number];
-    return beyond_turning_plane(corners(start_, triangle.corner), corners(end_, triangle.corner), n0, n1, reach);
+bool FaceWork::separated(int sphere, const Triangle& t, double reach) const {
+    const Frame& frame = frames_[at(sphere)];
+    const auto& of = frame.planes[t.number % 2];
+    const std::size_t i = t.number / 2;
+    return beyond_turning_plane(Frame::corners(frame.start, t.corner), Frame::corners(frame.end, t.corner),
+                                {of[0][i], of[1][i], of[2][i]}, {of[3][i], of[4][i], of[5][i]}, reach);
 }
 
 // A row for the first place of the triangle that the way to the end leads below the surface. After the first round it has to
@@ -32,13 +36,12 @@ bool FaceWork::separated(int sphere, const Triangle& triangle, double reach) con
 bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
-    const double reach = round == 0 ? shell.surface : shell.middle;
-    const double tolerance = margin * (round == 0 ? closeness : 1.0 / 16);
-    if (inside_[at(sphere)][triangle.number] || separated(sphere, triangle, reach + tolerance)) return false;
-    const Corners p0 = corners(start_, triangle.corner), p1 = corners(end_, triangle.corner);
+    const double reach = round == 0 ? shell.surface : shell.middle, tolerance = margin * closeness(round);
+    if (inside_[at(sphere)][triangle.number]) return false;
+    const Frame& frame = frames_[at(sphere)];
+    const Corners p0 = Frame::corners(frame.start, triangle.corner), p1 = Frame::corners(frame.end, triangle.corner);
     const TriangleTouch touch = triangle_touch(p0, p1, reach, tolerance);
-    auto& plane = planes_[at(sphere)][triangle.number];
-    plane = {touch.first_normal, touch.normal};
+    set_plane(sphere, triangle, touch);
     if (!touch.hit) return false;
     touched = true;
     const double distance = touch.foot.point.norm();
@@ -57,7 +60,7 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     const double room = deeper - shell.inside;
     const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop, finer = std::max(room, slop) / 16;
     const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
-    plane = {next.first_normal, next.normal};
+    set_plane(sphere, triangle, next);
     if (!next.hit || next.time == 0) return added;
     return add_row(sphere, triangle.corner, next.foot, next.normal, next.time, round) || added;
 }
@@ -67,8 +70,9 @@ bool FaceWork::look_at_point(int sphere, int i, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
     const double reach = round == 0 ? shell.surface : shell.middle;
-    const Vec3 &p0 = start_[at(i)], &p1 = end_[at(i)], q = p1 - p0;
-    const double far = reach + margin * closeness, a = q.squaredNorm(), b = p0.dot(q);
+    const Frame& frame = frames_[at(sphere)];
+    const Vec3 p0 = Frame::at(frame.start, i), p1 = Frame::at(frame.end, i), q = p1 - p0;
+    const double far = reach + margin * closeness(0), a = q.squaredNorm(), b = p0.dot(q);
     const double closest = a > 0 ? std::clamp(-b / a, 0.0, 1.0) : 0.0;
     if (inside_[at(sphere)][at(i)] || (p0 + closest * q).squaredNorm() > far * far) return false;
     touched = true;
@@ -106,6 +110,20 @@ void FaceWork::note_moves(int round) {
     }
 }
 
+// Rows of cells in which a triangle `has_moved`.
+void FaceWork::note_rows_to_look_at(int sphere) {
+    const std::size_t rows = at(cloth_.rows), columns = at(cloth_.columns);
+    std::fill(look_again_.begin(), look_again_.end(), std::uint8_t(0));
+    for (std::size_t r = 0; r < rows; ++r) {
+        const auto first = moved_.begin() + std::ptrdiff_t(r * columns);
+        const bool moved = std::find(first, first + std::ptrdiff_t(columns), std::uint8_t(1)) != first + std::ptrdiff_t(columns);
+        if (!moved) continue;
+        look_again_[r] = 1;
+        if (r > 0) look_again_[r - 1] = 1;
+    }
+    for (const std::size_t t : reached_list_[at(sphere)]) look_again_[t / 2 / columns] = 1;
+}
+
 bool FaceWork::has_moved(const Triangle& t, int sphere) const {
     return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] | reached_[at(sphere)][t.number];
 }
@@ -116,15 +134,24 @@ bool FaceWork::find_rows(int round) {
     note_moves(round);
     for (int s = 0; s < int(spheres_->size()); ++s) {
         place_in_frame(s);
-        if (faces_[at(s)])
-            each_near_triangle(s, [&](const Triangle& t) {
-                if (!has_moved(t, s)) return;
-                const bool reached = look_along(s, t, round);
-                reached_[at(s)][t.number] = reached;
-                found |= reached;
-            });
-        else
+        if (!faces_[at(s)]) {
             for (int i = 0; i < cloth_.points(); ++i) found |= look_at_point(s, i, round);
+            continue;
+        }
+        const Shell& shell = shells_[at(s)];
+        const double reach = (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness(round);
+        note_rows_to_look_at(s);
+        std::vector<std::size_t> reached;
+        each_open_triangle(
+            s, reach,
+            [&](const Triangle& t) {
+                if (has_moved(t, s) && look_along(s, t, round)) reached.push_back(t.number);
+            },
+            round > 0);
+        for (const std::size_t t : reached_list_[at(s)]) reached_[at(s)][t] = 0;
+        for (const std::size_t t : reached) reached_[at(s)][t] = 1;
+        found |= !reached.empty();
+        reached_list_[at(s)].swap(reached);
     }
     return found;
 }
@@ -139,6 +166,7 @@ bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot&
                        int round) {
     const SweptSphere& s = (*spheres_)[at(sphere)];
     const Shell& shell = shells_[at(sphere)];
+    const Frame& frame = frames_[at(sphere)];
     ContactRow row{};
     double freely = 0;  // weight of corners that are not pinned
     row.corner = corner;
@@ -156,7 +184,7 @@ bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot&
     if (freely < least_lever) row.mobility = 0;
     row.normal = normal;
     row.friction = s.friction;
-    const double before = normal.dot(row.at(start_)), after = normal.dot(row.at(end_));
+    const double before = normal.dot(row.at(frame.start)), after = normal.dot(row.at(frame.end));
     double level = shell.surface;
     if (after >= shell.surface && time > 0) {  // below it on the way alone
         if (round == 0 && before + time * (after - before) > shell.middle) return false;
@@ -209,7 +237,7 @@ void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, i
     double pull = (start - n.dot(row.at(free_v_) - vec(s.velocity))) / s.dt;
     double left = (1 - time) * s.dt;
     if (round == 0) {
-        const double gap = std::max(0.0, n.dot(row.at(start_)) - shell.surface);
+        const double gap = std::max(0.0, n.dot(row.at(frames_[at(origin.sphere)].start)) - shell.surface);
         const double arrival2 = start < 0 || pull > 0 ? start * start + 2 * pull * gap : 0;
         origin.arrival = std::sqrt(std::max(0.0, arrival2));
         if (origin.arrival > 0)

@@ -25,8 +25,54 @@ struct Foot {
     std::array<double, 3> weight;
 };
 
+// Offers the nearest place of the side from corner i to the next.
+inline void offer_side(const Corners& c, std::size_t i, Foot& best, double& least) {
+    const std::size_t j = (i + 1) % 3;
+    const Vec3 side = c[j] - c[i];
+    const double length2 = side.squaredNorm();
+    const double s = length2 > 0 ? std::clamp(-side.dot(c[i]) / length2, 0.0, 1.0) : 0.0;
+    const Vec3 point = c[i] + s * side;
+    const double distance2 = point.squaredNorm();
+    if (distance2 >= least) return;
+    least = distance2;
+    best = {point, {0, 0, 0}};
+    best.weight[i] = 1 - s;
+    best.weight[j] = s;
+}
+
+// Offers the foot of the perpendicular, if it lies inside. The height on the longest side is orthogonalised against that side, so
+// that its direction is right to rounding however thin the triangle is.
+inline void offer_inside_of_thin(const Corners& c, Foot& best, double& least) {
+    std::size_t i = 0;
+    double longest2 = -1;
+    for (std::size_t k = 0; k < 3; ++k) {
+        const double length2 = (c[(k + 1) % 3] - c[k]).squaredNorm();
+        if (length2 > longest2) i = k, longest2 = length2;
+    }
+    const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+    const Vec3 side = c[j] - c[i], other = c[k] - c[i];
+    if (longest2 == 0) return;
+    const double foot = other.dot(side) / longest2;
+    Vec3 height = other - foot * side;
+    height -= height.dot(side) / longest2 * side;
+    const double height2 = height.squaredNorm();
+    if (height2 == 0) return;
+    const double along = -c[i].dot(side) / longest2;
+    const double up = -(c[i] + along * side).dot(height) / height2;
+    const std::array<double, 3> w{1 - up - (along - up * foot), along - up * foot, up};  // of i, j, k
+    if (w[0] < 0 || w[1] < 0 || w[2] < 0) return;
+    const Vec3 point = c[i] + w[1] * side + w[2] * other;
+    const double distance2 = point.squaredNorm();
+    if (distance2 >= least) return;
+    least = distance2;
+    best.point = point;
+    best.weight[i] = w[0];
+    best.weight[j] = w[1];
+    best.weight[k] = w[2];
+}
+
 // The foot of the perpendicular if it lies inside, else the nearest place of the sides that it lies beyond. In a thin or
-// collapsed triangle rounding hides which these are: then all sides count. Every candidate is a point of the triangle.
+// collapsed triangle rounding hides which these are: then all count. Every candidate is a point of the triangle.
 inline Foot nearest_to_origin(const Corners& c) {
     constexpr double thin = 1e-8;  // squared sine of the angle at the first corner
     const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
@@ -43,20 +89,9 @@ inline Foot nearest_to_origin(const Corners& c) {
     }
     Foot best{c[0], {1, 0, 0}};
     double least = c[0].squaredNorm();
-    for (std::size_t i = 0; i < 3; ++i) {
-        const std::size_t j = (i + 1) % 3;
-        if (inner[3 - i - j] >= 0) continue;
-        const Vec3 side = c[j] - c[i];
-        const double length2 = side.squaredNorm();
-        const double s = length2 > 0 ? std::clamp(-side.dot(c[i]) / length2, 0.0, 1.0) : 0.0;
-        const Vec3 point = c[i] + s * side;
-        const double distance2 = point.squaredNorm();
-        if (distance2 >= least) continue;
-        least = distance2;
-        best = {point, {0, 0, 0}};
-        best.weight[i] = 1 - s;
-        best.weight[j] = s;
-    }
+    for (std::size_t i = 0; i < 3; ++i)
+        if (inner[(i + 2) % 3] < 0) offer_side(c, i, best, least);
+    if (flat) offer_inside_of_thin(c, best, least);
     return best;
 }
 
@@ -67,6 +102,11 @@ inline double smallest_circle(const Corners& c) {
     if (side2[0] + side2[1] <= side2[2]) return std::sqrt(side2[2]) / 2;
     const double twice_area = (c[1] - c[0]).cross(c[2] - c[0]).norm();
     return std::sqrt(side2[0] * side2[1] * side2[2]) / (2 * twice_area);
+}
+
+// At a part of the way.
+inline Corners corners_at(const Corners& p0, const Corners& p1, double time) {
+    return {p0[0] + time * (p1[0] - p0[0]), p0[1] + time * (p1[1] - p0[1]), p0[2] + time * (p1[2] - p0[2])};
 }
 
 struct TriangleTouch {
@@ -94,11 +134,6 @@ inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
     constexpr double shortest_leap = 1e-12;
     constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
-    const auto at = [&](double time) {
-        Corners now;
-        for (std::size_t i = 0; i < 3; ++i) now[i] = p0[i] + time * (p1[i] - p0[i]);
-        return now;
-    };
     TriangleTouch t;
     Corners now = p0;
     t.foot = nearest_to_origin(now);
@@ -120,12 +155,15 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
                 return t;
             }
         }
-        double advance = 2;
+        double advance = 2, lowest = 0;
         for (std::size_t i = 0; i < 3; ++i) {
-            const double rate = t.normal.dot(p1[i] - p0[i]);
-            const double gap = std::max(t.normal.dot(now[i]) - reach, 0.0);
+            const double rate = t.normal.dot(p1[i] - p0[i]), gap = t.normal.dot(now[i]) - reach;
+            lowest = std::min(lowest, gap);
             if (rate < 0) advance = std::min(advance, gap / -rate);
         }
+        // Rounding hides which place is nearest: no plane shows that the triangle is clear.
+        t.hit = lowest < 0;
+        if (t.hit) return t;
         if (t.time + advance >= 1) {
             if (advance == 2 || t.time >= 1) return t;
             advance = 1 - t.time;  // the end itself is looked at once
@@ -134,7 +172,7 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
         bool leapt = false;
         while (k >= 4 && !leapt && leap > std::max(2 * advance, shortest_leap)) {
             const double time = std::min(t.time + leap, 1.0);
-            const Corners then = at(time);
+            const Corners then = corners_at(p0, p1, time);
             const Foot foot = nearest_to_origin(then);
             const double far = foot.point.norm();
             leapt = far > reach + tolerance;
@@ -151,7 +189,7 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
         if (leapt) continue;
         leap = advance;
         t.time = std::min(t.time + advance, 1.0);
-        now = at(t.time);
+        now = corners_at(p0, p1, t.time);
         t.foot = nearest_to_origin(now);
     }
     t.hit = true;

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "kernels/contact/face_kernels.hpp"
 #include "kernels/kernel_table.hpp"
 #include "kernels/state_row_kernels.hpp"
 
@@ -19,6 +20,9 @@ const KernelTable& choose_instruction_set(const std::string& name);
 
 // The kernels that move a state in and out.
 const StateRowKernels& state_row_kernels(InstructionSet set);
+
+// The kernels of contact of faces.
+const FaceKernels& face_kernels(InstructionSet set);
 
 // What may choose other kernels for the next engine: the environment variables.
 std::string kernel_environment();

@@ -28,6 +28,7 @@ UNITS = {
     "expected": "m",
     "spread": "m",
     "dt": "s",
+    "time": "s",
     "made": "J",
     "kinetic_at_impact": "J",
     "elastic_afterwards": "J",
@@ -50,6 +51,7 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "shots": ("spheres shot at sheets", {"count": 300}, {"count": 100_000}),
     "squeezes": ("spheres that close on sheets", {"count": 60}, {"count": 10_000}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
+    "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
 
@@ -94,6 +96,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "shots": contact.shots,
         "squeezes": contact.squeezes,
         "cost": contact.cost,
+        "drape": contact.drape,
         "table": contact.comparison,
     }
 

@@ -5,7 +5,7 @@ assert them, docs/contact.md explains them. Sizes are arguments. Tests take smal
 takes the sizes of the claims.
 """
 
-from .cost import cost
+from .cost import cost, drape
 from .fuzz import crossings
 from .law import face_drop, impact, lying, stick
 from .physics import cone, drop, resting, under_whole_cloth
@@ -18,6 +18,7 @@ __all__ = [
     "cone",
     "cost",
     "crossings",
+    "drape",
     "drop",
     "face_drop",
     "faces",
