@@ -24,7 +24,7 @@ import clothsim as cs
 import numpy as np
 from random_cloths import Case, draw, rms, truth
 
-STREAMS = {"tune": 1, "judge": 2, "judge2": 3, "judge3": 4}
+STREAMS = {"tune": 1, "judge": 2, "judge2": 3, "judge3": 4, "judge4": 5}
 RATIO = 1.08  # between the steps that are searched
 NAMED = [name for name, one in cs.integrators().items() if one.explicit]
 AUTO, BY_NAME = 4, 2  # requests of a scene, beside the default call
@@ -171,7 +171,7 @@ def table(found: list[Judged]) -> str:
 def main() -> None:
     warnings.simplefilter("ignore", cs.StabilityWarning)
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--stream", choices=STREAMS, default="judge3", help="judge has served a choice already")
+    parser.add_argument("--stream", choices=STREAMS, default="judge4", help="judge to judge3 have served choices already")
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     parser.add_argument("--no-cost", action="store_true", help="leave the search out")

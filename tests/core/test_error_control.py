@@ -133,10 +133,11 @@ def test_the_estimate_of_a_given_step(precision):
 
 def test_what_cannot_be_reached_ends():
     """... with the best solution, its estimate and the reason, in less than three plain runs."""
-    scene = scene_of("swing")
-    report = cs.simulate(scene, 0.5, rtol=1e-14).report
+    run = cs.simulate(scene_of("swing"), 0.5, rtol=1e-14)
+    report = run.report
     assert report["error_estimate"]["reason"].startswith("runs with more steps come no closer")
-    assert 1e-10 < report["error_estimate"]["rms"] < 1e-7
+    # The fixed steps round otherwise.
+    assert 0.2 < report["error_estimate"]["rms"] / rms(run.x[-1] - exact("swing")) < 5
     assert not report["tolerance"]["reached"]
     plain = 12 * 5500  # evaluations of a run at the smallest tolerance
     assert report["force_evaluations"] < 3 * plain
@@ -210,10 +211,13 @@ def test_steps_that_order_1_would_need_are_not_begun():
 
 def test_a_request_below_the_floor_of_a_long_run_ends():
     """Folds of the swing grow from rounding: the error of 1e-9 cannot be had after 1 s."""
-    run = cs.simulate(cs.scenes.paper_swing(), 1.0, rtol=1.1e-9)
+    scene = scene_of("swing")
+    run = cs.simulate(scene, 1.0, rtol=1.1e-9)
     estimate = run.report["error_estimate"]
     assert estimate["reason"].startswith("runs with more steps come no closer")
-    assert 1e-7 < estimate["rms"] < 1e-2
+    state = scene.initial_position, scene.initial_velocity
+    fixed = cs.step(scene, *state, 1.0 / 2000, 2000, integrator="dop853")[0]
+    assert 0.2 < estimate["rms"] / rms(run.x[-1] - fixed) < 5
     assert run.report["force_evaluations"] < 100_000
 
 

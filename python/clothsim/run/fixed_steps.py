@@ -37,19 +37,6 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
-# Rounding of a run over the size and the rounding of double, where a coordinate is 0. Found on the
-# swing without bend springs, a flat sheet that folds from rounding alone: half of this is lost in the
-# first step, and the estimate comes out fifty times too small; twice makes it three times larger.
-_ROUNDING_OF_FORCES = 5e-2
-
-
-def rounding(scene: Scene) -> Floats:
-    """Random roundings [m] of the free points' initial positions, equal in every call."""
-    x, free = scene.initial_position, ~scene.cloth.pinned[..., None]
-    size = np.abs(x) + _ROUNDING_OF_FORCES * size_of(scene)
-    return np.random.default_rng(1).uniform(-1, 1, x.shape) * free * np.finfo(np.float64).eps * size
-
-
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them."""
@@ -110,6 +97,7 @@ class Resumed:
 class Steps:
     """The steps of a run with error control: its grid in time, and its local errors."""
 
+    tolerance: float = math.nan  # of a step [m], where the run has chosen them
     ends: list[float] = field(default_factory=list)  # times of the scene [s]
     local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
 
@@ -178,20 +166,16 @@ def integrate(
     resumed: Resumed | None = None,
     given: list[float] | None = None,
     most: float = math.inf,
-    rounded: bool = False,
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
     `frames`: frames that are counted in steps are ends of accepted steps; dense output gives other frames. `resumed`:
     the run to continue, which sets the tolerance and the longest step. `given`: prescribed ends of the steps. `most`:
-    most force evaluations; the run ends early where they do not suffice. `rounded`: True starts from positions that
-    differ by a rounding error.
+    most force evaluations; the run ends early where they do not suffice.
     """
     controller = _core.StepController()
-    first = scene.initial_position
     if resumed is None:
-        start_at = first + rounding(scene) if rounded else first
-        state = options.state(scene, start_at, scene.initial_velocity)
+        state = options.state(scene)
         earlier, longest = Continuation(options.start), duration
         stiffness, _ = core_cloth(scene).mode_bounds
         rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
@@ -206,10 +190,8 @@ def integrate(
     start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
     control = Control(tolerance, rate, longest, controller)
     run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
-    if rounded:
-        run.first[0][:] = first
     end = start + (begin + duration)
-    grid, steps = deque(given or ()), Steps()
+    grid, steps = deque(given or ()), Steps(tolerance)
     # Steps that are given are accepted at any finite error.
     unit = tolerance if given is None else _ANY_ERROR * tolerance
     for seconds, until in frames.moments(start, begin + duration, begin)[1:]:

@@ -1,0 +1,165 @@
+"""The runs of one call with error control: what they cost, and what is left."""
+
+from __future__ import annotations
+
+import math
+
+from ..engine.state import MANY_STEPS
+from ..errors import UnstableError
+from ..model.scene import Scene
+from .estimate import Controlled, Estimate
+from .fixed_steps import Options, Solution, integrate, run_fixed, size_of
+from .frames import NEGLIGIBLE, Schedule
+from .recording import Recording, Watch
+
+# Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
+# docs/dev/error-control.md has the effect of half and twice of each.
+
+# Tolerance of a step of a short run over the error that is asked for.
+TOLERANCE = 1.5
+# Radians, or so, of the fastest motion above which tolerances fall with their cube: each step adds an
+# error, and an error of frequency moves positions apart with the square of time.
+GROWTH = 12.0
+# Part of the run that tells how many steps there will be.
+PILOT = 0.05
+# Steps of a run over those of the run before it, at least.
+REFINEMENT = 1.25
+# Estimates are taken times this, and proportional is what differs by less.
+MARGIN = 1.4
+# What is this part of an error does not matter beside it: the local errors of a better run.
+SMALL = 0.1
+# Steps below which no error is extrapolated: the sum of few local errors tells little of the error.
+FEW = 60
+# Runs of one method at most.
+RUNS = 8
+# The smallest tolerance of a step, over the size: some fifty roundings of a position in double. Single
+# precision keeps what a step adds with fewer digits, and compensates the sum.
+SMALLEST = {"double": 1e-14, "single": 1e-8}
+# Below this error over the size, rounding may be a part of a difference, and does not fall with m.
+ROUNDING = 1e-9
+
+ORDER = 8  # of dop853
+# A promise, not a setting: force evaluations of everything over those of a run at the smallest tolerance.
+MOST = 3.0
+
+LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
+UNSTABLE = "runs with more steps are unstable"
+NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
+NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
+
+
+class Exhausted(Exception):
+    """The force evaluations that are left do not suffice; `run` is what they were enough for."""
+
+    def __init__(self, run: Solution) -> None:
+        self.run = run
+
+
+class Attempts:
+    """The runs of one call: what they cost, and how many force evaluations are left."""
+
+    def __init__(self, scene: Scene, duration: float, options: Options, watch: Watch, most: float) -> None:
+        self.scene, self.duration, self.options = scene, duration, options
+        self._watch, self._most = watch, most
+        self._done: list[Solution] = []
+        self._finished: Recording | None = None
+
+    def adaptive(
+        self,
+        tolerance: float,
+        frames: Schedule | None = None,
+        given: list[float] | None = None,
+        options: Options | None = None,
+    ) -> Solution:
+        """A run with error control; without frames no callback follows it.
+
+        If it runs away at the tolerance, because stiff motion is let grow up to it, it is done
+        again at a smaller one.
+        """
+        options = options or self.options
+        smallest = self.smallest(options)
+        tolerance = max(tolerance, smallest)
+        while True:
+            try:
+                return self._add(
+                    integrate(
+                        self.scene,
+                        self.duration,
+                        tolerance,
+                        options,
+                        frames,
+                        None if frames is None else self._watch,
+                        given=given,
+                        most=self._left,
+                    )
+                )
+            except UnstableError:
+                if given is not None or tolerance <= smallest:
+                    raise
+            tolerance = max(SMALL**3 * tolerance, smallest)
+
+    def smallest(self, options: Options) -> float:
+        """The smallest tolerance of a step [m]."""
+        return SMALLEST[options.precision] * size_of(self.scene)
+
+    def steps_ahead(self, tolerance: float) -> float:
+        """Steps of a run with error control, from the first part of it."""
+        watch = Watch()
+        try:
+            run = integrate(
+                self.scene,
+                PILOT * self.duration,
+                max(tolerance, self.smallest(self.options)),
+                self.options,
+                watch=watch,
+                most=self._left,
+            )
+        except UnstableError:
+            return 0.0
+        except KeyboardInterrupt:
+            self._watch.recording = watch.recording
+            raise
+        self._done.append(run)
+        return run.steps / PILOT
+
+    def fixed(self, dt: float, frames: Schedule, cost: int) -> Solution:
+        """A run at a time step that is not the caller's; each step takes `cost` evaluations."""
+        steps = math.ceil(self.duration / dt)
+        dt = self.duration / steps
+        enough = self._left >= steps * cost
+        duration = self.duration if enough else max(1, int(self._left / cost)) * dt
+        watch = self._watch if enough or not self._finished else None
+        return self._add(run_fixed(self.scene, duration, dt, self.options, frames, watch, own_step=True))
+
+    def add(self, run: Solution) -> None:
+        self._done.append(run)
+
+    @property
+    def spent(self) -> int:
+        """Force evaluations of the runs so far."""
+        return sum(run.evaluations for run in self._done)
+
+    @property
+    def _left(self) -> float:
+        return self._most - self.spent
+
+    def _add(self, run: Solution) -> Solution:
+        self._done.append(run)
+        if run.t[-1] < self.options.start + self.duration * (1 - NEGLIGIBLE):
+            raise Exhausted(run)
+        self._finished = self._watch.recording
+        return run
+
+    def hand_over(self) -> None:
+        """Let the last run that came to its end be what is handed over."""
+        if self._finished is not None:
+            self._watch.recording = self._finished
+
+    def close(self, solution: Solution, error: Estimate, companion: Solution | None = None) -> Controlled:
+        others = [run for run in self._done if run is not solution]
+        return Controlled(
+            solution, error, companion, sum(run.evaluations for run in others), sum(run.wall_time for run in others)
+        )
+
+    def exhausted(self) -> str:
+        return f"max_evaluations = {self._most:g} does not suffice"

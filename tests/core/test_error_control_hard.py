@@ -1,0 +1,72 @@
+"""Error control where springs collapse, sheets buckle and phases are lost: scenes of the benchmark.
+
+The true solution is a run of dop853 at a thousandth of the smallest error that is asked for.
+"""
+
+import functools
+import sys
+from pathlib import Path
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.run.fixed_steps import Options, integrate
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from random_cloths import draw
+
+
+@functools.cache
+def case_of(number):
+    return draw(4, number)
+
+
+@functools.cache
+def exact(number):
+    case = case_of(number)
+    tolerance = 1e-13 * max(case.scene.cloth.size)
+    return integrate(case.scene, case.duration, tolerance, Options("dop853", "double", 1, "auto", False)).x[-1]
+
+
+def rms(difference):
+    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
+
+
+@pytest.mark.parametrize(
+    "number, options",
+    [
+        # Springs collapse at moments that a refined grid does not resolve.
+        (23, {"rtol": 1e-6}),
+        (23, {"rtol": 1e-7}),
+        (32, {"rtol": 1e-4}),
+        (32, {"rtol": 1e-6}),
+        # The phase is lost at first; the error of a run must not be extrapolated from a run 1,000 times worse.
+        (79, {"rtol": 1e-3}),
+        # Few local errors tell little: the second run of 39 steps errs by twice what was asked.
+        (40, {"rtol": 1e-6}),
+        (1, {"rtol": 1e-3}),
+        # The better run is as wrong as the run that it is compared with, as errors grow 1,000 times.
+        (32, {}),
+        # The phase is lost for three steps of the search, though better runs agree.
+        (78, {}),
+        # A free plane sheet stays plane, though it would buckle if a point left the plane.
+        (36, {"rtol": 1e-4}),
+        (36, {"rtol": 1e-6, "integrator": "rk4"}),
+    ],
+    ids=str,
+)
+def test_the_error_asked_for_is_had_and_told(number, options):
+    case = case_of(number)
+    size = max(case.scene.cloth.size)
+    run = cs.simulate(case.scene, case.duration, threads=1, **options)
+    error, estimate = rms(run.x[-1] - exact(number)), run.report["error_estimate"]
+    assert estimate["reason"] == ""
+    assert error <= options.get("rtol", 1e-3) * size
+    assert 0.5 * error <= estimate["rms"] <= 3 * error
+
+
+def test_refinement_by_tolerances_costs_less_than_grids():
+    """A grid with enough steps where springs collapse has twice too many elsewhere."""
+    case = case_of(32)
+    report = cs.simulate(case.scene, case.duration, threads=1, rtol=1e-4).report
+    assert report["force_evaluations"] < 25_000
