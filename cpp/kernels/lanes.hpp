@@ -5,6 +5,9 @@
 
 #include <cstdint>
 #include <utility>
+#if defined(CLOTHSIM_PORTABLE) && defined(__AVX__)
+#error "the portable kernels are compiled without AVX: take -march=native out of CXXFLAGS"
+#endif
 #if defined(CLOTHSIM_PORTABLE) && !defined(__aarch64__)
 #define XSIMD_WITH_EMULATED 1
 #endif
@@ -57,12 +60,11 @@ CLOTHSIM_INLINE V in_register(V a) {
     return a;
 }
 
+#if !defined(CLOTHSIM_PORTABLE)
 template <class V>
 CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
-    [[maybe_unused]] constexpr bool single = sizeof(typename V::value_type) == 4;
-#if defined(CLOTHSIM_PORTABLE)
-    return a;  // not asked for
-#elif defined(__AVX512F__)  // to 2^-14
+    constexpr bool single = sizeof(typename V::value_type) == 4;
+#if defined(__AVX512F__)  // to 2^-14
     if constexpr (single) return V(_mm512_rsqrt14_ps(a));
     else return V(_mm512_rsqrt14_pd(a));
 #elif defined(__AVX__)  // to 1.5 * 2^-12, single only
@@ -73,6 +75,7 @@ CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
     else return a;
 #endif
 }
+#endif
 
 // f(0), f(1), ... f(count - 1) with the index known to the compiler.
 template <int count, class F>

@@ -25,8 +25,17 @@ struct Wide {
     static CLOTHSIM_INLINE void store(Real* p, const Reals& a) { __builtin_memcpy(p, &a, sizeof a); }
     static CLOTHSIM_INLINE Doubles widen(const Reals& a) { return __builtin_convertvector(a, Doubles); }
     static CLOTHSIM_INLINE Reals narrow(const Doubles& a) { return __builtin_convertvector(a, Reals); }
-    static CLOTHSIM_INLINE D batch(const Doubles& a) { return D(typename D::register_type(a)); }
-    static CLOTHSIM_INLINE Doubles doubles(const D& a) { return Doubles(typename D::register_type(a)); }
+    // Copied, not cast: the register of an emulated vector is an array.
+    static CLOTHSIM_INLINE D batch(const Doubles& a) {
+        D b;
+        __builtin_memcpy(&b.data, &a, sizeof a);
+        return b;
+    }
+    static CLOTHSIM_INLINE Doubles doubles(const D& a) {
+        Doubles b;
+        __builtin_memcpy(&b, &a.data, sizeof b);
+        return b;
+    }
 
     static CLOTHSIM_INLINE D read(const Real* p, std::ptrdiff_t compensation) {
         if constexpr (sizeof(Real) == 4) return batch(widen(load(p)) + widen(load(p + compensation)));
