@@ -42,7 +42,8 @@ namespace {
 // Rows [begin, end) in one stage, with one number of vectors; 0: that of `e`.
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
-    const auto source = [&](int row) -> const Real* { return source_is_state(stage) ? e.rows[row].state : e.rows[row].work; };
+    const bool of_state = source_is_state(stage == any_stage ? e.stage : stage);
+    const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
     const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
     Real* received = e.received[0];
     Real* hand_down = e.received[1];
@@ -76,7 +77,8 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
         }
     if constexpr (!masks_in_registers && stage != Stage::evaluate)
         if (e.complete) return edge_rows_of<Arch, Real, set, stage, 0, Springs::all>(e, begin, end);
-    edge_rows_of<Arch, Real, set, stage, 0, Springs::some>(e, begin, end);
+    // Where masks cost something, rows with padding and bare evaluations are rare: one copy of the code serves every stage.
+    edge_rows_of<Arch, Real, set, masks_in_registers ? stage : any_stage, 0, Springs::some>(e, begin, end);
 }
 
 // One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its stage takes nine

@@ -146,7 +146,8 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
                     springs[leg] = stretch<damped>(point, row + other_end, constants);
                 }
             }
-            if constexpr (own && turn == Order::finishing)
+            // Finishing any stage is a call, before which what is in registers would be stored.
+            if constexpr (own && turn == (stage == any_stage ? 0 : Order::finishing))
                 if (__builtin_expect(pending.there, 1)) finish<V, Real, stage, fixed>(e, pending, k);
             if constexpr (of_root >= 0 && of_root < Order::legs) root(springs[Order::order[of_root]], constants);
             if constexpr (of_force >= 0) {
