@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import StabilityWarning, UnstableError
+from ..errors import OrderWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy
 from ..model.scene import Scene
 from .methods import Method, Outcome
@@ -87,8 +87,9 @@ class Bench:
     def _solve(self, one: Measured) -> Outcome | None:
         try:
             with warnings.catch_warnings():
-                # Whether a step above the guarantee is stable here is what the run tells.
+                # The run tells whether a step above the guarantee is stable here, and what an order does to the error.
                 warnings.simplefilter("ignore", StabilityWarning)
+                warnings.simplefilter("ignore", OrderWarning)
                 return one.method.solve(self.scene, self.duration, one.setting)
         except (UnstableError, ArithmeticError):
             return None
