@@ -142,7 +142,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
             return data["x"], float(data["bound"])
     model, ends = Model(case.scene), []
     size = max(case.scene.cloth.size)
-    omega = np.sqrt(8 * model.stiffness.max() * model.inverse_mass.max())
+    omega = np.sqrt(8 * model.stiffness.max() * model.inverse_mass.max()) or 1.0  # 0 where all points are pinned
     n = 3 * model.n
     for tolerance in TOLERANCES:
         scale = np.r_[np.full(n, size), np.full(n, size * omega)] * tolerance

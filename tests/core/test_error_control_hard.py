@@ -13,7 +13,7 @@ import pytest
 from clothsim.run.fixed_steps import Options, integrate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from random_cloths import draw
+from random_cloths import draw, truth
 
 
 @functools.cache
@@ -70,3 +70,12 @@ def test_refinement_by_tolerances_costs_less_than_grids():
     case = case_of(32)
     report = cs.simulate(case.scene, case.duration, threads=1, rtol=1e-4).report
     assert report["force_evaluations"] < 25_000
+
+
+def test_a_scene_of_pinned_points_has_a_true_solution(tmp_path):
+    """Its scale of velocities is no zero, which SciPy would divide by for ever."""
+    case = draw(5, 256)
+    assert case.scene.cloth.pinned.all()
+    x, known = truth(case, tmp_path)
+    assert known == 0.0
+    assert x.tobytes() == case.scene.initial_position.tobytes()
