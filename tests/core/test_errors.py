@@ -345,3 +345,52 @@ def test_a_stepper_stands_where_it_was_after_a_refused_advance(same_bits):
             stepper.advance(*arguments)
         assert stepper.time == time
         assert same_bits((stepper.positions, stepper.velocities), kept)
+
+
+def test_a_state_of_none_is_refused():
+    for x, v, name in [(None, None, "x"), (X, None, "v"), (None, V, "x")]:
+        for call in (lambda x, v: cs.step(SCENE, x, v, 1e-3), lambda x, v: cs.acceleration(SCENE, x, v)):
+            with pytest.raises(TypeError, match=f"^{name} must be an array, got None; the scene's own state is scene.init"):
+                call(x, v)
+
+
+def test_out_says_what_an_array_is_not():
+    for out, lacks in [(OUTS["read-only"][0], "writeable"), (OUTS["Fortran"][0], "C-contiguous")]:
+        with pytest.raises(ValueError, match=f"got an array that is not {lacks}$"):
+            cs.step(SCENE, X, V, 1e-3, out=(out, V.copy()))
+
+
+def test_a_dtype_is_named_once():
+    for value in (np.zeros((4, 5, 3), complex), "flat"):
+        with pytest.raises(TypeError, match="^position must be") as caught:
+            cs.Scene(SCENE.cloth, position=value)
+        assert str(caught.value).count("dtype") == isinstance(value, np.ndarray)
+
+
+def test_a_mass_whose_accelerations_overflow_is_refused():
+    for mass in (5e-324, 1e-320, np.full((4, 5), 1e-305)):
+        with pytest.raises(ValueError, match="^mass must be large enough.* kg for a mass point, and 35000"):
+            cs.Cloth((4, 5), mass=mass)
+    assert 0 < cs.max_stable_dt(cs.Scene(cs.Cloth((4, 5), mass=1e-295))) < np.inf
+
+
+def test_attributes_of_a_stepper_are_not_set_in_silence():
+    stepper = cs.Stepper(SCENE)
+    for name in ("dt", "time", "positions"):
+        with pytest.raises(AttributeError, match=f"^{name} of a Stepper cannot be set: set_state"):
+            setattr(stepper, name, 1.0)
+
+
+def test_spheres_have_an_order():
+    sphere = cs.Sphere()
+    for spheres in ({sphere, cs.Sphere(radius=0.1)}, {sphere: 1}):
+        with pytest.raises(TypeError, match="^spheres must be a Sphere or a sequence"):
+            cs.Scene(SCENE.cloth, spheres)
+    assert cs.Scene(SCENE.cloth, (one for one in [sphere])).spheres == (sphere,)
+
+
+def test_a_file_is_not_written_into_a_missing_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match="^path must be in an existing folder, got '.*none/s.npz'"):
+        cs.Stepper(SCENE).snapshot().save(tmp_path / "none" / "s.npz")
+    with pytest.raises(TypeError, match=r"^snapshot must be a Snapshot, got 's.npz' \(str\); Snapshot.load reads it"):
+        cs.Stepper.restore("s.npz")

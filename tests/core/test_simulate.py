@@ -181,3 +181,18 @@ def test_refuses(change, error, name):
     arguments = {"scene": SCENE, "duration": 0.01, "dt": 1e-3, **change}
     with pytest.raises(error, match=name):
         cs.simulate(**arguments)
+
+
+def test_the_report_has_the_step_that_was_taken():
+    scene = cs.scenes.oscillator()
+    for given, taken, steps in [({"dt": 1.0}, 0.01, 1), ({"dt": 1e-3, "fps": 5000}, 2e-4, 50), ({"dt": 4e-3}, 4e-3, 3)]:
+        run = cs.simulate(scene, 0.01, **given)
+        assert run.report["steps"] == steps and abs(run.report["dt"] / taken - 1) < 1e-9
+        assert f" of {taken:.4g} s by rk4" in str(run)
+
+
+def test_more_frames_than_memory_are_refused_before_the_run():
+    scene = cs.scenes.paper_swing()
+    for frames, name in [({"fps": 1e8}, "fps"), ({"every": 1e-9}, "every"), ({"every": 2}, "every")]:
+        with pytest.raises(ValueError, match=f"^{name} asks for [0-9,]* frames, which need [0-9.e+]* GB; this machine has"):
+            cs.simulate(scene, 1.0, dt=1e-9, **frames)

@@ -332,3 +332,8 @@ def test_numba_peers_solve_the_scene(scene, solution):
 def test_diffrax_peers_solve_the_scene(scene, solution):
     _close(peers.Diffrax("Tsit5", 6), 1e-7, scene, solution, 1e-7)
     _close(peers.Diffrax("Dopri8", 13), 1e-9, scene, solution, 1e-9)
+
+
+def test_one_name_is_no_sequence_of_methods(scene):
+    with pytest.raises(TypeError, match=r"^methods must be a sequence of names and methods, got 'rk4' \(str\)"):
+        cs.work_precision(scene, 0.05, methods="rk4")

@@ -204,7 +204,7 @@ REFUSED = [
     ({"stiffness": -1.0}, ValueError, "stiffness must be.*>= 0, got -1.0"),
     ({"stiffness": INF}, ValueError, "stiffness must be.*finite.*inf"),
     ({"stiffness": "1"}, TypeError, "stiffness must be"),
-    ({"stiffness": {"structural": 1.0}}, ValueError, "stiffness lacks the key 'shear', 'bend'"),
+    ({"stiffness": {"structural": 1.0}}, ValueError, "stiffness lacks the keys 'shear', 'bend'"),
     ({"stiffness": {"structual": 1.0}}, ValueError, "stiffness has the unknown key 'structual'.*did you mean 'structural'"),
     (
         {"springs": ("shear",), "stiffness": {"shear": 1, "bend": 1}},

@@ -293,3 +293,18 @@ def test_importing_clothsim_imports_nothing_of_the_room():
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"
+
+
+def test_a_picture_of_a_moving_sphere_needs_the_time_of_its_positions():
+    scene = cs.scenes.paper_moving()
+    with pytest.raises(ValueError, match="^t must be given where a sphere moves"):
+        cs.picture(scene, scene.initial_position, width=32)
+    first = cs.picture(scene, width=32).pixels
+    assert (cs.picture(scene, scene.initial_position, 0.0, width=32).pixels == first).all()
+
+
+def test_what_is_refused_is_shown_in_one_line_and_named(tmp_path):
+    with pytest.raises(TypeError, match="^scene must be a Scene, got an array of shape"):
+        cs.picture(np.zeros((4, 5, 3)), cs.scenes.paper_static())
+    with pytest.raises(ValueError, match="^path must end in .png or in another suffix"):
+        cs.picture(cs.scenes.paper_static(), width=32, path=tmp_path / "a.xyz")

@@ -133,6 +133,8 @@ def _methods(
 ) -> list[Method]:
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
+        raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
     names = None if methods is None else [m for m in methods if isinstance(m, str)]
     chosen: list[Method] = list(own_methods(names, precisions, threads))
     chosen += [m for m in methods or () if not isinstance(m, str)]

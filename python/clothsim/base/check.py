@@ -253,7 +253,8 @@ def keys(name: str, value: Any, known: Collection[str], required: Collection[str
             raise ValueError(f"{name} has the unknown key {key!r}{_nearest(key, known)}; accepted: {_listed(known)}")
     missing = [key for key in required if key not in value]
     if missing:
-        raise ValueError(f"{name} lacks the key {_listed(missing)}; it has {_listed([*value])}, needed: {_listed(required)}")
+        lacks = f"the key{'s' * (len(missing) > 1)} {_listed(missing)}"
+        raise ValueError(f"{name} lacks {lacks}; it has {_listed([*value])}, needed: {_listed(required)}")
     return dict(value)
 
 
@@ -282,7 +283,8 @@ def array(name: str, value: Any, shape: tuple[int, ...], what: str = "finite num
     accepted = f"an array of shape {shape} of {what}"
     given = as_array(name, value, accepted)
     if given.dtype.kind not in "iuf" and given.size:
-        raise TypeError(_wrong(name, accepted, value) + f" with entries of dtype {given.dtype}")
+        of = "" if isinstance(value, np.ndarray) or not given.ndim else f" with entries of dtype {given.dtype}"
+        raise TypeError(_wrong(name, accepted, value) + of)
     if given.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
     # Overflow on the way from a wider float gives inf, which the next check reports.

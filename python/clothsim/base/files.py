@@ -27,6 +27,8 @@ def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
     """Write arrays and texts to a temporary file beside `path`, then rename the complete file to `path`."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"path must be in an existing folder, got {str(path)!r}")
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with open(part, "wb") as file:

@@ -90,7 +90,8 @@ def suggests(function: F) -> F:
             return function(*args, **kwargs)
         except TypeError as error:
             # Raised by this very call, not by one inside of it.
-            message = _unknown(function, kwargs) if error.__traceback__.tb_next is None else None  # type: ignore[union-attr]
+            own = error.__traceback__.tb_next is None  # type: ignore[union-attr]
+            message = _unknown(function, kwargs) or _missing(function, args, kwargs) if own else None
             if message is None:
                 raise
         raise TypeError(message)
@@ -117,6 +118,19 @@ def _unknown(function: Callable[..., Any], given: Mapping[str, Any]) -> str | No
     return (
         f"{name}() got an unknown argument {unknown!r}{_suggestion(unknown, known)}; it takes {', '.join(known) or 'none'}"
     )
+
+
+def _missing(function: Callable[..., Any], args: tuple[Any, ...], given: Mapping[str, Any]) -> str | None:
+    """The message for required arguments that a call lacks; None if it has all."""
+    parameters = inspect.signature(function).parameters
+    known = [n for n, one in parameters.items() if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
+    have = {*known[: len(args)], *given}
+    missing = [repr(n) for n in known if n not in have and parameters[n].default is inspect.Parameter.empty]
+    if not missing:
+        return None
+    name = function.__qualname__.removesuffix(".__init__")
+    words = f"argument{'s' * (len(missing) > 1)} {' and '.join(missing)}"
+    return f"{name}() needs the {words}; it takes {', '.join(n for n in known if n != 'self')}"
 
 
 def _suggestion(unknown: str, known: list[str]) -> str:

@@ -8,6 +8,7 @@ and ``run(args)`` does the work. Exit codes: 0 done, 1 the computation failed or
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import sys
 import warnings
@@ -63,10 +64,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     given = sys.argv[1:] if argv is None else list(argv)
-    args = parser(next((one for one in given if not one.startswith("-")), None)).parse_args(given)
+    args, unknown = parser(next((one for one in given if not one.startswith("-")), None)).parse_known_args(given)
+    if unknown:
+        _refuse(args.parser, unknown)
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
         return _run(args)
+
+
+def _refuse(command: argparse.ArgumentParser, unknown: Sequence[str]) -> NoReturn:
+    known = [option for action in command._actions for option in action.option_strings]
+    close = difflib.get_close_matches(unknown[0], known, 1) if unknown[0].startswith("-") else []
+    command.error(f"unrecognized arguments: {' '.join(unknown)}{f' (did you mean {close[0]}?)' if close else ''}")
 
 
 def _run(args: argparse.Namespace) -> int:

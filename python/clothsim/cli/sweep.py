@@ -145,14 +145,14 @@ def parse_values(name: str, text: str) -> list[Any]:
     """
     values: list[Any] = []
     for item in text.split(","):
-        values += _range(name, item) if item.count(":") == 2 else [_value(name, item.strip())]
+        values += _range(name, item) if ":" in item else [_value(name, item.strip())]
     return values
 
 
 def _range(name: str, item: str) -> list[float]:
-    first, last, kind = item.split(":")
-    rule, number = kind[:3], kind[3:]
     try:
+        first, last, kind = item.split(":")
+        rule, number = kind[:3], kind[3:]
         low, high, steps = float(first), float(last), int(number)
     except ValueError:
         rule = ""

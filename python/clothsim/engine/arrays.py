@@ -66,6 +66,14 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     return result
 
 
+def refuse_none(**states: Any) -> None:
+    """Raise a TypeError where a state is None: only a `Stepper` takes the scene's own state then."""
+    for name, value in states.items():
+        if value is None:
+            own = {"x": "scene.initial_position", "v": "scene.initial_velocity"}[name]
+            raise TypeError(f"{name} must be an array, got None; the scene's own state is {own}")
+
+
 def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     """`x` and `v` checked, of one shape and dtype (the wider of the two)."""
     x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
@@ -96,7 +104,7 @@ def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[
     out_array("out[0]", x, shape, dtype)
     out_array("out[1]", v, shape, dtype)
     if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):
-        raise ValueError("out must be two arrays that share no memory")
+        raise ValueError("out must be two arrays that share no memory, got arrays that overlap")
     return x, v
 
 
@@ -110,7 +118,13 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
     if not array.flags.carray:
-        raise ValueError(f"{name} must be {accepted}, got one that is not")
+        flags = {
+            "writeable": array.flags.writeable,
+            "C-contiguous": array.flags.c_contiguous,
+            "aligned": array.flags.aligned,
+        }
+        lacks = " and ".join(f"not {flag}" for flag, has in flags.items() if not has)
+        raise ValueError(f"{name} must be {accepted}, got an array that is {lacks}")
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -325,7 +326,8 @@ class Stepper(StepperView):
         True
         """
         if not isinstance(snapshot, Snapshot):
-            raise TypeError(f"snapshot must be a Snapshot, got {type(snapshot).__name__}")
+            hint = "; Snapshot.load reads it from a file" if isinstance(snapshot, (str, os.PathLike)) else ""
+            raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
         scene = snapshot.scene
         kept = ("scene", "frozen")
         options = {name: value for name, value in snapshot.arguments.items() if name not in kept}

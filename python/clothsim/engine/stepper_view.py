@@ -30,6 +30,15 @@ class StepperView:
         """True for members that take no further steps, shape (B,); see `freeze`."""
         return np.array(self._state.core.frozen)
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        # A new attribute such as `dt` would change nothing, in silence.
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{name} of a Stepper cannot be set: set_state changes positions, velocities and the time, "
+                "set_scene changes the scene, and advance takes the time step"
+            )
+        super().__setattr__(name, value)
+
     def _arrays(self) -> tuple[FloatArray, FloatArray]:
         x, v = (np.empty(self._state.shape, self._state.dtype) for _ in "xv")
         self._state.store(x, v)

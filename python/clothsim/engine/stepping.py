@@ -12,7 +12,7 @@ from ..base import check
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import FloatArray, out_array, out_arrays, start_time, state_arrays
+from .arrays import FloatArray, out_array, out_arrays, refuse_none, start_time, state_arrays
 from .calls import give_back, take, waiting_engines
 from .plan import core_plan
 from .state import State
@@ -115,6 +115,7 @@ def step(
     state = take(waiting)
     results = state.call(x, v, t, steps, dt, out) if state else None  # type: ignore[arg-type]
     if not state or not results:
+        refuse_none(x=x, v=v)
         state = State(
             scene,
             x,
@@ -181,6 +182,7 @@ def acceleration(
     state = take(waiting)
     result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
     if not state or result is None:
+        refuse_none(x=x, v=v)
         state = State(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
         if out is None:
             out = np.empty(state.shape)
@@ -240,7 +242,7 @@ def reference_step(
     True
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     for k, sphere in enumerate(scene.spheres):
         if sphere.offset == "face":
             raise ValueError(

@@ -176,6 +176,18 @@ class Cloth(Record):
             springs=springs,
             pins=_pins(self.pins, shape),
         )
+        self._check_rates()
+
+    def _check_rates(self) -> None:
+        """Refuse values whose accelerations overflow: stability limits and steps would be NaN."""
+        least = float(self.mass_per_point.min())
+        largest = max([*self.family_stiffness.values(), *self.family_damping.values(), self.point_damping, 1.0])
+        # Squared frequencies are at most sum_j K (1/m_i + 1/m_j) over the 12 springs of a point, below 32 K / m.
+        if least == 0.0 or math.isinf(32.0 * largest / least):
+            raise ValueError(
+                "mass must be large enough for stiffness / mass and damping / mass to be finite numbers, got "
+                f"{least:g} kg for a mass point, and {largest:g} as the largest stiffness or damping"
+            )
 
     @property
     def rows(self) -> int:

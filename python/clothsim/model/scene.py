@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -230,7 +230,7 @@ def _spheres(value: Any) -> tuple[Sphere, ...]:
     accepted = "a Sphere or a sequence of Sphere"
     if isinstance(value, Sphere):
         return (value,)
-    if not check.is_iterable(value):
+    if not check.is_iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
         raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):

@@ -133,7 +133,7 @@ class Sphere(Record):
             raise ValueError("literal must be False with response 'continuous', which the paper does not have")
         if self.offset == "face" and self.response != "continuous":
             raise ValueError(
-                f"offset 'face' needs response 'continuous', got {self.response!r}, which answers "
+                f"offset 'face' needs response 'continuous', got {self.response!r}, which responds "
                 "to mass points only and cannot keep triangles out"
             )
 

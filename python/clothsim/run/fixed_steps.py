@@ -139,7 +139,7 @@ class Solution:
         state, t, options = run.state, run.t, run.options
         fixed = options.integrator == "rk4"
         evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
-        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else run.dt
+        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else _longest_step(t, run.dt)
         return cls(
             options,
             t,
@@ -154,6 +154,12 @@ class Solution:
             run.continuation,
             grid or Steps(),
         )
+
+
+def _longest_step(t: list[float], dt: float) -> float:
+    """The longest step of a run with the frames `t`: frames closer than `dt` shorten all steps between them."""
+    longest = max((end - begin for begin, end in pairwise(t)), default=dt)
+    return dt if longest >= dt * (1 - NEGLIGIBLE) else longest
 
 
 def integrate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +20,8 @@ EVERY_STEP = "step"
 
 # A remainder below this part of a step is rounding of the caller's numbers, not a step.
 NEGLIGIBLE = 1e-9
+
+_BYTES_PER_POINT = 48  # of a frame: position and velocity, three doubles each
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,18 @@ class Schedule:
         inner = [self._offset(k) for k in range(first, math.ceil(self._count(end) - NEGLIGIBLE))]
         return [ends[0], *((offset, start + offset) for offset in inner), ends[1]]
 
+    def check_memory(self, duration: float, dt: float | None, points: int) -> None:
+        """Raise a ValueError where the frames of so many mass points need more memory than this machine has."""
+        frames = self if dt is None else self.in_seconds(dt)
+        count = frames._count(duration)
+        needed, memory = count * points * _BYTES_PER_POINT, _memory()
+        if needed > memory:
+            name, advice = ("fps", "a smaller fps") if self.per_second else ("every", "a larger every")
+            raise ValueError(
+                f"{name} asks for {count:,.0f} frames, which need {needed / 1e9:.3g} GB; "
+                f"this machine has {memory / 1e9:.3g} GB: take {advice}"
+            )
+
     def _count(self, offset: float) -> float:
         if self.seconds is not None:
             return offset / self.seconds
@@ -74,6 +89,14 @@ class Schedule:
 
     def _offset(self, k: int) -> float:
         return k * self.seconds if self.seconds is not None else k / (self.per_second or 1.0)
+
+
+def _memory() -> float:
+    """The memory of this machine [bytes]; infinite where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return math.inf
 
 
 def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) -> Schedule:

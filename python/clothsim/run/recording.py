@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base import check
 from ..base.progress import ProgressBar
 from ..engine.state import State
 from .frames import Floats, Schedule
@@ -79,9 +80,7 @@ class Watch:
             view.flags.writeable = False
         stop = self._callback(t, *views)
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
-            raise TypeError(
-                f"callback must return True to stop the run, or False or None to go on, got a {type(stop).__name__}"
-            )
+            raise TypeError(f"callback must return True to stop the run, or False or None to go on, got {check.shown(stop)}")
         if stop:
             raise StopRun
 

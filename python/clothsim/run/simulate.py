@@ -187,7 +187,7 @@ def simulate(
     ('dop853', True)
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)
@@ -213,6 +213,7 @@ def simulate(
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         check.step_count(duration, dt)
+    frames.check_memory(duration, dt, scene.cloth.rows * scene.cloth.columns)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
@@ -301,6 +302,7 @@ def resume(
     frames = before.frames
     if not (every is None and times is None and fps is None):
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
+    frames.check_memory(duration, before.dt, run.scene.cloth.rows * run.scene.cloth.columns)
     _check_callback(callback)
     names = ("integrator", "precision", "threads", "kernel", "strict", "backend")
     options = Options(**{name: snapshot.arguments[name] for name in names}, sampling=before.sampling, start=before.start)

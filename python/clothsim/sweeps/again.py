@@ -27,7 +27,7 @@ def member_run(dataset: xarray.Dataset, identity: Mapping[str, Any], selection: 
     every = given["every"] if every is None else checked_every(every)
     settings = Settings(**{**given, "metrics": (), "every": every})
     grid = Grid([_axis(entry) for entry in identity["over"]])
-    index = _index(grid, dataset.sel(dict(selection)))
+    index = _index(grid, _selected(dataset, selection))
     member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), settings)
     steps: dict[str, Any] = {"rtol": member.rtol, "atol": member.atol} if member.controlled else {"dt": member.dt}
     try:
@@ -38,6 +38,20 @@ def member_run(dataset: xarray.Dataset, identity: Mapping[str, Any], selection: 
         if not isinstance(error.run, Run):
             raise
         return error.run
+
+
+def _selected(dataset: xarray.Dataset, selection: Mapping[str, Any]) -> xarray.Dataset:
+    """The part of `dataset` with these labels; a KeyError names a wrong dimension or label, and the accepted ones."""
+    for name, label in selection.items():
+        if name not in dataset.dims:
+            raise KeyError(f"this sweep has the dimensions {', '.join(map(str, dataset.dims)) or 'none'}, got {name!r}")
+        labels = dataset[name].values
+        if np.ndim(label) == 0 and not isinstance(label, slice) and label not in labels.tolist():
+            raise KeyError(
+                f"{name} must be one of its {len(labels)} labels, from {labels[0]!s} to {labels[-1]!s}, got {label!r}; "
+                f'ds.sel({name}=..., method="nearest").clothsim.member() takes the nearest'
+            )
+    return dataset.sel(dict(selection))
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:

@@ -20,6 +20,7 @@ from ..model.cloth import FAMILIES, Cloth
 from ..model.motion import MOTIONS, Linear, Reciprocate
 from ..model.scene import Scene
 from ..model.sphere import Sphere
+from ..model.wording import counted
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
 """Names that change how a cloth is computed, not which cloth."""
@@ -78,6 +79,8 @@ NAMES = (
 )
 """Every name that can be swept; those of one sphere of several ("sphere1_radius") come on top."""
 
+_NOT_SWEPT = ("every", "frames", "threads", "backend", "metrics", "sampling", "store", "executor", "progress")
+
 _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 
 
@@ -89,6 +92,8 @@ def check_name(name: Any) -> str:
             check.choice("over", f"sphere_{match[2]}", NAMES)
             return name
     if not isinstance(name, str) or name not in NAMES:
+        if name in _NOT_SWEPT:
+            raise ValueError(f"over must have names that can be swept, got {name!r}, which is the same for all members")
         hint = check._nearest(name, NAMES)
         raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
     return name
@@ -181,7 +186,8 @@ def _change_spheres(spheres: tuple[Sphere, ...], values: Mapping[str, Any]) -> l
         index, part = _sphere_part(name)
         chosen = range(len(result)) if index is None else [index]
         if not result or (index is not None and index >= len(result)):
-            raise ValueError(f"{name} needs such a sphere, the scene has {len(result)}")
+            needed = "a sphere" if index is None else f"a sphere with the index {index}"
+            raise ValueError(f"{name} needs {needed}; the scene has {counted(len(result), 'sphere')}")
         for k in chosen:
             result[k] = _change_sphere(result[k], name, part, values[name])
     return result

@@ -165,10 +165,13 @@ def _axis(key: Any, values: Any) -> Axis:
 
 def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
     names = tuple(map(check_name, names))
+    if len(set(names)) < len(names):
+        raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
     places = []
     for k, row in enumerate(_values(f"over[{names!r}]", rows)):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
-            raise ValueError(f"over[{names!r}] must be rows of {len(names)} values, got {check.shown(row)} at index {k}")
+            wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
+            raise ValueError(f"over[{names!r}] must have {wanted}, got {check.shown(row)} at index {k}")
         places.append(_place(dict(zip(names, row, strict=True))))
     return Axis("_".join(names), tuple(places))
 

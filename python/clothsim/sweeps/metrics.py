@@ -105,6 +105,9 @@ _ALL = (
     ),
 )
 
+RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message", "position", "velocity")
+"""Variables of every sweep, beside its metrics."""
+
 METRICS = {metric.name: metric for metric in _ALL}
 """The metrics that have a name."""
 
@@ -181,7 +184,9 @@ def check_function_name(name: Any, function: Any) -> str:
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
     if name in taken:
-        raise ValueError(f"metrics: a function must not be named {name!r}, a metric of that name is")
+        raise ValueError(f"metrics: a function must not be named {name!r}, a metric has that name")
+    if name in RESERVED:
+        raise ValueError(f"metrics: a function must not be named {name!r}, every sweep has a variable of that name")
     return name
 
 

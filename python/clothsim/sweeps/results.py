@@ -98,7 +98,7 @@ class Results:
         if name == SESSIONS:
             raise ValueError(f"metrics: a function must not be named {name!r}, a store has that")
         if name in taken:
-            raise ValueError(f"metrics: {name!r} is the name of something that is swept")
+            raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
         values = self._allocate(name, (*self.grid.shape, *more_shape), dtype, fill)
         self.variables[name] = Variable(name, values, dict(attrs), more, fill)
 

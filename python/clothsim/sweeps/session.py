@@ -27,6 +27,18 @@ from .store import SCHEMA, Store
 from .task import TaskResult
 from .workers import Workers, run_all
 
+# Arguments of `sweep` that values of `over` replace, with their defaults.
+_DEFAULTS: dict[str, Any] = {
+    "duration": 1.0,
+    "dt": None,
+    "integrator": None,
+    "precision": "double",
+    "rtol": None,
+    "atol": None,
+    "kernel": "auto",
+    "strict": False,
+}
+
 if TYPE_CHECKING:
     import xarray
 
@@ -52,6 +64,7 @@ def run_sweep(
     grid = make_grid(over)
     settings = _checked_settings(**settings_given)
     _check_frames(grid, settings)
+    _check_twice(grid, settings)
     members = _checked_members(scene, grid, settings)
     if task_seconds is not None:
         task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
@@ -64,7 +77,7 @@ def run_sweep(
             results = Results(grid, settings, scene)
         else:
             where = check.path("store", store)
-            results = Store(where, grid, settings, scene, identity, session, resume)
+            results = Store(where, grid, settings, scene, identity, session, check.boolean("resume", resume))
         _run(workers, members, results, session, progress, task_seconds)
     finally:
         workers.close()
@@ -144,6 +157,16 @@ def _run(
             results.flush(final=True)
         finally:
             results.close()
+
+
+def _check_twice(grid: Grid, settings: Settings) -> None:
+    """Refuse an argument that the values of the sweep would replace."""
+    for axis in grid.axes:
+        for name in axis.names:
+            if name in _DEFAULTS and (given := getattr(settings, name)) != _DEFAULTS[name]:
+                raise ValueError(
+                    f"{name} must be left out where over has it, got {name} = {given!r} beside its swept values"
+                )
 
 
 def _check_frames(grid: Grid, settings: Settings) -> None:

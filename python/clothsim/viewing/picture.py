@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..base import check
 from ..base.extras import needed
 from ..base.keywords import suggesting, suggests
+from ..engine.arrays import start_time
 from ..model.mesh import triangles
 from ..model.scene import Scene
 from . import png
@@ -87,6 +88,8 @@ class Picture:
             path.write_bytes(self._repr_png_())
         else:
             image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
+            if path.suffix.lower() not in image.registered_extensions():
+                raise ValueError(f"path must end in .png or in another suffix that Pillow knows, got {str(path)!r}")
             image.fromarray(self.pixels).save(path)
         return path
 
@@ -117,7 +120,7 @@ def file_path(name: str, value: Any) -> Path:
 def picture(
     scene: Scene,
     x: npt.ArrayLike | None = None,
-    t: float = 0.0,
+    t: float | None = None,
     *,
     camera: Any = None,
     width: int = WIDTH,
@@ -135,8 +138,8 @@ def picture(
         Its spheres and pins are drawn.
     x : array_like, optional
         Positions [m], shape (rows, columns, 3). Default: the scene's initial positions.
-    t : float, default 0.0
-        Time [s], which determines the places of moving spheres.
+    t : float, optional
+        Time [s], which determines the places of moving spheres. Required where a sphere moves and `x` is given; else 0.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
         "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth and all spheres.
@@ -166,9 +169,9 @@ def picture(
     (320, 3)
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    t = 0.0 if t is None and x is None else start_time(t, [scene])
     x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
-    t = check.number("t", t)
     width = check.integer("width", width, minimum=16, maximum=WIDEST)
     path = None if path is None else file_path("path", path)
     drawn = draw(scene, x, t, camera_for(camera, scene, x[None], [t]), width)

@@ -63,7 +63,7 @@ class Playground:
 
     def __init__(self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double") -> None:
         if not isinstance(scene, Scene):
-            raise TypeError(f"scene must be a Scene, got {scene!r} ({type(scene).__name__})")
+            raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
         self.lock = RLock()
         self.start = scene
         self.options: dict[str, Any] = {"integrator": integrator, "precision": precision}

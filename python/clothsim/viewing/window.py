@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from typing import Any
 
 from ..base import check
@@ -69,6 +70,7 @@ def view(
     port = check.integer("port", port, minimum=1, maximum=65535)
     if not isinstance(host, str):
         raise TypeError(f"host must be a name or address, got {host!r} ({type(host).__name__})")
+    _check_host(host)
     needed("viser", "the live viewer", "view")
     viewer = Viewer(Playground(scene, dt, integrator, precision), host, port)
     if not block:
@@ -80,3 +82,15 @@ def view(
     except KeyboardInterrupt:
         viewer.stop()
     return None
+
+
+def _check_host(host: str) -> None:
+    """Refuse an address at which this machine cannot serve: viser would wait for ever."""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as trial:
+            trial.bind(address)
+    except (OSError, UnicodeError) as error:
+        raise ValueError(
+            f"host must be a name or address of this machine, such as '127.0.0.1' or '0.0.0.0', got {host!r}: {error}"
+        ) from None
