@@ -42,7 +42,7 @@ def sweep(*args, **options):
         ({"over": {"sphere1_radius": [0.1]}}, ValueError, "needs a sphere with the index 1; the scene has 0 spheres"),
         ({"dt": 1e-3, "over": {"dt": [1e-3]}}, ValueError, "dt must be left out.*got dt = 0.001 beside its swept values"),
         ({"precision": "single", "over": [{"precision": "double"}]}, ValueError, "precision must be left out"),
-        ({"resume": 1, "store": "s.zarr"}, TypeError, "resume must be True or False"),
+        ({"resume": 1, "store": __file__}, TypeError, "resume must be True or False"),
         ({"metrics": {"mass": operator.length_hint}, "over": {"mass": [1.0]}}, ValueError, "'mass', a coordinate"),
         ({"duration": -1.0}, ValueError, "duration"),
         ({"every": 0}, ValueError, "every"),
