@@ -150,7 +150,7 @@ class Stopwatch:
 
 
 class StepTimer:
-    """Times steps in parts that are short enough to end in time.
+    """Times steps in short parts, so that a time limit is kept.
 
     Parameters
     ----------

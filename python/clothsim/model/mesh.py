@@ -61,7 +61,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
 
 @suggests
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
-    """The triangles of the sheet, two a cell, split from (row, column + 1) to (row + 1, column).
+    """The triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1, column).
 
     `penetration` measures this surface, pictures show it, and `Run.export` writes it. Corners run counterclockwise seen
     from above, so that normals of the flat sheet point up (+y).

@@ -37,7 +37,7 @@ class Schedule:
     seconds : float, optional
         Seconds between frames.
     per_second : float, optional
-        Frames a second.
+        Frames per second.
     times : tuple of float
         Times of the scene [s], increasing.
     """

@@ -82,7 +82,7 @@ def simulate(
         Times of the scene at which frames are stored [s], increasing, from `t` to
         ``t + duration``.
     fps : float, optional
-        Frames a second, > 0.
+        Frames per second, > 0.
     callback : callable, optional
         Called as ``callback(t, x, v)`` at each stored frame, with read-only arrays of shape
         (rows, columns, 3). It returns True to stop the run there, else False or None. Where error

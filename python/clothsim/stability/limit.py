@@ -27,10 +27,10 @@ def max_stable_dt(
 
     Without a state, omega^2 <= lambda and a largest delta bound all modes (docs/stability.md). A
     uniform grid has lambda = kappa K / m, with kappa = 8 for structural springs, 12 with shear, and
-    16.33 with bend. That is the maximum of the grid's Fourier symbol, which also bounds families of
-    different stiffness, and delta from the damping. With mass per point, and in narrow cloths,
-    lambda is at most the maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point
-    has 1/m = 0. The step is stable for every pair up to these bounds.
+    16.33 with bend. Kappa is the maximum of the grid's Fourier symbol. The symbol also bounds families of different
+    stiffness. The symbol of the damping bounds delta. With mass per point, and in narrow cloths, lambda is at most the
+    maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point has 1/m = 0. The step is stable for every
+    pair up to these bounds.
 
     The guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must also be at
     most K, where w is the relative speed of a spring's ends and l its length. In other states a mode may be faster than

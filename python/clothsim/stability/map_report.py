@@ -33,7 +33,7 @@ def map_table(found: StabilityMap) -> str:
 
 
 def write_csv(found: StabilityMap, path: Path) -> None:
-    """One row a cell."""
+    """One row per cell."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["stiffness", "dt", "stable", "predicted", "limit", "guarantee"])

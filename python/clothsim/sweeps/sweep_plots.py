@@ -147,7 +147,7 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
 
 
 def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
-    """A metric over two dimensions; of a sweep with one, a line.
+    """A metric over two dimensions. For a sweep with one dimension, a line.
 
     Parameters
     ----------

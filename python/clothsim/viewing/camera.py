@@ -73,7 +73,7 @@ class Camera:
             object.__setattr__(self, name, size)
 
     def axes(self) -> npt.NDArray[np.float64]:
-        """Right, up and towards-the-eye unit vectors, one a row, shape (3, 3).
+        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
 
         Examples
         --------

@@ -40,7 +40,7 @@ class Clip:
     ----------
     run : Run
     fps : float or None
-        Frames a second; None: the stored frames at their own times.
+        Frames per second. None takes the stored frames at their own times.
     z_up : bool
         Whether (x, y, z) is written as (x, -z, y).
 
@@ -119,7 +119,8 @@ class Clip:
 
 
 def vertex_normals(positions: Floats, corners: npt.NDArray[np.int64]) -> Floats:
-    """Unit normals, the mean over the triangles of each vertex weighted by area; (0, 0, 0) never.
+    """Unit normals of the vertices: the mean over the triangles of each vertex, weighted by area. No normal is (0, 0,
+    0).
 
     A vertex whose triangles have no area gets the unit vector along y.
     """

@@ -33,17 +33,17 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
 
 
 def run_bundle(run: Run) -> dict[str, Any]:
-    """`bundle` of the lines of a run and its last frame."""
+    """`bundle` with the lines of a run and a picture of its last frame."""
     return bundle(str(run), run.picture(width=WIDTH))
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
-    """`bundle` of the lines of a scene and its initial state."""
+    """`bundle` with the lines of a scene and a picture of its initial state."""
     return bundle("\n".join(scene_lines(scene)), picture(scene, scene.initial_position, 0.0, width=WIDTH))
 
 
 def stepper_bundle(stepper: Stepper) -> dict[str, Any]:
-    """`bundle` of the lines of a stepper and its state, of a batch the first member."""
+    """`bundle` with the lines of a stepper and a picture of its state; for a batch, of the first member."""
     scene = stepper.scene if isinstance(stepper.scene, Scene) else stepper.scene[0]
     x = np.asarray(stepper.positions, np.float64).reshape(-1, *scene.cloth.shape, 3)[0]
     return bundle("\n".join(stepper_state_lines(stepper)), picture(scene, x, stepper.time, width=WIDTH))

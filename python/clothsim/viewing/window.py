@@ -50,7 +50,7 @@ def view(
     Returns
     -------
     Viewer or None
-        With `block` False. The viewer has ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``.
+        With `block` False, a viewer with ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``.
 
     Raises
     ------

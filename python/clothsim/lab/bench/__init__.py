@@ -36,9 +36,9 @@ def bench(
     Parameters
     ----------
     out : path or None, default "benchmarks/results"
-        Folder of the files, made if missing. Earlier files of equal names are replaced. The name is that of the
-        machine. "-quick" or "-custom" follows for settings other than `NORMAL` and `FULL`, and the sections follow
-        unless all ran. These files do not replace a whole run's files. None writes nothing.
+        Folder of the files, made if missing. Earlier files of equal names are replaced. File names begin with the name
+        of the machine. Other settings than `NORMAL` and `FULL` add "-quick" or "-custom", and a run of some sections
+        adds their names. So these files never replace the files of a whole run. None writes nothing.
     settings : Settings
         Sizes of the measurement: `QUICK`, `NORMAL`, `FULL` or your own.
     sections : collection of str, default all

@@ -57,8 +57,8 @@ def write(report: dict[str, Any], folder: Path) -> None:
     """Write `report` into `folder` as CSV and, where matplotlib is there, plots.
 
     The paths go to report["files"]. The comparison with an earlier file of the same name goes to
-    report["before"], and the reason of a missing plot to report["skipped"]. Plots come last: one
-    that fails loses no measurement.
+    report["before"], and the reason of a missing plot to report["skipped"]. Plots come last, so that an error in a plot
+    loses no measurement.
     """
     folder.mkdir(parents=True, exist_ok=True)
     start = str(folder / name(report))

@@ -113,7 +113,7 @@ def impact(
     dt : float
         Time step [s].
     restitution : float
-        e.
+        Restitution e.
     phases : int
         Drops, each with the contact at another part of the step.
     precision : str

@@ -63,7 +63,7 @@ def _shot(rng: np.random.Generator, several: bool) -> tuple[cs.Scene, float] | N
 
 
 def _passed(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) -> bool:
-    """Whether a step let a triangle of free corners, or a free point, into a sphere that keeps it out."""
+    """Whether a sphere contains a free point, or a triangle with free corners, that it must keep out."""
     corners = corner_indices(scene.cloth.shape)
     corners = corners[~scene.cloth.pinned.ravel()[corners].any(axis=1)]
     free = ~scene.cloth.pinned.ravel()

@@ -48,8 +48,8 @@ def over_sizes(
     Returns
     -------
     dict
-        "rows" (one a scene, method and target), "crossovers" and "warnings" (sentences), "csv" and
-        "plot" (file names).
+        "rows" (one per scene, method and target), "crossovers" and "warnings" (sentences), "csv" and "plot" (file
+        names).
     """
     measurements = experiment.run(settings_of(settings), found, advance=advance)
     files = report.write(measurements, folder, "figure10_sizes")

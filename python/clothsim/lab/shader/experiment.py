@@ -39,7 +39,7 @@ class Settings:
     batches : tuple of int
         Numbers of cloths of `batch_size` points along a side.
     frame_steps : int
-        Steps a frame.
+        Steps per frame.
     window_frames : int
         Frames that one measurement averages over.
     runs : int
@@ -180,7 +180,7 @@ def run(
 ) -> list[Measurement]:
     """Measure every target with every scene.
 
-    The targets of a scene take turns, run by run, so that a slow spell of the machine meets all.
+    The targets of a scene take turns, run by run, so that a slow spell of the machine affects all.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A table of measures, one row a stored frame, as CSV."""
+"""A table of measures as CSV, with one row per stored frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = (
 
 
 def measures(run: Any) -> np.ndarray:
-    """The columns of the table, one row a stored frame.
+    """The columns of the table, with one row per stored frame.
 
     Depths are the deepest over the spheres at the time of the frame.
     """

@@ -1,4 +1,4 @@
-"""One file a frame, numbered from 1: Wavefront OBJ (text) and PLY (binary)."""
+"""One file per frame, numbered from 1: Wavefront OBJ (text) and PLY (binary)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def numbered(path: Path, number: int) -> Path:
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    """OBJ: one file a frame. PLY, which knows no objects: one file a frame and body."""
+    """OBJ has one file per frame. PLY has no objects, so it has one file per frame and body."""
     files = []
     for frame in clip.frames():
         meshes = bodies(clip, frame)
