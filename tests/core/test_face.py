@@ -1,18 +1,31 @@
 """Offset "face": no triangle of the cloth dips into the sphere, however small and fast it is."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import clothsim as cs
+import contact_fuzz
 import numpy as np
 import pytest
-from clothsim.lab.contact import triangle_cases
 from clothsim.lab.contact.scene_table import follow
-from clothsim.lab.contact.triangles import distance, nearest_approach
+from contact_fuzz import triangle_cases
+from contact_fuzz.exact import distance, nearest_approach
 
 
 def test_no_moving_triangle_is_missed():
-    """`clothsim contact --full` and the slow test take 1e6."""
+    """`contact_fuzz triangles --full` and the slow test take 1e6."""
     result = triangle_cases(6_000)
     assert result["touching"] > 1_500
     assert result["missed"] == 0
+
+
+def test_the_fuzzers_have_a_command():
+    command = [sys.executable, str(Path(contact_fuzz.__file__).parent), "triangles", "--count", "100", "--seed", "5"]
+    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    result = json.loads(out)
+    assert result["cases"] > 1000 and result["touching"] > 300 and result["missed"] == 0
 
 
 @pytest.mark.slow

@@ -6,9 +6,10 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.lab.contact import face_drop, impact, lying, shots, squeezes, stick
-from clothsim.lab.contact.search import finds_place
-from clothsim.lab.contact.shots import _passed
+from clothsim.lab.contact import face_drop, impact, lying, stick
+from contact_fuzz import shots, squeezes
+from contact_fuzz.search import finds_place
+from contact_fuzz.shots import _passed
 
 STEPS = (1e-4, 2e-5, 5e-6)
 

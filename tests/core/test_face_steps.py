@@ -5,7 +5,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.lab.contact.triangles import distance
+from contact_fuzz.exact import distance
 
 DT = 0.01
 

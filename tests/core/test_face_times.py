@@ -2,7 +2,7 @@
 
 import numpy as np
 from clothsim import _core
-from clothsim.lab.contact.triangles import distance
+from contact_fuzz.exact import distance
 
 
 def nearest(corners):

@@ -1,17 +1,13 @@
 """What the bench makes of its figures: targets, ratios to peers, shares of the limits."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+import targets
 from clothsim.lab.bench import measured_run
 from clothsim.lab.bench.efficiency import efficiency, traffic
 from clothsim.lab.bench.figures import Figure, Figures, Missing
 from clothsim.lab.bench.ratios import ratios
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import targets
 
 
 def figure(**changes):

@@ -18,7 +18,6 @@ from ._common import add_command, as_table, short
 SLOPE = math.tan(0.35)
 
 UNITS = {
-    "deepest": "m",
     "points": "m",
     "triangles": "m",
     "depth": "m",
@@ -37,8 +36,6 @@ UNITS = {
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
-    "crossings": ("free points fired at jumping spheres", {"point_steps": 10**6}, {"point_steps": 10**8}),
-    "triangles": ("moving triangles, against an exact check", {"cases": 2 * 10**4}, {"cases": 10**6}),
     "faces": ("deepest triangle, every step", {"look": 4}, {"look": 1}),
     "drop": ("energy made by an elastic drop", {"dt": 2e-5}, {"dt": 5e-6}),
     "under": ("energy made under the whole cloth", {}, {}),
@@ -48,8 +45,6 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "impact": ("energy after an impact of a face", {"phases": 10}, {"phases": 40}),
     "bounce": ("energy of a bouncing sheet of faces", {}, {"more": True}),
     "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
-    "shots": ("spheres shot at sheets", {"count": 300}, {"count": 100_000}),
-    "squeezes": ("spheres that close on sheets", {"count": 60}, {"count": 10_000}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
@@ -59,14 +54,11 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "contact", run)
     command.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
-    command.add_argument("--count", type=int, metavar="N", help="how many shots or squeezes, whatever the size")
     command.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
     return {
-        "crossings": contact.crossings,
-        "triangles": contact.triangle_cases,
         "faces": contact.faces,
         "drop": contact.drop,
         "under": contact.under_whole_cloth,
@@ -93,8 +85,6 @@ def _functions() -> dict[str, Callable[..., Any]]:
             {"dt": dt, **contact.face_drop(dt)} for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
         ],
         "lying": contact.lying,
-        "shots": contact.shots,
-        "squeezes": contact.squeezes,
         "cost": contact.cost,
         "drape": contact.drape,
         "table": contact.comparison,
@@ -112,8 +102,6 @@ def run(args: argparse.Namespace) -> None:
             title, short, full = FIGURES[name]
             bar.say(name)
             sizes = full if args.full else short
-            if args.count is not None and "count" in sizes:
-                sizes = {"count": args.count}
             results[name] = functions[name](**sizes)
             if not args.json:
                 bar.print(f"{name}: {title}\n{_text(results[name])}")

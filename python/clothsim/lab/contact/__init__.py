@@ -6,18 +6,14 @@ takes the sizes of the claims.
 """
 
 from .cost import cost, drape
-from .fuzz import crossings
 from .law import face_drop, impact, lying, stick
 from .physics import cone, drop, resting, under_whole_cloth
 from .scene_table import comparison, faces
-from .shots import shots, squeezes
-from .triangles import triangle_cases
 
 __all__ = [
     "comparison",
     "cone",
     "cost",
-    "crossings",
     "drape",
     "drop",
     "face_drop",
@@ -25,9 +21,6 @@ __all__ = [
     "impact",
     "lying",
     "resting",
-    "shots",
-    "squeezes",
     "stick",
-    "triangle_cases",
     "under_whole_cloth",
 ]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .triangles import nearest_approach
-
 
 def corner_indices(shape: tuple[int, int]) -> np.ndarray:
     """Indices (triangles, 3) of the corners of a cloth's triangles."""
@@ -44,17 +42,3 @@ def nearest_places(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inner = np.stack([1 - u - v, u, v], axis=1)
     consider(inner, (area2 > 0) & (inner >= 0).all(axis=1))
     return weights, least
-
-
-def deepest_on_the_way(before: np.ndarray, after: np.ndarray, radius: float) -> float:
-    """How deep triangles (n, 3, 3), in the sphere's frame, come on straight ways [m], >= 0.
-
-    The sphere and every corner go straight from place to place. A triangle that the sphere crosses
-    between two steps has to come nearer to its centre than the radius.
-    """
-    low = np.minimum(before, after).min(axis=1)
-    high = np.maximum(before, after).max(axis=1)
-    near = ((low < radius) & (high > -radius)).all(axis=1)
-    if not near.any():
-        return 0.0
-    return max(0.0, float(radius - nearest_approach(before[near], after[near], radius).min()))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 import clothsim as cs
+import numpy as np
 from clothsim.typing import Precision, Response
 
 _POINTS = (250, 200)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
 import clothsim as cs
-
-from .oracle import corner_indices, nearest_places
+import numpy as np
+from clothsim.lab.contact.oracle import corner_indices, nearest_places
 
 _MARGIN = 2e-6  # of the radius: places this far outside a sphere count as outside
 _ROUNDS = 400

@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from typing import Any, cast
 
-import numpy as np
-
 import clothsim as cs
+import numpy as np
+from clothsim.lab.contact.oracle import corner_indices, nearest_places
 from clothsim.typing import Offset
 
-from .oracle import corner_indices, deepest_on_the_way, nearest_places
+from .exact import deepest_on_the_way
 from .search import finds_place
 
 _STEPS = 4  # of a shot
