@@ -68,7 +68,7 @@ CASES = [(name, "single") for name in SCENES] + [("ray", "double"), ("moving, ro
 
 
 @pytest.mark.parametrize("name, precision", CASES)
-def test_the_same_bits_as_the_core_after_1000_steps(name, precision, exact, device):
+def test_the_same_bits_as_the_core_from_before_the_contact_on(name, precision, exact, device):
     if precision == "double" and not device.float64:
         pytest.skip(f"{device.adapter.name} has no float64")
     if not (exact and device.float64):
@@ -76,14 +76,17 @@ def test_the_same_bits_as_the_core_after_1000_steps(name, precision, exact, devi
     scene, dt = SCENES[name](), 4e-4
     if name == "ray literal":
         dt = 2.5e-4
-    cpu = core(scene, precision)
-    gpu = cs.Stepper(scene, precision=precision, strict=True, backend="gpu")
-    cpu.advance(1000, dt)
-    gpu.advance(1000, dt)
+    fallen = core(scene, precision)
+    fallen.advance(700 if scene.spheres else 0, dt)  # the adapter, which may be a CPU, need not do that too
+    start = {"x": fallen.positions, "v": fallen.velocities, "t": fallen.time}
+    cpu = core(scene, precision, **start)
+    gpu = cs.Stepper(scene, precision=precision, strict=True, backend="gpu", **start)
+    cpu.advance(300, dt)
+    gpu.advance(300, dt)
     assert_same_bits(gpu, cpu)
     if scene.spheres:  # it has met them
-        free = core(scene.replace(spheres=()), precision)
-        free.advance(1000, dt)
+        free = core(scene.replace(spheres=()), precision, **start)
+        free.advance(300, dt)
         assert np.abs(free.positions - cpu.positions).max() > 1e-3
 
 
