@@ -104,14 +104,10 @@ def drape(
     scene = cs.Scene(cloth, sphere)
     stepper, steps, rows = cs.Stepper(scene, threads=1), 10, []
     for stage in range(1, stages + 1):
-        stepper.advance(max(1, round((stage * duration / stages - stepper.time) / dt) - windows * steps), dt)
+        timed = (windows + 1) * steps  # `measure` begins with a window that does not count
+        stepper.advance(max(1, round((stage * duration / stages - stepper.time) / dt) - timed), dt)
         free = cs.Stepper(scene.replace(spheres=()), stepper.positions, stepper.velocities, threads=1)
-        taken: list[list[float]] = [[], []]
-        for _ in range(windows):
-            for times, each in zip(taken, (stepper, free), strict=True):
-                start = process_time()
-                each.advance(steps, dt)
-                times.append((process_time() - start) / steps)
-        with_sphere, without = map(min, taken)
+        works = [Steps(stepper, dt, steps), Steps(free, dt, steps)]
+        with_sphere, without = (timing.minimum for timing in measure(works, windows, clock=process_time))
         rows.append({"time": stepper.time, "microseconds": 1e6 * with_sphere, "ratio": with_sphere / without})
     return rows
