@@ -172,3 +172,12 @@ def test_the_module_exports_only_its_entry_point():
     names = [line.split(maxsplit=2)[2] for line in run.stdout.splitlines()]
     assert [n for n in names if "clothsim" in n] == []
     assert "PyInit__core" in names
+
+
+def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
+    package = Path(cs.__file__).parent
+    shutil.copytree(package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__"))
+    for environment in ({}, {"OMP_WAIT_POLICY": "passive"}):
+        code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
+        said = python(code, PYTHONPATH=str(tmp_path), **environment)
+        assert said.startswith("the core of clothsim is not built here: run `pip install .` in the clone")

@@ -308,3 +308,6 @@ def test_what_is_refused_is_shown_in_one_line_and_named(tmp_path):
         cs.picture(np.zeros((4, 5, 3)), cs.scenes.paper_static())
     with pytest.raises(ValueError, match="^path must end in .png or in another suffix"):
         cs.picture(cs.scenes.paper_static(), width=32, path=tmp_path / "a.xyz")
+    run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=0.01)
+    with pytest.raises(ValueError, match="^path must end in one of .*.png.*, got '.*a.xyz'"):
+        run.plot(tmp_path / "a.xyz")

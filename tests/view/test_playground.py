@@ -190,3 +190,9 @@ def test_measures_are_those_of_the_state():
     x, v = playground.stepper.positions, playground.stepper.velocities
     assert total == cs.energy(playground.scene, x, v)["total"]
     assert depth == cs.penetration(x, playground.scene.spheres[0])["triangles"] > 0
+
+
+def test_a_host_that_is_not_this_machine_is_refused():
+    for host in ("no.such.host", "203.0.113.7", "a b"):
+        with pytest.raises(ValueError, match=f"^host must be a name or address of this machine.*got {host!r}: "):
+            cs.view(cs.scenes.paper_static(), block=False, host=host)

@@ -6,15 +6,32 @@ reads this time when it is loaded, so this module is imported before the core. Y
 """
 
 import os
+from importlib.util import find_spec
 
 # Turns of a waiting loop, some 25 ns each: what the next stage or call of a running series takes.
 _SPINS = "2000"
 
 _NAMES = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
 
-if not any(name in os.environ for name in _NAMES):
-    os.environ["GOMP_SPINCOUNT"] = _SPINS
+
+def _load() -> None:
     try:
         from .. import _core  # noqa: F401
+    except ImportError:
+        # Python would name a circular import.
+        if find_spec("clothsim._core") is None:
+            raise ImportError(
+                "the core of clothsim is not built here: run `pip install .` in the clone, "
+                "or build it as CONTRIBUTING.md says and put it into python/clothsim"
+            ) from None
+        raise
+
+
+if any(name in os.environ for name in _NAMES):
+    _load()
+else:
+    os.environ["GOMP_SPINCOUNT"] = _SPINS
+    try:
+        _load()
     finally:
         del os.environ["GOMP_SPINCOUNT"]  # children decide for themselves
