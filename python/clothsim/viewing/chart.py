@@ -42,7 +42,7 @@ def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> An
     what = "run.plot"
     base = needed("matplotlib.figure", what, "plot").Figure
     path = None if path is None else file_path("path", path)
-    formats = canvas.get_supported_filetypes()
+    formats = base().canvas.get_supported_filetypes()
     if path is not None and path.suffix.lower()[1:] not in formats:
         raise ValueError(f"path must end in one of {', '.join(f'.{name}' for name in formats)}, got {str(path)!r}")
 
