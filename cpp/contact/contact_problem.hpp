@@ -23,7 +23,7 @@ namespace clothsim {
 struct ContactRow {
     std::array<int, 3> corner;
     std::array<double, 3> weight, share;  // share: weight / mass, 0 if the corner is pinned [1/kg]
-    double mobility;                      // sum of weight * share [1/kg]
+    double mobility, inertia;             // sum of weight * share [1/kg], and its inverse [kg]
     double friction;
     Vec3 normal;
     struct Side {
@@ -76,7 +76,7 @@ inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std
 // One row; by how much its impulse changed.
 inline Vec3 solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side) {
     ContactRow::Side& s = row.*side;
-    Vec3 next = s.impulse + (1 / row.mobility) * (s.target - row.at(z));
+    Vec3 next = s.impulse + row.inertia * (s.target - row.at(z));
     const double along = next.dot(row.normal);
     if (along <= 0) {
         next.setZero();

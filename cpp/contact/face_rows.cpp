@@ -15,8 +15,7 @@ namespace {
 
 // Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100 times its speed.
 constexpr double least_lever = 0.01;
-// Of the margin: how near counts as on the surface.
-constexpr double closeness(int round) { return round == 0 ? 1e-3 : 1.0 / 16; }
+constexpr double closeness = 1.0 / 16;  // of the margin: how near counts as on the surface
 
 Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * c[0] + w[1] * c[1] + w[2] * c[2]; }
 
@@ -36,7 +35,7 @@ bool FaceWork::separated(int sphere, const Triangle& t, double reach) const {
 bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
-    const double reach = round == 0 ? shell.surface : shell.middle, tolerance = margin * closeness(round);
+    const double reach = round == 0 ? shell.surface : shell.middle, tolerance = margin * closeness;
     if (inside_[at(sphere)][triangle.number]) return false;
     const Frame& frame = frames_[at(sphere)];
     const Corners p0 = Frame::corners(frame.start, triangle.corner), p1 = Frame::corners(frame.end, triangle.corner);
@@ -72,7 +71,7 @@ bool FaceWork::look_at_point(int sphere, int i, int round) {
     const double reach = round == 0 ? shell.surface : shell.middle;
     const Frame& frame = frames_[at(sphere)];
     const Vec3 p0 = Frame::at(frame.start, i), p1 = Frame::at(frame.end, i), q = p1 - p0;
-    const double far = reach + margin * closeness(0), a = q.squaredNorm(), b = p0.dot(q);
+    const double far = reach + margin * closeness, a = q.squaredNorm(), b = p0.dot(q);
     const double closest = a > 0 ? std::clamp(-b / a, 0.0, 1.0) : 0.0;
     if (inside_[at(sphere)][at(i)] || (p0 + closest * q).squaredNorm() > far * far) return false;
     touched = true;
@@ -139,7 +138,7 @@ bool FaceWork::find_rows(int round) {
             continue;
         }
         const Shell& shell = shells_[at(s)];
-        const double reach = (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness(round);
+        const double reach = (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
         note_rows_to_look_at(s);
         std::vector<std::size_t> reached;
         each_open_triangle(
@@ -182,6 +181,7 @@ bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot&
         freely += row.weight[i];
     }
     if (freely < least_lever) row.mobility = 0;
+    row.inertia = 1 / row.mobility;
     row.normal = normal;
     row.friction = s.friction;
     const double before = normal.dot(row.at(frame.start)), after = normal.dot(row.at(frame.end));

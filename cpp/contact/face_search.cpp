@@ -65,14 +65,25 @@ bool FaceWork::project(const Sweeps& sweeps) {
     return false;
 }
 
-// Positions from which a projection may find a place: where the free step ends; the sheet as each sphere would carry it.
+// Positions from which a projection may find a place: where the free step ends; the sheet as each sphere would carry it; the sheet
+// halfway to the plane between each two spheres, and flat on it.
 std::vector<std::vector<Vec3>> FaceWork::starts() const {
     std::vector<std::vector<Vec3>> starts{free_x_};
-    for (const SweptSphere& s : *spheres_) {
+    const auto add = [&](const auto& move) {
         starts.push_back(x0);
         for (std::size_t i = 0; i < x0.size(); ++i)
-            if (!cloth_.pinned[i]) starts.back()[i] += vec(s.end) - vec(s.start);
-    }
+            if (!cloth_.pinned[i]) starts.back()[i] += move(x0[i]);
+    };
+    for (const SweptSphere& s : *spheres_) add([&](const Vec3&) { return Vec3(vec(s.end) - vec(s.start)); });
+    for (const SweptSphere& a : *spheres_)
+        for (const SweptSphere& b : *spheres_) {
+            if (&b <= &a) continue;
+            const Vec3 way = vec(b.end) - vec(a.end);
+            const double length = way.norm(), height = (length + a.radius - b.radius) / 2;
+            if (length == 0) continue;
+            for (const double part : {0.5, 1.0})
+                add([&](const Vec3& p) { return Vec3(part * (height - (p - vec(a.end)).dot(way) / length) / length * way); });
+        }
     return starts;
 }
 

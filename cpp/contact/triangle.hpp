@@ -131,6 +131,9 @@ inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec
 // the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a while later, lets it leap: on the
 // way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if its three Bernstein coefficients are. The first and
 // the last are for any corner c; the middle one is (n0.c(1) + n1.c(0)) / 2.
+//
+// Where a later time is known at which the triangle is nearer than `reach`, a leap goes at least to where regula falsi expects the
+// touch.
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
     constexpr double shortest_leap = 1e-12;
     constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
@@ -138,6 +141,7 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
     Corners now = p0;
     t.foot = nearest_to_origin(now);
     double leap = 0;
+    double late = 2, near = 0;  // a time at which the triangle is nearer than `reach`, and its distance then; 2: none is known
     for (int k = 0; k < most_advances; ++k) {
         const double distance = t.foot.point.norm();
         t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
@@ -154,6 +158,7 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
                 t.normal = normal;
                 return t;
             }
+            if (far <= reach) late = 1, near = far;
         }
         double advance = 2, lowest = 0;
         for (std::size_t i = 0; i < 3; ++i) {
@@ -168,22 +173,31 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
             if (advance == 2 || t.time >= 1) return t;
             advance = 1 - t.time;  // the end itself is looked at once
         }
-        leap = std::max(2 * leap, 4 * advance);
+        const auto expected = [&] { return (distance - reach - tolerance / 2) / (distance - near) * (late - t.time); };
+        leap = k == 0 ? 0.0 : std::max(2 * leap, 4 * advance);
+        if (late <= 1) leap = std::min(std::max(leap, expected()), 0.9 * (late - t.time));
+        else if (k == 0) leap = 0.5;
         bool leapt = false;
-        while (k >= 4 && !leapt && leap > std::max(2 * advance, shortest_leap)) {
-            const double time = std::min(t.time + leap, 1.0);
-            const Corners then = corners_at(p0, p1, time);
+        while (!leapt) {
+            const double next = std::min(t.time + leap, 1.0), length = next - t.time;
+            if (length <= std::max(2 * advance, shortest_leap)) break;
+            const Corners then = corners_at(p0, p1, next);
             const Foot foot = nearest_to_origin(then);
             const double far = foot.point.norm();
-            leapt = far > reach + tolerance;
             const Vec3 normal = foot.point / (far > 0 ? far : 1);
+            leapt = far > reach;
             for (std::size_t i = 0; i < 3; ++i) leapt = leapt && normal.dot(now[i]) + t.normal.dot(then[i]) > 2 * reach;
             if (leapt) {
-                t.time = time;
+                t.time = next;
                 t.foot = foot;
                 now = then;
+                leap = length;
+            } else if (far <= reach) {
+                late = next;
+                near = far;
+                leap = std::min(expected(), 0.9 * length);
             } else {
-                leap /= 2;
+                leap = length / 2;
             }
         }
         if (leapt) continue;

@@ -4,6 +4,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim import _core
+from contact_fuzz.shots import _passed, _shot, _squeeze
 
 
 @pytest.mark.parametrize("width", [1e-2, 1e-5, 1e-9])
@@ -30,3 +31,36 @@ def test_a_push_out_of_a_sphere_pushes_nothing_into_another():
     for _ in range(3):
         stepper.advance(1, 0.01)
         assert cs.penetration(stepper.positions, upper)["triangles"] == 0
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+def test_a_fast_sphere_leaves_no_long_triangle_in_a_slow_one():
+    """Shot 79 of seed 7 pulls a pinned sheet 1,000 times its size apart: triangles 1e4 times longer than high."""
+    rng = np.random.default_rng(7)
+    shots: list[tuple[cs.Scene, float]] = []
+    while len(shots) < 80:
+        if drawn := _shot(rng, several=len(shots) % 2 == 1):
+            shots.append(drawn)
+    scene, dt = shots[79]
+    stepper = cs.Stepper(scene, threads=1)
+    for _ in range(4):
+        t, x = stepper.time, stepper.positions
+        try:
+            stepper.advance(1, dt)
+        except cs.ContactError:
+            return
+        assert not _passed(scene, x, stepper.positions, t, dt)
+
+
+def test_a_sheet_between_closing_spheres_finds_its_place_from_another_start():
+    """Squeeze 584 of seed 1: projections from where the step leads find none."""
+    rng = np.random.default_rng()
+    state = {"state": 174262409596223728113997786355907657413, "inc": 194290289479364712180083596243593368443}
+    rng.bit_generator.state = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 4079848784}
+    drawn = _squeeze(rng)
+    assert drawn is not None
+    scene, dt, duration = drawn
+    stepper = cs.Stepper(scene, threads=1)
+    stepper.advance(int(duration / dt), dt)
+    for sphere in scene.spheres:
+        assert cs.penetration(stepper.positions, sphere, stepper.time)["triangles"] == 0
