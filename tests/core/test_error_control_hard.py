@@ -79,3 +79,14 @@ def test_a_scene_of_pinned_points_has_a_true_solution(tmp_path):
     x, known = truth(case, tmp_path)
     assert known == 0.0
     assert x.tobytes() == case.scene.initial_position.tobytes()
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-6}, {}, {"dt": 1e-3, "estimate_error": True}], ids=str)
+def test_no_estimate_is_below_the_rounding_of_a_position(options):
+    """All runs of a free sheet in plane fall alike, yet their positions are rounded."""
+    cloth = cs.Cloth(shape=(5, 5), pins=())
+    run = cs.simulate(cs.Scene(cloth), 0.5, threads=1, **options)
+    fallen = cloth.rest_positions + [0.0, -9.80665 * 0.5**2 / 2, 0.0]
+    estimate = run.report["error_estimate"]
+    assert 0.5 * rms(run.x[-1] - fallen) <= estimate["rms"] <= 1e-13
+    assert estimate["rms"] >= 2**-53

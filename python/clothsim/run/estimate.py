@@ -26,8 +26,9 @@ class Estimate:
     reason: str = ""
 
     @classmethod
-    def of(cls, difference: Floats, factor: float = 1.0) -> Estimate:
-        distances = factor * np.linalg.norm(difference, axis=-1)
+    def of(cls, x: Floats, better: Floats, factor: float) -> Estimate:
+        """`factor` times the distance of positions from better ones, and half a unit in the last place."""
+        distances = factor * np.linalg.norm(x - better, axis=-1) + np.spacing(np.abs(x).max()) / 2
         return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
     @classmethod

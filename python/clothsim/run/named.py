@@ -117,7 +117,7 @@ class _Better:
     def error_of(self, run: Solution) -> Estimate:
         """The distance from a better run whose own error does not matter."""
         while True:
-            error = Estimate.of(run.x[-1] - self.run.x[-1], MARGIN)
+            error = Estimate.of(run.x[-1], self.run.x[-1], MARGIN)
             own = max(self._growth(), 1.0) * self.run.grid.local_error
             part = SMALL * error.rms / max(own, 1e-300)
             rounded = error.rms <= self._smallest

@@ -82,7 +82,7 @@ def refined(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             best, error, least = before, pair.before, pair.before.rms
         elif stalled:
             # The least of several distances may be small by chance.
-            error = max(error, Estimate.of(best.x[-1] - after.x[-1], MARGIN), key=lambda one: one.rms)
+            error = max(error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms)
         if finer.is_finest or hopeless:
             return runs.close(best, error.because(LEAST))
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
@@ -107,15 +107,15 @@ class _Pair:
     """Two runs, the second one with smaller local errors: the errors of both."""
 
     def __init__(self, before: Solution, after: Solution, by_grid: bool) -> None:
-        difference = after.x[-1] - before.x[-1]
+        x, better = before.x[-1], after.x[-1]
         self.left = before.grid.local_error, after.grid.local_error
         found = self.left[1] / max(self.left[0], 1e-300)
         m = min((before.steps / after.steps) ** ORDER if by_grid else found, 1 - SMALL)
         self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
-        self.before = Estimate.of(difference, MARGIN / (1 - m))
+        self.before = Estimate.of(x, better, MARGIN / (1 - m))
         m = min(max(found, m), 1 - SMALL)
-        self.after = Estimate.of(difference, MARGIN * m / (1 - m))
+        self.after = Estimate.of(x, better, MARGIN * m / (1 - m))
 
 
 class _Finer:
