@@ -33,19 +33,19 @@ FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bo
     sum_.resize(n);
     seen_.resize(6 * n * faces.size(), 0);
     lasted_.resize(seen_.size(), 0);
-    heights_.resize(2 * at(cloth.columns));
+    drift_.resize(at(cloth.rows));
     frames_.resize(faces.size());
     for (Frame& frame : frames_) {
         for (std::size_t k = 0; k < 3; ++k) {
             frame.start[k].resize(n);
             frame.end[k].resize(n);
         }
+        for (auto& heights : frame.heights) heights.resize(n);
         for (auto& of_triangle : frame.planes)
             for (std::size_t k = 0; k < 6; ++k) of_triangle[k].assign(n, k % 3 == 1 ? 1.0 : 0.0);
     }
     reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
     reached_list_.resize(faces.size());
-    look_again_.resize(at(cloth.rows));
     inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
 }
 
@@ -65,6 +65,29 @@ FaceWork::Frame& FaceWork::place_in_frame(int sphere) {
     Frame& frame = frames_[at(sphere)];
     place(x, (*spheres_)[at(sphere)].end, frame.end);
     return frame;
+}
+
+CellRow FaceWork::cell_row(const Frame& frame, int first) const {
+    CellRow row;
+    row.cells = cloth_.columns - 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+        row.start[k] = frame.start[k].data() + first;
+        row.end[k] = frame.end[k].data() + first;
+        row.start_below[k] = row.start[k] + cloth_.columns;
+        row.end_below[k] = row.end[k] + cloth_.columns;
+    }
+    for (std::size_t t = 0; t < 2; ++t)
+        for (std::size_t k = 0; k < 6; ++k) row.planes[t][k] = frame.planes[t][k].data() + first;
+    return row;
+}
+
+void FaceWork::note_drift() {
+    for (int r = 0; r < cloth_.rows; ++r) {
+        double farthest2 = 0;
+        for (int i = r * cloth_.columns; i < (r + 1) * cloth_.columns; ++i)
+            farthest2 = std::max(farthest2, (x[at(i)] - free_x_[at(i)]).squaredNorm());
+        drift_[at(r)] = std::sqrt(farthest2);
+    }
 }
 
 void FaceWork::set_plane(int sphere, const Triangle& t, const TriangleTouch& touch) {

@@ -109,20 +109,6 @@ void FaceWork::note_moves(int round) {
     }
 }
 
-// Rows of cells in which a triangle `has_moved`.
-void FaceWork::note_rows_to_look_at(int sphere) {
-    const std::size_t rows = at(cloth_.rows), columns = at(cloth_.columns);
-    std::fill(look_again_.begin(), look_again_.end(), std::uint8_t(0));
-    for (std::size_t r = 0; r < rows; ++r) {
-        const auto first = moved_.begin() + std::ptrdiff_t(r * columns);
-        const bool moved = std::find(first, first + std::ptrdiff_t(columns), std::uint8_t(1)) != first + std::ptrdiff_t(columns);
-        if (!moved) continue;
-        look_again_[r] = 1;
-        if (r > 0) look_again_[r - 1] = 1;
-    }
-    for (const std::size_t t : reached_list_[at(sphere)]) look_again_[t / 2 / columns] = 1;
-}
-
 bool FaceWork::has_moved(const Triangle& t, int sphere) const {
     return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] | reached_[at(sphere)][t.number];
 }
@@ -131,6 +117,7 @@ bool FaceWork::find_rows(int round) {
     bool found = false;
     ++look_;
     note_moves(round);
+    if (round > 0) note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         place_in_frame(s);
         if (!faces_[at(s)]) {
@@ -139,14 +126,10 @@ bool FaceWork::find_rows(int round) {
         }
         const Shell& shell = shells_[at(s)];
         const double reach = (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
-        note_rows_to_look_at(s);
         std::vector<std::size_t> reached;
-        each_open_triangle(
-            s, reach,
-            [&](const Triangle& t) {
-                if (has_moved(t, s) && look_along(s, t, round)) reached.push_back(t.number);
-            },
-            round > 0);
+        each_open_triangle(s, reach, round, [&](const Triangle& t) {
+            if (look_along(s, t, round)) reached.push_back(t.number);
+        });
         for (const std::size_t t : reached_list_[at(s)]) reached_[at(s)][t] = 0;
         for (const std::size_t t : reached) reached_[at(s)][t] = 1;
         found |= !reached.empty();

@@ -15,6 +15,7 @@ bool FaceWork::place_rows() {
     constexpr double far = 1.2;  // of the radius: a place further off than this gets no row
     bool low = false;
     ++look_;
+    note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const Shell& shell = shells_[at(s)];
@@ -30,7 +31,7 @@ bool FaceWork::place_rows() {
                 if (!inside_[at(s)][at(i)]) add({i, i, i}, {Frame::at(frame.end, i), {1, 0, 0}}, 0);
             continue;
         }
-        each_open_triangle(s, far * shell.surface, [&](const Triangle& t) {
+        each_open_triangle(s, far * shell.surface, most_rounds, [&](const Triangle& t) {
             if (inside_[at(s)][t.number]) return;
             const Corners p0 = Frame::corners(frame.start, t.corner), p1 = Frame::corners(frame.end, t.corner);
             const Foot last = nearest_to_origin(p1);
@@ -107,6 +108,7 @@ bool FaceWork::search() {
 // clear, whatever chose the plane.
 int FaceWork::left_over() {
     int found = -1;
+    note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
@@ -116,7 +118,7 @@ int FaceWork::left_over() {
             else if (found < 0) found = corner[0];
         };
         if (faces_[at(s)]) {
-            each_open_triangle(s, reach, [&](const Triangle& t) {
+            each_open_triangle(s, reach, most_rounds, [&](const Triangle& t) {
                 if (inside_[at(s)][t.number]) return;
                 const Corners p0 = Frame::corners(frame.start, t.corner), p1 = Frame::corners(frame.end, t.corner);
                 const TriangleTouch touch = triangle_touch(p0, p1, reach, slop / 2);

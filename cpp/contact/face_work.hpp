@@ -37,6 +37,7 @@ private:
     struct Frame {
         std::array<std::vector<double>, 3> start, end;
         std::array<std::array<std::vector<double>, 6>, 2> planes;  // of the triangles 2 i and 2 i + 1
+        std::array<std::vector<double>, 2> heights;                // of them above the planes, in round 0 of the step
 
         static Vec3 at(const std::array<std::vector<double>, 3>& of, int i) {
             return {of[0][std::size_t(i)], of[1][std::size_t(i)], of[2][std::size_t(i)]};
@@ -62,12 +63,13 @@ private:
 
     Corners corners(const std::vector<Vec3>& of, const std::array<int, 3>& corner) const;
     template <class Visit>
-    void each_open_triangle(int sphere, double reach, Visit visit, bool moved_alone = false);
+    void each_open_triangle(int sphere, double reach, int round, Visit visit);
+    CellRow cell_row(const Frame& frame, int first) const;
+    void note_drift();
     static void place(const std::vector<Vec3>& from, const double (&center)[3], std::array<std::vector<double>, 3>& to);
     Frame& place_in_frame(int sphere);
     void set_plane(int sphere, const Triangle& triangle, const TriangleTouch& touch);
     void note_moves(int round);
-    void note_rows_to_look_at(int sphere);
     bool has_moved(const Triangle& triangle, int sphere) const;
     bool find_rows(int round);
     bool look_along(int sphere, const Triangle& triangle, int round);
@@ -103,14 +105,13 @@ private:
     std::vector<Shell> shells_;
     const FaceKernels& kernels_;
     std::vector<Frame> frames_;
-    std::vector<double> heights_;          // of a row of cells
+    std::vector<double> drift_;            // of rows of points: the farthest that one of them is from where the free step ended [m]
     std::vector<Vec3> scratch_;            // of points
     std::vector<Vec3> free_x_, free_v_;    // where the free step ended
     std::vector<ContactRow> rows_;
     std::vector<Origin> origins_;
     std::vector<Vec3> looked_x_;                         // x as it was when a point's triangles were looked at
     std::vector<std::uint8_t> moved_;                    // points that have left it
-    std::vector<std::uint8_t> look_again_;               // rows of cells with a triangle that `has_moved`
     std::vector<std::vector<std::uint8_t>> reached_;     // triangles for which the look before found something
     std::vector<std::vector<std::size_t>> reached_list_;
     SolverMemory memory_;
@@ -125,10 +126,11 @@ private:
     ContactReport report_;
 };
 
-// Triangles whose planes do not prove them clear, beyond that distance from the centre; the links of a chain. `moved_alone`: of
-// rows of cells in which something has moved.
+// Triangles that no plane proves clear, beyond that distance from the centre; links of a chain. In round 0 of a step all heights
+// above the planes are computed. Later a height has fallen by no more than the corners have moved since, `drift_`. Rounds before
+// `most_rounds` leave out what has not moved.
 template <class Visit>
-void FaceWork::each_open_triangle(int sphere, double reach, Visit visit, bool moved_alone) {
+void FaceWork::each_open_triangle(int sphere, double reach, int round, Visit visit) {
     const int rows = cloth_.rows, columns = cloth_.columns;
     if (rows == 1 || columns == 1) {
         for (int i = 0; i + 1 < cloth_.points(); ++i) {
@@ -137,26 +139,20 @@ void FaceWork::each_open_triangle(int sphere, double reach, Visit visit, bool mo
         }
         return;
     }
-    const Frame& frame = frames_[at(sphere)];
-    double* const heights = heights_.data();
+    Frame& frame = frames_[at(sphere)];
+    const auto open = [&](const Triangle& t) {
+        return round == 0 || ((round == most_rounds || has_moved(t, sphere)) && !separated(sphere, t, reach));
+    };
     for (int r = 0; r + 1 < rows; ++r) {
-        if (moved_alone && !look_again_[at(r)]) continue;
         const int first = r * columns;
-        CellRow row;
-        row.cells = columns - 1;
-        for (std::size_t k = 0; k < 3; ++k) {
-            row.start[k] = frame.start[k].data() + first;
-            row.end[k] = frame.end[k].data() + first;
-            row.start_below[k] = row.start[k] + columns;
-            row.end_below[k] = row.end[k] + columns;
-        }
-        for (std::size_t t = 0; t < 2; ++t)
-            for (std::size_t k = 0; k < 6; ++k) row.planes[t][k] = frame.planes[t][k].data() + first;
-        kernels_.heights(row, heights, heights + columns);
+        double *const upper = frame.heights[0].data() + first, *const lower = frame.heights[1].data() + first;
+        if (round == 0) kernels_.heights(cell_row(frame, first), upper, lower);
+        const double enough = round == 0 ? reach : reach + std::max(drift_[at(r)], drift_[at(r + 1)]);
         for (int c = 0; c + 1 < columns; ++c) {
             const int i = first + c, below = i + columns;
-            if (!(heights[c] > reach)) visit(Triangle{{i, i + 1, below}, 2 * at(i)});
-            if (!(heights[columns + c] > reach)) visit(Triangle{{i + 1, below + 1, below}, 2 * at(i) + 1});
+            const Triangle one{{i, i + 1, below}, 2 * at(i)}, other{{i + 1, below + 1, below}, 2 * at(i) + 1};
+            if (!(upper[c] > enough) && open(one)) visit(one);
+            if (!(lower[c] > enough) && open(other)) visit(other);
         }
     }
 }
