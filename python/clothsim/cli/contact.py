@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from clothsim.lab import contact
+from clothsim.typing import Precision
 
 from ..base.plain_json import as_json
 from ..base.progress import ProgressBar, wanted_by_command
@@ -16,6 +17,7 @@ from ..base.table import aligned
 from ._common import add_command, as_table, short
 
 SLOPE = math.tan(0.35)
+_IMPACTS: tuple[tuple[float, Precision], ...] = ((1.0, "double"), (1.0, "single"), (0.0, "double"))
 
 UNITS = {
     "points": "m",
@@ -65,19 +67,21 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "resting": contact.resting,
         "cone": lambda: [contact.cone(part * SLOPE) for part in (0.0, 0.97, 1.03)],
         "stick": lambda more=False: [
-            {"part": part, "dt": dt, "radius": radius, **contact.stick(part, dt, radius)}
+            {"part": part, "dt": dt, "radius": radius, "points_per_side": points, **contact.stick(part, dt, radius, points)}
+            for points, steps in (((2, (1e-4, 2e-5, 5e-6, 1e-6)), (12, (1e-4,))) if more else ((2, (1e-4, 2e-5)),))
             for part in (1.05, 0.95)
-            for dt in ((1e-4, 2e-5, 5e-6, 1e-6) if more else (1e-4, 2e-5))
+            for dt in steps
             for radius in ((0.1, 0.25, 1.0, 10.0) if more else (0.25, 10.0))
         ],
         "impact": lambda phases: [
             {
                 "speed": speed,
                 "dt": dt,
+                "restitution": restitution,
                 "precision": precision,
-                **contact.impact(speed, dt, phases=phases, precision=precision),
+                **contact.impact(speed, dt, restitution, phases, precision),
             }
-            for precision in ("double", "single")
+            for restitution, precision in _IMPACTS
             for dt in (1e-4, 2e-5, 5e-6, 1e-6)
             for speed in (1e-3, 0.1, 1.0, 30.0, 300.0)
         ],
