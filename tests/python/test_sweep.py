@@ -194,7 +194,7 @@ def test_the_reference_is_the_solution_in_double_of_cs_reference():
 def test_after_a_contact_there_is_no_error_but_a_reason(response):
     """At 0.2 s the cloth is still above the sphere, at 0.6 s it lies on it."""
     scene = BALL.replace(spheres=BALL.spheres[0].replace(response=response))
-    result = sweep(scene, {"duration": [0.1, 0.6]}, duration=0.1, dt=1e-3, metrics=["error", "stable"])
+    result = sweep(scene, {"duration": [0.1, 0.6]}, dt=1e-3, metrics=["error", "stable"])
     before, after = (result.isel(duration=k) for k in (0, 1))
     assert 0 < float(before.error) < 1e-6 and str(before.message.item()) == ""
     assert int(after.status) == 1 and bool(after.stable)
