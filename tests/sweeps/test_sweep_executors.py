@@ -185,7 +185,7 @@ def test_a_task_that_is_stopped_hands_over_what_it_has():
 
 
 def test_a_batch_stops_within_a_step_or_two_of_the_clock():
-    from tests.python.test_sweep import member
+    from tests.sweeps.test_sweep import member
 
     asked = []
 
