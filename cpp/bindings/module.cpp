@@ -6,6 +6,8 @@
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
+#include "contact/exact.hpp"
+#include "contact/near_spheres.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "engines/caches.hpp"
@@ -84,6 +86,10 @@ void bind_build(py::module_& m) {
     m.attr("edge_families") = py::tuple(families);
     m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
+    m.attr("most_contacts") = exact::most_contacts;
+    m.attr("settle_rounds") = exact::settle_rounds;
+    m.attr("slop_epsilons") = slop_epsilons;
+    m.attr("outer_epsilons") = outer_epsilons;
     m.attr("negligible_part") = EnergyWatch::negligible_part;
     m.attr("runaway_part") = EnergyWatch::runaway_part;
     m.attr("steps_between_looks") = EnergyWatch::steps_between_looks;

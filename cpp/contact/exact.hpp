@@ -17,6 +17,11 @@
 
 namespace clothsim {
 
+// How far outside the contact radius points are put (the slop), in units of epsilon x (|centre|_1 + radius). Rounding a place
+// on the sphere moves it by at most half a unit, and the kernels tell a quarter of the slop apart: with half of it they
+// hardly could. With twice as much, points only lie farther out.
+inline constexpr double slop_epsilons = 4;
+
 inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double epsilon) {
     SweptSphere s{};
     const Vec3 start = sphere.center_at(t0), end = sphere.center_at(t1);
@@ -26,7 +31,7 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
         s.velocity[k] = (end[k] - start[k]) / dt;
     }
     s.radius = sphere.contact_radius;
-    s.slop = 4 * epsilon * (end.lpNorm<1>() + s.radius);
+    s.slop = slop_epsilons * epsilon * (end.lpNorm<1>() + s.radius);
     s.surface = s.radius + s.slop;
     s.restitution = sphere.restitution;
     s.friction = sphere.friction;
@@ -36,6 +41,11 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
 }
 
 namespace exact {
+
+// More contacts than this in a step happen only where spheres close on a point: it is then stopped.
+inline constexpr int most_contacts = 16;
+// Rounds over all spheres in which a point is taken out of them, before it counts as trapped.
+inline constexpr int settle_rounds = 100;
 
 inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
 
@@ -90,8 +100,7 @@ inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const V
 // Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres have
 // shut it in.
 inline bool settle(const std::vector<SweptSphere>& spheres, const Vec3& start, PointState& end) {
-    constexpr int rounds = 100;
-    for (int round = 0; round < rounds; ++round) {
+    for (int round = 0; round < settle_rounds; ++round) {
         const SweptSphere* last = nullptr;
         bool moved = false;
         for (const SweptSphere& s : spheres) {
@@ -117,8 +126,6 @@ inline bool settle(const std::vector<SweptSphere>& spheres, const Vec3& start, P
 // Whole step of one point among all spheres, earliest contact first. False: shut in.
 template <class Points>
 bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
-    // More contacts than this in a step happen only where spheres close on a point: it is then stopped.
-    constexpr int most_contacts = 16;
     const PointState start = points.before(i);
     PointState end = points.now(i);
     const Vec3 gain = end.velocity - start.velocity;

@@ -10,9 +10,9 @@ namespace clothsim {
 template <class Real>
 void EdgeEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
-    const double scale = this->coefficient_scale();
+    const double scale = coefficient_scale(plan_);
     const double root_scale = double(kernels().root_scale);
-    const std::optional<double> shared = this->shared_damping();
+    const std::optional<double> shared = shared_damping<Real>(plan_);
     unit_ = shared.value_or(1);
     damped_alike_ = shared || !plan_.features().spring_damping;
 
@@ -30,7 +30,7 @@ void EdgeEngine<Real>::build_coefficients() {
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
                     const Real tension = Real(stiffness * cloth.rest_length(neighbour) / root_scale);
                     const double damping = cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / unit_;
-                    const Real value = what == EdgeCoefficientIndex::stiffness ? this->stiffness_at_rest(neighbour, Real(stiffness), tension)
+                    const Real value = what == EdgeCoefficientIndex::stiffness ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
                         : what == EdgeCoefficientIndex::tension                ? tension
                                                                                : Real(damping);
                     coefficients_.push_back(there ? value : Real(0));

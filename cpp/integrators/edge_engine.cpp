@@ -99,7 +99,7 @@ EdgeEngine<Real>::~EdgeEngine() = default;
 template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
-    static_cast<StepConstants<Real>&>(e) = this->step_constants(dt, unit_);
+    static_cast<StepConstants<Real>&>(e) = step_constants<Real>(plan_, dt, unit_);
     // Springs looked at from one end or the other may differ in the sign of a zero; +0 is added, so the bits do not.
     for (Real& g : e.gravity) g += Real(0);
     e.vectors = layout_.vectors;

@@ -59,14 +59,14 @@ template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
     const double root_scale = plan_.strict ? 1 : double(kernels().root_scale);
-    const std::optional<double> shared = plan_.strict ? std::nullopt : this->shared_damping();
+    const std::optional<double> shared = plan_.strict ? std::nullopt : shared_damping<Real>(plan_);
     unit_ = shared.value_or(1);
-    const double scale = this->coefficient_scale() / unit_;
+    const double scale = coefficient_scale(plan_) / unit_;
     for (int kind = 0; kind < spring_kind_count; ++kind) {
         const Neighbour& neighbour = spring_kinds[kind];
         const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
         const Real tension = Real(k * length / root_scale);
-        spring_[kind] = {plan_.strict ? Real(k) : this->stiffness_at_rest(neighbour, Real(k), tension),
+        spring_[kind] = {plan_.strict ? Real(k) : stiffness_at_rest<Real>(plan_, neighbour, Real(k), tension),
                          plan_.strict ? Real(length) : tension,
                          shared ? Real(1) : Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
     }
@@ -82,7 +82,7 @@ void GatherEngine<Real>::build_coefficients() {
 template <class Real>
 GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     GatherArguments<Real> g{};
-    static_cast<StepConstants<Real>&>(g) = this->step_constants(dt, unit_);
+    static_cast<StepConstants<Real>&>(g) = step_constants<Real>(plan_, dt, unit_);
     g.stride = layout_.stride;
     g.plane = layout_.plane;
     g.rows = rows();

@@ -9,7 +9,6 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <type_traits>
 #include <utility>
 
@@ -23,6 +22,7 @@
 #include "engines/row_band.hpp"
 #include "engines/row_copies.hpp"
 #include "engines/shares.hpp"
+#include "integrators/coefficients.hpp"
 #include "integrators/engine.hpp"
 #include "measure/depth.hpp"
 
@@ -175,52 +175,6 @@ protected:
         const int team = track_contact_energy ? 1 : RowBand::team(rows(), threads);
         return plan_.cloth.points() >= points_worth_a_thread * team ? team : 1;
     }
-    // 1 / mass where it is uniform and so folded into the coefficients.
-    double coefficient_scale() const { return plan_.cloth.uniform_mass ? 1 / plan_.cloth.mass[0] : 1; }
-
-    // The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest); as it is where
-    // rounding is not all there is between the two, as with a rest length of 0.
-    Real stiffness_at_rest(const Neighbour& neighbour, Real stiffness, Real tension) const {
-        if (!exact_at_rest<Real>) return stiffness;
-        const Cloth& cloth = plan_.cloth;
-        const Real r =
-            kernels().rest_length(Real(neighbour.column * cloth.column_spacing), Real(neighbour.row * cloth.row_spacing)).reciprocal;
-        const Real at_rest = tension * r;
-        return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest : stiffness;
-    }
-
-    // The damping constant that all families share as the fused kernels see it. None if it is so small or large that single
-    // might not hold what is divided by it.
-    std::optional<double> shared_damping() const {
-        const Cloth& cloth = plan_.cloth;
-        const double root_scale = double(kernels().root_scale);
-        double damping = 0, stiffness = 0;
-        for (int f = 0; f < family_count; ++f)
-            if (cloth.present[f]) {
-                damping = std::max(damping, cloth.spring_damping[f]);
-                stiffness = std::max(stiffness, cloth.stiffness[f]);
-            }
-        for (int f = 0; f < family_count; ++f)
-            if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
-        const double shared = damping * coefficient_scale() / (root_scale * root_scale);
-        const bool held = stiffness * coefficient_scale() <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
-        return held ? std::optional(shared) : std::nullopt;
-    }
-
-    // `unit`: of accelerations.
-    StepConstants<Real> step_constants(double dt, double unit) const {
-        const auto g = [&](int k) { return Real(plan_.gravity[k] / unit); };
-        return {Real(unit),
-                {g(0), g(1), g(2)},
-                Real(plan_.cloth.point_damping * coefficient_scale() / unit),
-                Real(dt / 2),
-                Real(dt),
-                Real(unit * dt / 2),
-                Real(unit * dt),
-                Real(unit * dt * dt / 6),
-                Real(unit * dt / 6)};
-    }
-
     double value(std::ptrdiff_t place) const {
         if constexpr (compensated) return double(memory_[place]) + double(memory_[place + layout_.compensation()]);
         else return memory_[place];

@@ -9,6 +9,10 @@ Floats = npt.NDArray[np.float64]
 State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
+most_contacts: int
+settle_rounds: int
+slop_epsilons: float
+outer_epsilons: float
 most_threads: int
 points_worth_a_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import random
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..base.clocks import turns
 from ..errors import OrderWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy
 from ..model.scene import Scene
@@ -72,17 +72,15 @@ class Bench:
         return result
 
     def time(self, results: Sequence[Measured], windows: int) -> Iterator[Measured]:
-        """Time every stable run `windows` times. The runs take turns, in another order every round."""
-        shuffle = random.Random(0).shuffle
-        turns = [one for one in results if one.stable]
-        for _ in range(windows):
-            shuffle(turns)
-            for one in turns:
-                if not (one.seconds and one.fastest > _LONG):
-                    outcome = self._solve(one)
-                    if outcome is not None:
-                        one.seconds.append(outcome.seconds)
-                yield one
+        """Time every stable run `windows` times. The runs take turns."""
+        stable = [one for one in results if one.stable]
+        for k in turns(len(stable), windows):
+            one = stable[k]
+            if not (one.seconds and one.fastest > _LONG):
+                outcome = self._solve(one)
+                if outcome is not None:
+                    one.seconds.append(outcome.seconds)
+            yield one
 
     def _solve(self, one: Measured) -> Outcome | None:
         try:

@@ -17,8 +17,24 @@ from ..model.scene import Scene
 # Family, row and column of a neighbour at the end of each kind of spring.
 _SPRINGS = _core.spring_kinds
 
-FIRST_WEIGHT = 5 + 3 * len(_SPRINGS)
+FIRST_SPRING = 5
+FIRST_WEIGHT = FIRST_SPRING + 3 * len(_SPRINGS)
 CONTACT_SIZE = 16
+
+_SHARED = {
+    "group_size": _core.group_size,
+    "first_spring": FIRST_SPRING,
+    "first_weight": FIRST_WEIGHT,
+    "contact_size": CONTACT_SIZE,
+    "most_contacts": _core.most_contacts,
+    "settle_rounds": _core.settle_rounds,
+}
+"""Numbers that the shader shares with the core or with the host."""
+
+
+def shared_numbers() -> str:
+    """WGSL of the numbers that are written down elsewhere."""
+    return "\n".join(f"const {name} = {value}u;" for name, value in _SHARED.items())
 
 
 def rest_lengths(scene: Scene) -> list[float]:
@@ -100,7 +116,7 @@ def contacts(
             row[:, 9:12] = radius, sphere.restitution, sphere.friction
             if sphere.response == "continuous":
                 row[:, 0:3], row[:, 3:6], row[:, 6:9] = start, end, (end - start) / dt
-                slop = 4 * eps * (np.abs(end).sum(axis=1) + radius)
+                slop = _core.slop_epsilons * eps * (np.abs(end).sum(axis=1) + radius)
                 row[:, 12] = dt
                 row[:, 13], row[:, 14] = radius + slop, slop
                 row[:, 15] = sphere.push_out_speed * dt
@@ -108,12 +124,12 @@ def contacts(
                 row[:, 0:3] = end
                 row[:, 3:6] = end - row[:, 0:3]
                 row[:, 6:9] = states[1:, s, 3:]
-                row[:, 12] = real(radius * radius * (1 + 8 * eps))
+                row[:, 12] = real(radius * radius * (1 + _core.outer_epsilons * eps))
     return table
 
 
 def energies(scene: Scene) -> npt.NDArray[np.float64]:
-    """Terms of a point's energy (continuous.wgsl), one scene's part of `contacts`."""
+    """Terms of a point's energy (left_over.wgsl), one scene's part of `contacts`."""
     cloth = scene.cloth
     stiffness = [cloth.family_stiffness.get(family, 0.0) for family, *_ in _SPRINGS]
     masses = cloth.mass_per_point.ravel()

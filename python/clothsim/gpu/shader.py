@@ -10,6 +10,7 @@ from typing import Any
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device, translated
+from .parameters import shared_numbers
 from .springs import spring_energies, springs
 
 STAGES = (1, 2, 3, 4)
@@ -114,9 +115,9 @@ def arithmetic_file(precision: str, float64: bool) -> str:
 def source(features: Features, precision: str, float64: bool) -> str:
     """The whole WGSL of a step."""
     names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
-    written = [springs(), features.after_contacts()]
+    written = [shared_numbers(), springs(), features.after_contacts()]
     if features.continuous:
-        names.append("continuous")
+        names += ["continuous", "left_over"]
         written.append(spring_energies())
     return "\n".join([*map(shader_text, names), *written])
 

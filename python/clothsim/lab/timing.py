@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -11,6 +10,8 @@ from time import perf_counter
 import numpy as np
 
 import clothsim as cs
+
+from ..base.clocks import turns
 
 
 class Work:
@@ -90,10 +91,8 @@ def measure(
 ) -> list[Timing]:
     """Time every work in `windows` windows of about `seconds`.
 
-    The works take turns, in another order in every round. A slow spell of the machine then affects
-    all of them, and no work always follows a certain other. Before each window an untimed quarter
-    of it runs, at least a step, which wakes threads and fills the caches. A work with `cold_steps` is an exception: its
-    windows have exactly this number of steps.
+    The works take `turns`. Before each window an untimed quarter of it runs, at least a step, which wakes threads and
+    fills the caches. A work with `cold_steps` is an exception: its windows have exactly this number of steps.
 
     Parameters
     ----------
@@ -120,33 +119,16 @@ def measure(
         else:
             work.run(work.cold_steps)  # the first call pays for what is made lazily
             steps.append(work.cold_steps)
-    taken = np.empty((len(works), windows))
-    order = list(range(len(works)))
-    shuffle = random.Random(0).shuffle
-    for window in range(windows):
-        shuffle(order)
-        for k in order:
-            works[k].prepare()
-            if works[k].cold_steps is None:
-                works[k].run(max(1, steps[k] // 4))
-            start = clock()
-            works[k].run(steps[k])
-            taken[k, window] = (clock() - start) / steps[k]
-            advance(1)
-    return [Timing(float(row.min()), float(np.median(row)), windows, count) for row, count in zip(taken, steps, strict=True)]
-
-
-class Stopwatch:
-    """A context whose attribute `seconds` is how long it took."""
-
-    seconds: float
-
-    def __enter__(self) -> Stopwatch:
-        self._start = perf_counter()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.seconds = perf_counter() - self._start
+    taken: list[list[float]] = [[] for _ in works]
+    for k in turns(len(works), windows):
+        works[k].prepare()
+        if works[k].cold_steps is None:
+            works[k].run(max(1, steps[k] // 4))
+        start = clock()
+        works[k].run(steps[k])
+        taken[k].append((clock() - start) / steps[k])
+        advance(1)
+    return [Timing(min(row), float(np.median(row)), windows, count) for row, count in zip(taken, steps, strict=True)]
 
 
 class StepTimer:

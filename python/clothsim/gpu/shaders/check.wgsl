@@ -1,5 +1,5 @@
 // The first mass point of every member that is not finite or too fast, into `results`.
-@compute @workgroup_size(16, 16, 1)
+@compute @workgroup_size(group_size, group_size, 1)
 fn check(@builtin(global_invocation_id) id: vec3<u32>) {
     if (!inside(id)) {
         return;

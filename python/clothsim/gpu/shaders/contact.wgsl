@@ -18,8 +18,6 @@ struct Contact {
     outer_radius_squared: wide,
 }
 
-const contact_size = 16u;
-
 struct Answer {
     moved: bool,
     on_surface: vec3<wide>,  // from the centre

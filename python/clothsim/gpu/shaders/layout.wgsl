@@ -9,7 +9,7 @@
 // collision response; the file of a precision defines both.
 
 // What a scene leaves out is compiled out: the host sets these when it makes a pipeline. The host writes the
-// constants of the spring families, and `spring_kinds`.
+// constants of the spring families, `spring_kinds`, and the numbers that it or the core needs too (parameters.py).
 override stage: u32 = 1u;
 override spring_damping: bool = true;
 override point_damping: bool = true;
@@ -41,10 +41,8 @@ struct Spring {
     damping: real,
 }
 
-// `parameters` of a member: gravity (3), point damping, the largest speed, 3 numbers per kind of spring, and from
-// `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
-const first_spring = 5u;
-const first_weight = first_spring + 3u * spring_kinds;
+// `parameters` of a member: gravity (3), point damping, the largest speed, from `first_spring` on 3 numbers per kind of
+// spring, and from `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
 
 @group(0) @binding(0) var<uniform> constants: Constants;
 @group(0) @binding(1) var<storage, read_write> state: array<real>;

@@ -83,7 +83,7 @@ fn is_pinned(id: vec3<u32>) -> bool {
     return pinned && weight(id) == real(0.0);
 }
 
-@compute @workgroup_size(16, 16, 1)
+@compute @workgroup_size(group_size, group_size, 1)
 fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
     if (moving && stage == 1u && all(id == vec3<u32>(0u))) {
         atomicAdd(&results[0], 1u);  // read by the fourth stage

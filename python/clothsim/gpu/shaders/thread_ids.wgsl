@@ -1,5 +1,5 @@
 // Every invocation writes who it is, at the place that the stages of a step have for its point.
-@compute @workgroup_size(16, 16, 1)
+@compute @workgroup_size(group_size, group_size, 1)
 fn thread_ids(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_id) thread: vec3<u32>,

@@ -14,7 +14,7 @@ import clothsim as cs
 from clothsim.base import check
 from clothsim.typing import Precision
 
-from ..timing import Stopwatch
+from ...base.clocks import Stopwatch
 
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 

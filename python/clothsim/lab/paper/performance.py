@@ -11,7 +11,8 @@ import clothsim as cs
 from clothsim.gpu import using
 from clothsim.typing import Backend, Precision
 
-from ..timing import StepTimer, Stopwatch
+from ...base.clocks import Stopwatch
+from ..timing import StepTimer
 from .paper_settings import PAPER_DT, Settings
 from .published import METHODS
 

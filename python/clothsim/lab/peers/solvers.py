@@ -21,7 +21,8 @@ import clothsim as cs
 from clothsim.accuracy import RTOLS, Outcome, extent
 from clothsim.typing import Precision
 
-from ..timing import Stopwatch, measure
+from ...base.clocks import Stopwatch
+from ..timing import measure
 from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
 from .numpy_peer import spring_ends, spring_kinds
 

@@ -20,7 +20,8 @@ import clothsim as cs
 from clothsim.gpu import Adapter, adapters, using
 from clothsim.typing import Precision, Response
 
-from ..timing import StepTimer, Stopwatch
+from ...base.clocks import Stopwatch
+from ..timing import StepTimer
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
 METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
