@@ -5,6 +5,7 @@ import re
 
 import clothsim as cs
 import pytest
+from clothsim import accuracy, gpu, machine
 from tables import each
 
 pytest.importorskip("xarray")
@@ -22,6 +23,11 @@ def members():
             yield name, value
             if inspect.isclass(value):
                 yield from methods(name, value)
+    for module in (accuracy, gpu, machine):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if callable(value):
+                yield f"{module.__name__.removeprefix('clothsim.')}.{name}", value
 
 
 def methods(name, cls):
@@ -50,7 +56,7 @@ def documented(text):
 @each("name", MEMBERS)
 def test_its_arguments_are_documented(name):
     value = MEMBERS[name]
-    if value is cs.Snapshot or (inspect.isclass(value) and issubclass(value, Warning)):
+    if value in (cs.Snapshot, accuracy.Method) or (inspect.isclass(value) and issubclass(value, Warning)):
         return  # users do not call these constructors
     arguments = set(inspect.signature(value).parameters) - {"self", "cls"}
     assert arguments <= documented(inspect.getdoc(value))

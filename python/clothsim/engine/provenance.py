@@ -19,6 +19,12 @@ def provenance() -> dict[str, Any]:
     dict
         "created" (UTC, ISO 8601), "build" (see `clothsim.build_config`) and "machine", which has
         what `processor` gives, "cores" and "system".
+
+    Examples
+    --------
+    >>> from clothsim.machine import provenance
+    >>> sorted(provenance())
+    ['build', 'created', 'machine']
     """
     return {
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -34,6 +40,12 @@ def processor() -> dict[str, Any]:
     -------
     dict
         "cpu" (str); "family", "model" and "stepping" (int), None where the system does not tell.
+
+    Examples
+    --------
+    >>> from clothsim.machine import processor
+    >>> sorted(processor())
+    ['cpu', 'family', 'model', 'stepping']
     """
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

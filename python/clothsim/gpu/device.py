@@ -34,6 +34,16 @@ class AdapterLostError(RuntimeError):
     message : str
     time : float, optional
         Time of the last safe state [s].
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> from clothsim.gpu import AdapterLostError
+    >>> stepper = cs.Stepper(cs.scenes.paper_static(), precision="single", backend="gpu")  # doctest: +SKIP
+    >>> try:  # doctest: +SKIP
+    ...     stepper.advance(100_000, 1e-4)
+    ... except AdapterLostError as error:
+    ...     stepper = cs.Stepper.restore(stepper.snapshot())  # on the adapter that is left, from the time `error.time`
     """
 
     def __init__(self, message: str, time: float | None = None) -> None:
@@ -75,8 +85,16 @@ class Adapter:
         Whether the adapter's shaders compute in double precision.
     largest_buffer : int
         Bytes that one of a cloth's buffers may have.
+    handle : wgpu.GPUAdapter
+        The adapter as wgpu has it.
     place : int
         In `adapters()`; CLOTHSIM_GPU_ADAPTER takes it too.
+
+    Examples
+    --------
+    >>> from clothsim.gpu import adapters
+    >>> [(adapter.name, adapter.float64) for adapter in adapters()]  # doctest: +SKIP
+    [('llvmpipe (LLVM 15.0.6, 256 bits)', True)]
     """
 
     name: str
@@ -235,6 +253,15 @@ def using(adapter: Adapter) -> Iterator[None]:
     ----------
     adapter : Adapter
         One of `adapters()`.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> from clothsim.gpu import adapters, using
+    >>> for adapter in adapters():  # doctest: +SKIP
+    ...     with using(adapter):
+    ...         run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-4, precision="single", backend="gpu")
+    ...     print(adapter.name, run.report["steps_per_second"])
     """
     before = os.environ.get(ADAPTER_VARIABLE)
     os.environ[ADAPTER_VARIABLE] = str(adapter.place)

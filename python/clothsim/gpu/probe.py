@@ -133,6 +133,11 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
     An adapter can give the core's strict bits if every entry except "compensation" is 0. WGSL lets a compiler fuse
     products with sums and replace (a + b) - a by b. The shader therefore passes these values through `keep`.
 
+    Parameters
+    ----------
+    device : Device, optional
+        An opened adapter. Default: the adapter that new states take.
+
     Returns
     -------
     dict
