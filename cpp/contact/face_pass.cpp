@@ -19,7 +19,7 @@ struct Effort {
     std::size_t blocks;
     int least, most;
 };
-constexpr Effort resting{1e-5, 2000, 10, 100};
+constexpr Effort resting{1e-6, 2000, 10, 100};
 constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer than a step: rare
 
 }  // namespace
@@ -46,6 +46,7 @@ FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bo
     }
     reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
     reached_list_.resize(faces.size());
+    followed_ = reached_;
     inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
 }
 
@@ -239,7 +240,8 @@ bool FaceWork::follow_ways(int first_round) {
         solve(slow, &ContactRow::speed);
         slow = rows_.size();
     }
-    if (slow < rows_.size()) solve(slow, &ContactRow::speed);
+    follow_feet();
+    solve(0, &ContactRow::speed);
     return clear;
 }
 

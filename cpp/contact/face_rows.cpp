@@ -15,9 +15,17 @@ namespace {
 
 // Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100 times its speed.
 constexpr double least_lever = 0.01;
+constexpr double nothing = 1e9;  // m/s: a place may go inwards at this speed
 constexpr double closeness = 1.0 / 16;  // of the margin: how near counts as on the surface
 
 Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * c[0] + w[1] * c[1] + w[2] * c[2]; }
+
+// A link has two corners of a triangle in the same place.
+std::array<double, 3> weights_of(const Foot& foot, const std::array<int, 3>& corner) {
+    std::array<double, 3> weight = foot.weight;
+    if (corner[1] == corner[2]) weight = {weight[0], weight[1] + weight[2], 0};
+    return weight;
+}
 
 }  // namespace
 
@@ -51,7 +59,7 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     }
     const double slop = (*spheres_)[at(sphere)].slop, after = touch.normal.dot(weighted(p1, touch.foot.weight));
     const bool reaches = round == 0 || touch.time > 0 || after < shell.middle;
-    const bool added = reaches && add_row(sphere, triangle.corner, touch.foot, touch.normal, touch.time, round);
+    const bool added = reaches && add_row(sphere, triangle, touch.foot, touch.normal, touch.time, round);
     if (added && after < shell.surface) return true;
     // That place goes away again, or strokes past. Another may follow.
     if (separated(sphere, triangle, shell.inside)) return added;
@@ -61,7 +69,7 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
     set_plane(sphere, triangle, next);
     if (!next.hit || next.time == 0) return added;
-    return add_row(sphere, triangle.corner, next.foot, next.normal, next.time, round) || added;
+    return add_row(sphere, triangle, next.foot, next.normal, next.time, round) || added;
 }
 
 // The same for a mass point and a sphere that keeps points out.
@@ -90,7 +98,7 @@ bool FaceWork::look_at_point(int sphere, int i, int round) {
     }
     const Vec3 place = p0 + time * q;
     const Foot foot{place, {1, 0, 0}};
-    return add_row(sphere, {i, i, i}, foot, outward_normal(place), time, round);
+    return add_row(sphere, {{i, i, i}, at(i)}, foot, outward_normal(place), time, round);
 }
 
 // Which points have left the places that the look before saw: by more than a part of the smallest margin that a clear way
@@ -144,27 +152,65 @@ int FaceWork::pinned_corner(const std::array<int, 3>& corner) const {
     return -1;
 }
 
-bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot& foot, const Vec3& normal, double time,
-                       int round) {
+// Which mean of its corners the place of a row is. A mobility of 0: pinned.
+void FaceWork::set_foot(ContactRow& row, const std::array<double, 3>& weight) const {
+    double freely = 0;  // weight of corners that are not pinned
+    row.weight = weight;
+    row.mobility = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        row.share[i] = 0;
+        if (cloth_.pinned[at(row.corner[i])]) continue;
+        row.share[i] = weight[i] / cloth_.mass[at(row.corner[i])];
+        row.mobility += weight[i] * row.share[i];
+        freely += weight[i];
+    }
+    if (freely < least_lever) row.mobility = 0;
+    row.inertia = 1 / row.mobility;
+}
+
+// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its velocity answers at the
+// mean of both, as that of an implicit midpoint: at the first place alone the rocking would grow, as by Euler's explicit method, and
+// at the last it would be damped. A triangle touches a sphere at one place only, so that what else the rounds found asks for nothing.
+void FaceWork::follow_feet() {
+    for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        Origin& origin = origins_[k];
+        if (!origin.rests || origin.height > 0) continue;
+        const int s = origin.sphere;
+        const Foot foot = nearest_to_origin(Frame::corners(frames_[at(s)].end, rows_[k].corner));
+        if (foot.point.norm() > shells_[at(s)].near) continue;
+        ContactRow row = rows_[k];
+        const std::array<double, 3> last = weights_of(foot, row.corner);
+        std::array<double, 3> middle;
+        for (std::size_t i = 0; i < 3; ++i) middle[i] = (row.weight[i] + last[i]) / 2;
+        set_foot(row, middle);
+        if (row.mobility <= 0) continue;
+        row.normal = outward_normal(row.normal + outward_normal(foot.point));
+        const Vec3 wall = vec((*spheres_)[at(s)].velocity);
+        row.speed.target = wall + (row.speed.target - wall).dot(rows_[k].normal) * row.normal;
+        rows_[k] = row;
+        origin.feature = feature(s, row.corner, last);
+        followed_[at(s)][origin.piece] = 1;
+    }
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const Origin& origin = origins_[k];
+        if (origin.rests || origin.round == 0 || origin.height > 0 || !followed_[at(origin.sphere)][origin.piece]) continue;
+        rows_[k].speed.target = vec((*spheres_)[at(origin.sphere)].velocity) - nothing * rows_[k].normal;
+        rows_[k].speed.impulse.setZero();
+    }
+    for (const Origin& origin : origins_) followed_[at(origin.sphere)][origin.piece] = 0;
+    v = free_v_;
+    for (const ContactRow& row : rows_) row.push(v, row.speed.impulse);
+}
+
+bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time, int round) {
+    const auto& [corner, piece] = triangle;
     const SweptSphere& s = (*spheres_)[at(sphere)];
     const Shell& shell = shells_[at(sphere)];
     const Frame& frame = frames_[at(sphere)];
     ContactRow row{};
-    double freely = 0;  // weight of corners that are not pinned
     row.corner = corner;
-    row.weight = foot.weight;
-    if (corner[1] == corner[2]) {
-        row.weight[1] += row.weight[2];
-        row.weight[2] = 0;
-    }
-    for (std::size_t i = 0; i < 3; ++i) {
-        if (cloth_.pinned[at(corner[i])]) continue;
-        row.share[i] = row.weight[i] / cloth_.mass[at(corner[i])];
-        row.mobility += row.weight[i] * row.share[i];
-        freely += row.weight[i];
-    }
-    if (freely < least_lever) row.mobility = 0;
-    row.inertia = 1 / row.mobility;
+    set_foot(row, weights_of(foot, corner));
     row.normal = normal;
     row.friction = s.friction;
     const double before = normal.dot(row.at(frame.start)), after = normal.dot(row.at(frame.end));
@@ -183,7 +229,7 @@ bool FaceWork::add_row(int sphere, const std::array<int, 3>& corner, const Foot&
     std::uint32_t& seen = seen_[number];
     if (seen == look_) return false;
     seen = look_;
-    Origin origin{sphere, number};
+    Origin origin{sphere, number, piece, round, time == 0};
     row.place.target = vec(s.end) + level * normal;
     row.speed.target = vec(s.velocity);
     aim(row, origin, level - after, time, round);

@@ -19,16 +19,16 @@ bool FaceWork::place_rows() {
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const Shell& shell = shells_[at(s)];
-        const auto add = [&](const std::array<int, 3>& corner, const Foot& foot, double time) {
+        const auto add = [&](const Triangle& t, const Foot& foot, double time) {
             const double distance = foot.point.norm();
             if (distance > far * shell.surface || distance == 0) return;
-            if (!add_row(s, corner, foot, foot.point / distance, time, most_rounds)) return;
+            if (!add_row(s, t, foot, foot.point / distance, time, most_rounds)) return;
             rows_.back().speed.target = vec((*spheres_)[at(s)].velocity);
             low |= distance < shell.middle;
         };
         if (!faces_[at(s)]) {
             for (int i = 0; i < cloth_.points(); ++i)
-                if (!inside_[at(s)][at(i)]) add({i, i, i}, {Frame::at(frame.end, i), {1, 0, 0}}, 0);
+                if (!inside_[at(s)][at(i)]) add({{i, i, i}, at(i)}, {Frame::at(frame.end, i), {1, 0, 0}}, 0);
             continue;
         }
         each_open_triangle(s, far * shell.surface, most_rounds, [&](const Triangle& t) {
@@ -39,9 +39,9 @@ bool FaceWork::place_rows() {
             if (last.point.norm() >= shell.middle && !separated(s, t, shell.inside)) {
                 const TriangleTouch first = triangle_touch(p0, p1, shell.inside, tolerance);
                 const double time = (first.time + 1 - triangle_touch(p1, p0, shell.inside, tolerance).time) / 2;
-                if (first.hit && time > 0) return add(t.corner, nearest_to_origin(corners_at(p0, p1, time)), time);
+                if (first.hit && time > 0) return add(t, nearest_to_origin(corners_at(p0, p1, time)), time);
             }
-            add(t.corner, last, 0);
+            add(t, last, 0);
         });
     }
     return low;

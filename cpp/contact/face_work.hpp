@@ -50,6 +50,9 @@ private:
     struct Origin {
         int sphere;
         std::size_t feature;
+        std::size_t piece;   // the triangle's number, or the point's
+        int round;
+        bool rests;          // in contact when the step begins
         double arrival = 0;  // normal speed with which it comes to the surface [m/s]
         double height = 0;   // above the surface that it reaches by the end of the step [m]
     };
@@ -74,7 +77,9 @@ private:
     bool find_rows(int round);
     bool look_along(int sphere, const Triangle& triangle, int round);
     bool look_at_point(int sphere, int i, int round);
-    bool add_row(int sphere, const std::array<int, 3>& corner, const Foot& foot, const Vec3& normal, double time, int round);
+    bool add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time, int round);
+    void set_foot(ContactRow& row, const std::array<double, 3>& weight) const;
+    void follow_feet();
     void aim(ContactRow& row, Origin& origin, double depth, double time, int round);
     std::size_t feature(int sphere, const std::array<int, 3>& corner, const std::array<double, 3>& weight) const;
     bool separated(int sphere, const Triangle& triangle, double reach) const;
@@ -114,6 +119,7 @@ private:
     std::vector<std::uint8_t> moved_;                    // points that have left it
     std::vector<std::vector<std::uint8_t>> reached_;     // triangles for which the look before found something
     std::vector<std::vector<std::size_t>> reached_list_;
+    std::vector<std::vector<std::uint8_t>> followed_;    // triangles, points whose velocity answers between start and end
     SolverMemory memory_;
     std::vector<double> sum_;
     std::vector<double> pushed_;

@@ -134,7 +134,7 @@ def test_the_estimate_of_a_given_step(precision):
 def test_what_cannot_be_reached_ends():
     """... with the best solution, its estimate and the reason, in less than three plain runs.
 
-    Rounding grows along one direction here, so that two runs are close by chance once in ten. The median of five scenes is not.
+    Rounding grows along one direction here. Two runs are close by chance once in ten, the median of five scenes is not.
     """
     ratios = []
     for gravity in (9.80, 9.805, 9.81, 9.815, 9.82):

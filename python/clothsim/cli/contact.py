@@ -47,6 +47,7 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "impact": ("energy after an impact of a face", {"phases": 10}, {"phases": 40}),
     "bounce": ("energy of a bouncing sheet of faces", {}, {"more": True}),
     "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
+    "draped": ("how quietly a light sheet hangs", {"points": 24, "dt": 1e-4, "duration": 2.0}, {}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
@@ -89,6 +90,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
             {"dt": dt, **contact.face_drop(dt)} for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
         ],
         "lying": contact.lying,
+        "draped": contact.draped,
         "cost": contact.cost,
         "drape": contact.drape,
         "table": contact.comparison,

@@ -6,7 +6,7 @@ takes the sizes of the claims.
 """
 
 from .cost import cost, drape
-from .law import face_drop, impact, lying, stick
+from .law import draped, face_drop, impact, lying, stick
 from .physics import cone, drop, resting, under_whole_cloth
 from .scene_table import comparison, faces
 
@@ -15,6 +15,7 @@ __all__ = [
     "cone",
     "cost",
     "drape",
+    "draped",
     "drop",
     "face_drop",
     "faces",
