@@ -224,7 +224,7 @@ def lying(
     return {"steps": max(1, steps // 50) * 50, "speed": speed, "depth": max(0.0, depth)}
 
 
-def draped(points: int = 48, dt: float = 2e-5, duration: float = 4.0, precision: Precision = "double") -> dict[str, Any]:
+def draped(points: int = 48, dt: float = 2e-5, duration: float = 5.0, precision: Precision = "double") -> dict[str, Any]:
     """How quietly a light sheet hangs over a sphere, restitution 0, friction 0.5, with drag of the air.
 
     The sheet of `clothsim contact drape` falls on the sphere. Its folds buckle for some seconds before it rests.
