@@ -14,6 +14,7 @@ from ..engine.bound import stable_dt
 from ..engine.integration import integrator_name, integrators
 from ..engine.plan import PRECISIONS
 from ..model.scene import Scene
+from ..run.fixed_steps import size_of
 from ..run.simulate import simulate
 from ..typing import Precision
 
@@ -124,7 +125,7 @@ class Method(Protocol):
 
 
 def extent(scene: Scene) -> float:
-    """The larger side of the cloth [m]. A solver of your own takes tolerances times this as errors in metres.
+    """The longer side of the cloth [m]. A relative tolerance times this is an error in metres, in `simulate` too.
 
     Parameters
     ----------
@@ -141,8 +142,7 @@ def extent(scene: Scene) -> float:
     >>> extent(cs.Scene(cs.Cloth(size=(1.0, 1.5))))
     1.5
     """
-    cloth = scene.cloth
-    return max(size for size, n in zip(cloth.size, cloth.shape, strict=True) if n > 1)
+    return size_of(scene)
 
 
 @dataclass(frozen=True)

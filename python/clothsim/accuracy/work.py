@@ -60,7 +60,7 @@ def work_precision(
         Time steps [s] of fixed-step methods. Default: seven steps. The first is 0.95 of the guaranteed stable step (8
         times that of RK4 for an implicit method). Each next step is half as long.
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, over the cloth's larger side. `simulate` takes them for the
+        Tolerances of adaptive methods, over the cloth's longer side. `simulate` takes them for the
         error at the end; the cost leaves out its error estimate. The peers take them for a step.
         Default: 1e-3, 1e-4, ..., 1e-13.
     peers : bool, default False

@@ -40,6 +40,16 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
+def _start(x: Any, v: Any, scenes: Sequence[Scene], batched: bool) -> tuple[Any, Any]:
+    """The state of a call; what it leaves out is the scenes' own."""
+    if x is None:
+        x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
+    if v is None:
+        v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
+        v = np.broadcast_to(v, np.shape(x))
+    return x, v
+
+
 class State:
     """A simulation of the core: arguments are checked, and its outcomes become results, warnings and errors."""
 
@@ -74,15 +84,11 @@ class State:
             "backend": backend,
             "inspect": False,
         }
-        if x is None:
-            x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
-        if v is None:
-            v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
-            v = np.broadcast_to(v, np.shape(x))
+        x, v = _start(x, v, scenes, batched)
         x, v = checked_state(x, v, scenes, batched, precision)
         self.batched = x.ndim == 4
         members = len(x) if self.batched else 1
-        self.scenes = scenes * members if not batched else scenes
+        self.scenes = scenes if batched else scenes * members
         self.shape, self.dtype = x.shape, x.dtype
         self.integrator = integrator
         method = integrators()[integrator]
@@ -93,14 +99,12 @@ class State:
             self._use_gpu(t, precision, strict)
             cloths = [core_cloth(s) for s in scenes]
         else:
-            self.threads = choose_threads(threads, scenes[0].cloth.shape, members)
             plans = [core_plan(s, precision, kernel, strict, integrator) for s in scenes]
+            self._use_cpu(plans if batched else plans * members, t, threads)
             self.kernel = choose_kernel(kernel, strict, scenes[0].cloth)
-            self.instruction_set = plans[0].instruction_set
-            self.core = _core.Simulation(plans * members if not batched else plans, t, self.threads)
             cloths = [plan.cloth for plan in plans]
         limits = [guaranteed_dt(cloth, integrator) for cloth in cloths]
-        self.max_stable_dt = limits * members if not batched else limits
+        self.max_stable_dt = limits if batched else limits * members
         self._least_stable_dt = min(*self.max_stable_dt, sys.float_info.max)  # inf without springs
         self.core.set_stable_dt(self.max_stable_dt)
         self.warned = self.warned_of_growth = self.announced = False
@@ -162,6 +166,11 @@ class State:
             return out if self.core.accelerations(x, v, out, self.threads) else None
         except TypeError:
             return None
+
+    def _use_cpu(self, plans: list[_core.Plan], t: float, threads: int | None) -> None:
+        self.threads = choose_threads(threads, self.scenes[0].cloth.shape, len(plans))
+        self.instruction_set = plans[0].instruction_set
+        self.core = _core.Simulation(plans, t, self.threads)
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
         simulation = later("simulation on the GPU")(self.scenes, t, precision, strict)

@@ -28,7 +28,7 @@ def geometry() -> dict[str, HardCase]:
     there = cs.Scene(
         cloth, cs.Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"), position=cloth.rest_positions + far
     )
-    cases = {
+    return {
         "zero rest length": HardCase(
             linear,
             0.02 * cs.max_stable_dt(linear),
@@ -77,7 +77,12 @@ def geometry() -> dict[str, HardCase]:
             "the motion at the origin, contact included",
             (ends_at(lambda case: _moved(here, case, far), "m from the motion here", 5e-8, 5e-6),),
         ),
+        **_strips(),
     }
+
+
+def _strips() -> dict[str, HardCase]:
+    cases = {}
     for shape in ((1, 2), (1, 12), (12, 1), (2, 12)):
         scene = cs.Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
         cases["a strip of {} x {}".format(*shape)] = HardCase(

@@ -24,6 +24,8 @@ WARM_UP_DT = 5e-5  # s
 AGREEMENT_STEPS = 100
 PRECISIONS: tuple[Precision, ...] = ("double", "single")
 Measure = Callable[[], tuple[float, float]]  # set-up time [s] and steps/s
+Variant = tuple[str, Precision, int]  # kind, precision, threads
+Start = tuple[cs.Scene, np.ndarray, np.ndarray]  # scene, positions, velocities
 
 
 def shader_name(adapter: Any) -> str:
@@ -108,44 +110,10 @@ def speedup(
     scene = cs.scenes.paper_static(response="ray")
     stepper = cs.Stepper(scene, threads=1)
     stepper.advance(round(WARM_UP / WARM_UP_DT), WARM_UP_DT)
-    x, v, t = stepper.positions.copy(), stepper.velocities.copy(), stepper.time
-    dt, steps = settings.timing_dt, settings.speedup_steps
-
-    def timed(advance: Callable[[int], Any]) -> float:
-        """Steps/s; ends early where threads wait for a busy processor and hardly get on."""
-        done, elapsed = StepTimer(advance).timed(steps, settings.speedup_seconds)
-        return done / elapsed
-
-    def core(precision: Precision, threads: int | None, backend: Backend = "cpu") -> Measure:
-        def measure() -> tuple[float, float]:
-            with Stopwatch() as setup:
-                stepper = cs.Stepper(scene, x, v, t=t, precision=precision, threads=threads, backend=backend)
-                stepper.advance(1, dt)
-            return setup.seconds, timed(lambda part: stepper.advance(part, dt))
-
-        return measure
-
-    def shader(precision: Precision, adapter: Any) -> Measure:
-        def measure() -> tuple[float, float]:
-            with using(adapter):
-                return core(precision, None, backend="gpu")()
-
-        return measure
-
-    def reference() -> tuple[float, float]:
-        with Stopwatch() as setup:
-            cs.reference_step(scene, x, v, dt, steps=1, t=t)
-        return setup.seconds, timed(lambda part: cs.reference_step(scene, x, v, dt, steps=part, t=t))
-
-    variants: dict[tuple[str, Precision, int], Measure] = {(REFERENCE, "double", 1): reference}
-    for precision in PRECISIONS:
-        for count in sorted({1, threads}):
-            variants[CORE, precision, count] = core(precision, count)
-    for adapter in adapters:
-        for precision in PRECISIONS if adapter.float64 else PRECISIONS[1:]:
-            variants[shader_name(adapter), precision, 1] = shader(precision, adapter)
-
-    measured: dict[tuple[str, Precision, int], list[tuple[float, float]]] = {key: [] for key in variants}
+    start = stepper.positions.copy(), stepper.velocities.copy()
+    t = stepper.time
+    variants = _variants(settings, (scene, *start), t, threads, adapters)
+    measured: dict[Variant, list[tuple[float, float]]] = {key: [] for key in variants}
     for _ in range(settings.runs):
         for key, measure in variants.items():
             measured[key].append(measure())
@@ -163,8 +131,49 @@ def speedup(
         row["runs"] = rates.tolist()
         rows.append(row)
 
-    expected, _ = cs.reference_step(scene, x, v, dt, steps=AGREEMENT_STEPS, t=t)
-    stepper = cs.Stepper(scene, x, v, t=t, threads=threads)
+    dt = settings.timing_dt
+    expected, _ = cs.reference_step(scene, *start, dt, steps=AGREEMENT_STEPS, t=t)
+    stepper = cs.Stepper(scene, *start, t=t, threads=threads)
     stepper.advance(AGREEMENT_STEPS, dt)
     difference = float(np.abs(stepper.positions - expected).max())
     return {"rows": rows, "frame_steps": frame_steps, "agreement": difference, "agreement_steps": AGREEMENT_STEPS}
+
+
+def _variants(settings: Settings, start: Start, t: float, threads: int, adapters: Sequence[Any]) -> dict[Variant, Measure]:
+    """Measures by what is compared, the reference first. Each steps from the state `start` at the time `t`."""
+    dt, steps = settings.timing_dt, settings.speedup_steps
+
+    def timed(advance: Callable[[int], Any]) -> float:
+        """Steps/s; ends early where threads wait for a busy processor and hardly get on."""
+        done, elapsed = StepTimer(advance).timed(steps, settings.speedup_seconds)
+        return done / elapsed
+
+    def core(precision: Precision, threads: int | None, backend: Backend = "cpu") -> Measure:
+        def measure() -> tuple[float, float]:
+            with Stopwatch() as setup:
+                stepper = cs.Stepper(*start, t=t, precision=precision, threads=threads, backend=backend)
+                stepper.advance(1, dt)
+            return setup.seconds, timed(lambda part: stepper.advance(part, dt))
+
+        return measure
+
+    def shader(precision: Precision, adapter: Any) -> Measure:
+        def measure() -> tuple[float, float]:
+            with using(adapter):
+                return core(precision, None, backend="gpu")()
+
+        return measure
+
+    def reference() -> tuple[float, float]:
+        with Stopwatch() as setup:
+            cs.reference_step(*start, dt, steps=1, t=t)
+        return setup.seconds, timed(lambda part: cs.reference_step(*start, dt, steps=part, t=t))
+
+    variants: dict[Variant, Measure] = {(REFERENCE, "double", 1): reference}
+    for precision in PRECISIONS:
+        for count in sorted({1, threads}):
+            variants[CORE, precision, count] = core(precision, count)
+    for adapter in adapters:
+        for precision in PRECISIONS if adapter.float64 else PRECISIONS[1:]:
+            variants[shader_name(adapter), precision, 1] = shader(precision, adapter)
+    return variants

@@ -103,17 +103,37 @@ class Strided(NamedTuple):
     parallel_slopes: Callable[..., Any]
 
 
-@lru_cache
-def strided(shape):
-    """The kernels for cloths of `shape`."""
-    fast: dict[str, Any] = {"fastmath": True, "error_model": "numpy"}
-    rows, columns = shape
-    n, down, one, two = (np.uintp(i) for i in (columns, columns + 2 * BORDER, 1, 2))
-    size, size2 = np.uintp(rows * columns), np.uintp(2 * rows * columns)
-    p1 = np.uintp((rows + 2 * BORDER) * (columns + 2 * BORDER))
-    p2, p3, p4, p5 = (np.uintp(i * p1) for i in (2, 3, 4, 5))
+FAST: dict[str, Any] = {"fastmath": True, "error_model": "numpy"}
 
-    @njit(**fast, inline="always")
+
+class Places(NamedTuple):
+    """Distances in the arrays of one shape, unsigned."""
+
+    rows: int
+    columns: int
+    n: Any  # a row without borders
+    down: Any  # a row
+    size: Any  # a plane without borders
+    planes: tuple[Any, ...]  # of p planes, p = 0..5
+
+    @classmethod
+    def of(cls, shape: tuple[int, int]) -> Places:
+        rows, columns = shape
+        plane = (rows + 2 * BORDER) * (columns + 2 * BORDER)
+        planes = tuple(np.uintp(p * plane) for p in range(6))
+        return cls(rows, columns, np.uintp(columns), np.uintp(columns + 2 * BORDER), np.uintp(rows * columns), planes)
+
+
+# Numbers that a kernel takes from around it are constants of the compiled code.
+_ONE, _TWO = np.uintp(1), np.uintp(2)
+
+
+def _force_of_rows(places):
+    """The accelerations of a row."""
+    rows, columns, n, down, size, (_, p1, p2, p3, p4, p5) = places
+    one, two, size2 = _ONE, _TWO, np.uintp(2 * size)
+
+    @njit(**FAST, inline="always")
     def pull(s, q, x, y, z, u, w, t, spring, n, present, unit):
         dx, dy, dz = s[q] - x, s[q + p1] - y, s[q + p2] - z
         du, dw, dt = s[q + p3] - u, s[q + p4] - w, s[q + p5] - t
@@ -122,7 +142,7 @@ def strided(shape):
         scale = present * (spring[n, 0] + (rate * inverse - spring[n, 1]) * inverse)
         return scale * dx, scale * dy, scale * dz
 
-    @njit(**fast, inline="always")
+    @njit(**FAST, inline="always")
     def row_force(r, s, f, spring, column, gravity, free, unit):
         here = np.uintp(r + BORDER) * down + two
         out = np.uintp(r) * n
@@ -155,7 +175,15 @@ def strided(shape):
                 e0[2] + e1[2] + e2[2] + e3[2] + e4[2] + e5[2] + e6[2] + e7[2] + e8[2] + e9[2] + ea[2] + eb[2] + g2
             )
 
-    @njit(**fast, inline="always")
+    return row_force
+
+
+def _update_of_rows(places):
+    """The update of a row by its accelerations, per stage."""
+    _, columns, n, down, size, (_, p1, p2, p3, p4, p5) = places
+    two, size2 = _TWO, np.uintp(2 * size)
+
+    @njit(**FAST, inline="always")
     def move(q, o, s, state, f, out, h):
         out[q] = state[q] + h * s[q + p3]
         out[q + p1] = state[q + p1] + h * s[q + p4]
@@ -164,7 +192,7 @@ def strided(shape):
         out[q + p4] = state[q + p4] + h * f[o + size]
         out[q + p5] = state[q + p5] + h * f[o + size2]
 
-    @njit(**fast, inline="always")
+    @njit(**FAST, inline="always")
     def row_update(r, s, state, f, first, total, out, h, sixth, stage):
         here = np.uintp(r + BORDER) * down + two
         at = np.uintp(r) * n
@@ -197,8 +225,15 @@ def strided(shape):
                 state[q + p2] += h * (state[q + p5] + sixth * (first[o] + total[o]))
                 state[q + p5] += sixth * (first[o] + f[o] + total[o] + total[o])
 
+    return row_update
+
+
+def _all_steps(places, row_force):
+    """RK4 steps of a cloth in bands of rows."""
+    rows, row_update = places.rows, _update_of_rows(places)
+
     # A band of rows a call: passing arrays costs a hundred nanoseconds in reference counts.
-    @njit(**fast)
+    @njit(**FAST)
     def band(begin, end, s, state, buffers, out, scene, h, time_step, stage):
         f, first, total = buffers
         spring, column, gravity, free = scene
@@ -223,9 +258,13 @@ def strided(shape):
                 u, w = i * rows // bands, (i + 1) * rows // bands
                 band(u, w, a, state, buffers, state, scene, h, time_step, 3)
 
-    serial = njit(**fast)(steps)
+    return steps
 
-    @njit(**fast, parallel=True)
+
+def _batch_of(serial):
+    """Steps of a batch."""
+
+    @njit(**FAST, parallel=True)
     def batch(count, bands, state, a, b, buffers, scene, time_step):
         # A cloth per thread: what belongs to a cloth has an axis of members first.
         f, first, total = buffers
@@ -234,8 +273,13 @@ def strided(shape):
             own = (spring[m], column, gravity, free)
             serial(count, bands, state[m], a[m], b[m], (f[m], first[m], total[m]), own, time_step)
 
-    # dy/dt for a general solver: y and dy are six planes without borders, x and then v.
-    size3 = np.uintp(3 * rows * columns)
+    return batch
+
+
+def _right_side(places, row_force):
+    """dy/dt for a general solver: y and dy are six planes without borders, x and then v."""
+    rows, columns, n, down, size, (_, p1, *_) = places
+    two, size3 = _TWO, np.uintp(3 * size)
 
     def slopes(bands, y, dy, s, scene, unit):
         spring, column, gravity, free = scene
@@ -255,5 +299,15 @@ def strided(shape):
                         dy[q] = y[q + size3]
                 row_force(r, s, f, spring, column, gravity, free, unit)
 
-    parallel = njit(**fast, parallel=True)
-    return Strided(serial, parallel(steps), batch, njit(**fast)(slopes), parallel(slopes))
+    return slopes
+
+
+@lru_cache
+def strided(shape):
+    """The kernels for cloths of `shape`."""
+    places = Places.of(shape)
+    row_force = _force_of_rows(places)
+    steps, slopes = _all_steps(places, row_force), _right_side(places, row_force)
+    serial, parallel = njit(**FAST), njit(**FAST, parallel=True)
+    alone = serial(steps)
+    return Strided(alone, parallel(steps), _batch_of(alone), serial(slopes), parallel(slopes))
