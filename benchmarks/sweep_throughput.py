@@ -22,9 +22,9 @@ import numpy as np
 from clothsim.engine.stepper import SilentStepper
 from clothsim.engine.stepping import step
 from clothsim.lab.bench import works
-from clothsim.lab.bench.bench_settings import PAPER_DT
 from clothsim.model.ready import oscillator
 from clothsim.model.scene import Scene
+from clothsim.scenes import PAPER_DT
 from clothsim.sweeps.api import sweep
 from clothsim.typing import Precision
 

@@ -11,10 +11,10 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.lab.bench import QUICK, bench, candidates, sections, works
-from clothsim.lab.bench.bench_settings import PAPER_DT
 from clothsim.lab.bench.figures import Figures, Missing
 from clothsim.lab.peers.numpy_peer import NumpyPeer
 from clothsim.lab.timing import Work, calibrate, measure
+from clothsim.scenes import PAPER_DT
 
 
 class Fake(Work):

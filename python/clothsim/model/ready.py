@@ -21,6 +21,9 @@ from .motion import Reciprocate
 from .scene import Scene
 from .sphere import Sphere
 
+PAPER_DT = 5e-6
+"""Time step of Table 2 of Kim et al. [s]."""
+
 
 def _paper_cloth(bend: bool) -> Cloth:
     return Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear"))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..base import check
 from ..engine.bound import guaranteed_dt
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
@@ -30,6 +31,17 @@ _ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken 
 def size_of(scene: Scene) -> float:
     """The longer side of the cloth [m], the size to which a relative tolerance refers."""
     return max(scene.cloth.size)
+
+
+def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
+    """The tolerances as numbers; they choose the step, so `dt` must be None."""
+    if dt is not None:
+        raise ValueError(f"dt must be None with rtol or atol, or with integrator 'auto': they choose it; got {check.shown(dt)}")
+    rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
+    atol = None if atol is None else check.number("atol", atol, minimum=0)
+    if not rtol and not atol and (rtol, atol) != (None, None):
+        raise ValueError("rtol or atol must be > 0, got 0 for both")
+    return rtol, atol
 
 
 def rms(difference: Floats) -> float:

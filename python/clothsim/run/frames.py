@@ -47,6 +47,11 @@ class Schedule:
     per_second: float | None = None
     times: tuple[float, ...] = ()
 
+    @classmethod
+    def of_every(cls, every: int | float | None) -> Schedule:
+        """The schedule for steps (int) or seconds (float) between frames; see `checked_every`."""
+        return cls(steps=every) if isinstance(every, int) else cls(seconds=every)
+
     def in_seconds(self, dt: float) -> Schedule:
         """An equal schedule in seconds, for steps of `dt`."""
         if self.steps is None:
@@ -118,7 +123,7 @@ def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) ->
     every = checked_every(every)
     if isinstance(every, float):
         check.frame_count(duration, every)
-    return Schedule(steps=every) if isinstance(every, int) else Schedule(seconds=every)
+    return Schedule.of_every(every)
 
 
 def checked_every(every: Any) -> int | float | None:

@@ -19,7 +19,7 @@ from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import Options, Resumed, Solution, integrate, run_fixed, size_of
+from .fixed_steps import Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
 from .recording import StopRun, Watch, progress_bar
 from .result import Run
@@ -355,11 +355,5 @@ def _asked_error(scene: Scene, dt: float | None, rtol: float | None, atol: float
     """The error asked for [m], or None."""
     if rtol is None and atol is None:
         return None
-    if dt is not None:
-        raise ValueError("dt must be None with rtol or atol: they choose the step")
-    relative = 0.0 if rtol is None else check.number("rtol", rtol, minimum=0)
-    absolute = 0.0 if atol is None else check.number("atol", atol, minimum=0)
-    asked = absolute + relative * size_of(scene)
-    if asked == 0:
-        raise ValueError("rtol or atol must be > 0, got 0 for both")
-    return asked
+    rtol, atol = checked_tolerances(dt, rtol, atol)
+    return (atol or 0.0) + (rtol or 0.0) * size_of(scene)

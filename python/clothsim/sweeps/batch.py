@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 from ..engine.stepper import SilentStepper
 from ..errors import ContactError, UnstableError
-from ..run.fixed_steps import sample_every
+from ..run.fixed_steps import advance_to, sample_every
+from ..run.frames import Schedule
 from .member import Member, Outcome
-from .times import frame_times, pieces
 
 _SECONDS_BETWEEN_LOOKS = 0.1  # at whether the sweep is to stop
 _FIRST_STEPS = 64
@@ -72,7 +73,7 @@ class _Batch:
         self.live = dict(enumerate(self.all))  # by the index into the batch
         self.stopped = stopped
         self.dt = first.dt
-        self.times = frame_times(first.duration, first.dt, every)
+        self.moments = Schedule.of_every(every).in_seconds(first.dt).moments(0.0, first.duration)
         self.keep_frames = "frames" in needs
         self.stepper = SilentStepper([m.scene for m in members], threads=threads, **first.numerics)
         # A sweep tells of each member's limit in its results.
@@ -85,10 +86,10 @@ class _Batch:
 
     def run(self) -> list[Outcome]:
         self._store(0.0)
-        for begin, end in zip(self.times[:-1], self.times[1:], strict=True):
-            for steps, dt in pieces(begin, end, self.dt):
-                self._advance(steps, dt)
-            if self.keep_frames or end == self.times[-1]:
+        last = self.moments[-1][0]
+        for (begin, _), (end, _) in pairwise(self.moments):
+            advance_to(self, begin, end, self.dt)
+            if self.keep_frames or end == last:
                 self._store(end)
         state = self.stepper._state
         for outcome, watched, evaluations in zip(self.all, self.core.watched, self.core.evaluations, strict=True):
@@ -96,7 +97,7 @@ class _Batch:
             outcome.evaluations = evaluations
         return self.all
 
-    def _advance(self, steps: int, dt: float) -> None:
+    def advance(self, steps: int, dt: float) -> None:
         """Advance `steps` steps in chunks."""
         done = 0
         while done < steps and self.live:

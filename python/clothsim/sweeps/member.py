@@ -16,7 +16,7 @@ from ..engine.plan import check_options
 from ..errors import ContactError, UnstableError
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
-from ..run.fixed_steps import Options, Solution
+from ..run.fixed_steps import Options, Solution, checked_tolerances
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from .fields import change_scene, split
@@ -89,7 +89,7 @@ class Member:
             check.frame_count(duration, settings.every)
         limit = float(max_stable_dt(scene, named))
         if automatic or rtol is not None or atol is not None:
-            rtol, atol = _tolerances(dt, rtol, atol)
+            rtol, atol = checked_tolerances(dt, rtol, atol)
             return cls(index, scene, duration, math.nan, limit, **numerics, rtol=rtol, atol=atol)
         if dt is None:
             # A method without a limit of its own takes what follows the motion as well.
@@ -157,17 +157,6 @@ class Members:
         if member is not None:
             self._room += math.prod(member.scene.cloth.shape)
         return member
-
-
-def _tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
-    if dt is not None:
-        raise ValueError(f"dt must be None with rtol, atol or integrator 'auto', which choose it, got {check.shown(dt)}")
-    rtol, atol = (
-        None if value is None else check.number(name, value, minimum=0) for name, value in (("rtol", rtol), ("atol", atol))
-    )
-    if not rtol and not atol and (rtol, atol) != (None, None):
-        raise ValueError("rtol or atol must be > 0, got 0 for both")
-    return rtol, atol
 
 
 @dataclass

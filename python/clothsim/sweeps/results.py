@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..model.scene import Scene
+from ..run.frames import Schedule
 from .grid import Coordinate, Grid
 from .member import FAILED, PENDING, STATUS, Record, Settings
-from .times import frame_times
 
 FRAMES = ("position", "velocity")
 """The variables that have the frames of every member."""
@@ -66,7 +66,8 @@ class Results:
 
     def _open_frames(self) -> None:
         settings = self.settings
-        times = np.array(frame_times(settings.duration, settings.dt or np.inf, settings.every))
+        frames = Schedule.of_every(settings.every).in_seconds(settings.dt or math.inf)
+        times = np.array([t for _, t in frames.moments(0.0, settings.duration)])
         rows, columns = self._largest_shape()
         dims = ("time", "row", "column", "component")
         for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):

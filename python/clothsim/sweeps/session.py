@@ -8,6 +8,8 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..base import check
 from ..base.extras import check_installed, needed
 from ..engine.build import build_config
@@ -187,10 +189,7 @@ def _checked_members(scene: Scene, grid: Grid, settings: Settings) -> Members:
     else:
         first = dict.fromkeys(range(len(grid.axes)), 0)
         places = [{**first, k: p} for k, axis in enumerate(grid.axes) for p in range(len(axis))]
-        strides = [1] * len(grid.axes)
-        for k in reversed(range(len(grid.axes) - 1)):
-            strides[k] = strides[k + 1] * grid.shape[k + 1]
-        indices = [sum(p * strides[k] for k, p in place.items()) for place in places[:_CHECKED]]
+        indices = [int(np.ravel_multi_index(tuple(place.values()), grid.shape)) for place in places[:_CHECKED]]
     told = False
     for index in indices:
         try:

@@ -23,12 +23,12 @@ from ..engine.stepper import Stepper
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy, penetration
 from ..model.motion import Keyframes
+from ..model.ready import PAPER_DT
 from ..model.scene import Scene
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from ..typing import Report
 
-PAPER_DT = 5e-6  # s; taken where the machine keeps up with it
 SHARE = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
 DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a jerk tears the cloth apart
 PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-PAPER_DT = 5e-6  # s, the time step of Kim et al.
 STATE_TIME = 0.25  # s that the paper's cloth has fallen where it is timed; it touches no sphere yet
 CONTACT_TIME = 0.6  # s, where it lies on the sphere
 STATE_DT = 1e-4  # s

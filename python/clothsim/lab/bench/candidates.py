@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.scenes import PAPER_DT
 
 from ..peers import numba_peer
 from ..peers.numba_peer import most_threads
 from ..timing import Work, measure
 from . import works
-from .bench_settings import PAPER_DT, Settings
+from .bench_settings import Settings
 from .figures import Figure, Figures
 from .works import Start
 

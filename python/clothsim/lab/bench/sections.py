@@ -9,11 +9,12 @@ from typing import Any, get_args
 import numpy as np
 
 import clothsim as cs
+from clothsim.scenes import PAPER_DT
 from clothsim.typing import Kernel
 
 from ..peers.numpy_peer import NumpyPeer
 from . import works
-from .bench_settings import BATCH_LONGER, BATCH_OF_FEW, IN_TURN, PAPER_DT
+from .bench_settings import BATCH_LONGER, BATCH_OF_FEW, IN_TURN
 from .candidates import DTYPES, Bench, numba, run
 from .figures import A_STEP_A_CALL, CONTINUOUS, CS_STEP, FEATURE
 from .works import Start

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
+from clothsim.scenes import PAPER_DT
 
 from ..timing import Work
 from . import machine_facts
-from .bench_settings import BATCH, CONTACT_TIME, PAPER_DT, STATE_DT, STATE_TIME
+from .bench_settings import BATCH, CONTACT_TIME, STATE_DT, STATE_TIME
 
 _HORIZON = 0.02  # s that a figure's cloth may move on before it is put back
 

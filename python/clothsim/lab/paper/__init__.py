@@ -16,18 +16,19 @@ from clothsim.base import check
 from clothsim.base.extras import needed
 from clothsim.base.progress import ProgressBar
 from clothsim.machine import provenance
+from clothsim.scenes import PAPER_DT
 
+from .. import published as paper
 from ..contact import comparison
 from ..contact.scene_table import RESPONSES, SCENES
 from ..shader import experiment
 from . import paper_page as page
 from . import paper_plots as plots
 from . import paper_tables, performance, pictures
-from . import published as paper
 from . import responses as contact
 from . import shader_runs as gpu
 from .paper_report import text, write
-from .paper_settings import FULL, PAPER_DT, QUICK, Settings, reductions
+from .paper_settings import FULL, QUICK, Settings, reductions
 
 __all__ = ["FULL", "QUICK", "Settings", "reproduce", "text"]
 

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from . import published as paper
+from .. import published as paper
 from .paper_report import headline
 from .paper_tables import Table, number, tables
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from clothsim.base.plots import BLUE, DPI, GREY, RED, figure
 
-from . import published as paper
+from .. import published as paper
 from .responses import Case, Experiment
 
 COLORS = {1: RED, 2: BLUE}

@@ -10,7 +10,7 @@ from typing import Any
 
 from clothsim.base.table import aligned
 
-from . import published as paper
+from .. import published as paper
 from .paper_tables import tables
 
 WIDTH = 100

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-PAPER_DT = 5e-6  # s, "time step" of Table 2
+from clothsim.scenes import PAPER_DT
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ import numpy as np
 
 import clothsim as cs
 from clothsim.gpu import using
+from clothsim.scenes import PAPER_DT
 from clothsim.typing import Backend, Precision
 
 from ...base.clocks import Stopwatch
+from ..published import METHODS
 from ..timing import StepTimer
-from .paper_settings import PAPER_DT, Settings
-from .published import METHODS
+from .paper_settings import Settings
 
 REFERENCE = "scalar reference"
 CORE = "SIMD core"

@@ -20,8 +20,8 @@ import numpy as np
 
 import clothsim as cs
 
+from ..published import METHODS, VARIANTS
 from .paper_settings import Settings
-from .published import METHODS, VARIANTS
 
 # The paper prints none of these. With them, frames 200, 1300 and 3100 of 1.6 ms fall into the
 # first, second and third contact, as its text says (docs/reproduction.md).

@@ -18,14 +18,14 @@ import numpy as np
 
 import clothsim as cs
 from clothsim.gpu import Adapter, adapters, using
-from clothsim.typing import Precision, Response
+from clothsim.scenes import PAPER_DT
+from clothsim.typing import Precision
 
 from ...base.clocks import Stopwatch
+from ..published import METHODS
 from ..timing import StepTimer
 from .measurement import GPU, SCALAR, SIMD, Measurement, Target
 
-METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
-PAPER_DT = 5e-6  # s
 PAPER_SIZE = 32  # points along a side
 
 
@@ -98,7 +98,7 @@ def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
     are in contact from the first step on, at any size.
     """
     radius, below = 0.25, 0.2
-    sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method])
+    sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method][0])
     cloth = cs.Cloth((size, size), springs=("structural", "shear"))
     x = np.array(cloth.rest_positions)
     horizontal = np.hypot(x[..., 0] - 0.5, x[..., 2] - 0.5)

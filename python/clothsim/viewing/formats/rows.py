@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...measure.measures import energy, largest_stretch, penetration
-
 COLUMNS = (
     "time_s",
     "kinetic_J",
@@ -27,20 +25,9 @@ def measures(run: Any) -> np.ndarray:
 
     Depths are the deepest over the spheres at the time of the frame.
     """
-    energies = energy(run.scene, run.x, run.v)
-    depths = np.zeros((len(run.t), 2))
-    for sphere in run.scene.spheres:
-        for k, t in enumerate(run.t):
-            found = penetration(run.x[k], sphere, float(t))
-            depths[k] = np.maximum(depths[k], [float(found["points"]), float(found["triangles"])])
-    return np.column_stack(
-        [
-            run.t,
-            *(np.asarray(energies[name]) for name in ("kinetic", "elastic", "gravity", "total")),
-            np.asarray(largest_stretch(run.scene, run.x)),
-            depths,
-        ]
-    )
+    energies, depths = run.energy(), run.penetration()
+    kinds = (energies[name] for name in ("kinetic", "elastic", "gravity", "total"))
+    return np.column_stack([run.t, *kinds, run.stretch()["largest"], depths["points"], depths["triangles"]])
 
 
 def write(run: Any, path: Path) -> list[Path]:
