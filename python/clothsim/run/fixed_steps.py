@@ -36,7 +36,8 @@ def size_of(scene: Scene) -> float:
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
     """The tolerances as numbers; they choose the step, so `dt` must be None."""
     if dt is not None:
-        raise ValueError(f"dt must be None with rtol or atol, or with integrator 'auto': they choose it; got {check.shown(dt)}")
+        given = check.shown(dt)
+        raise ValueError(f"dt must be None with rtol or atol, or with integrator 'auto': they choose it; got {given}")
     rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
     atol = None if atol is None else check.number("atol", atol, minimum=0)
     if not rtol and not atol and (rtol, atol) != (None, None):

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from threading import Event
 from typing import Any
@@ -22,10 +21,6 @@ import clothsim as cs
 
 from ..published import METHODS, VARIANTS
 from .paper_settings import Settings
-
-# The paper prints none of these. With them, frames 200, 1300 and 3100 of 1.6 ms fall into the
-# first, second and third contact, as its text says (docs/reproduction.md).
-MOTION = {"period": 4.2, "deceleration": 7.0, "phase": 0.05}
 
 NEAR = 1e-3  # m; a point this close to the contact radius counts as touching
 LOST = 1e3  # m; a cloth that reaches so far is given up
@@ -73,7 +68,7 @@ def experiment(number: str, settings: Settings) -> Experiment:
         "2",
         "Moving sphere, method 1 against method 2",
         "table4",
-        partial(cs.scenes.paper_moving, period=MOTION["period"], deceleration=MOTION["deceleration"]),
+        cs.scenes.paper_moving,
         settings.moving_frames,
         settings.moving_dt,
     )
