@@ -95,15 +95,6 @@ inline Foot nearest_to_origin(const Corners& c) {
     return best;
 }
 
-// Radius of the smallest circle around a triangle: half the longest side, or the circumradius if it is acute.
-inline double smallest_circle(const Corners& c) {
-    std::array<double, 3> side2{(c[1] - c[2]).squaredNorm(), (c[2] - c[0]).squaredNorm(), (c[0] - c[1]).squaredNorm()};
-    std::sort(side2.begin(), side2.end());
-    if (side2[0] + side2[1] <= side2[2]) return std::sqrt(side2[2]) / 2;
-    const double twice_area = (c[1] - c[0]).cross(c[2] - c[0]).norm();
-    return std::sqrt(side2[0] * side2[1] * side2[2]) / (2 * twice_area);
-}
-
 // At a part of the way.
 inline Corners corners_at(const Corners& p0, const Corners& p1, double time) {
     return {p0[0] + time * (p1[0] - p0[0]), p0[1] + time * (p1[1] - p0[1]), p0[2] + time * (p1[2] - p0[2])};

@@ -94,6 +94,8 @@ struct EdgeEngine<Real>::Band : RowBand {
     NearSpheres<Real> spheres;
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
+    // The number of a step's stage, counted over all steps.
+    std::int64_t number_of(int stage) const { return 4 * step + stage; }
     bool finite = true;     // the rows looked at in this call
 
     // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in the last quarter. To

@@ -163,86 +163,89 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
     return bands;
 }
 
+// A stage begins with what the rows before the band hand on.
+template <class Real>
+void EdgeEngine<Real>::begin_stage(Band& band, int s) {
+    EdgeArguments<Real>& e = band.stages[s];
+    if (!band.near) {
+        std::fill_n(e.received[0], handed_size(), Real(0));
+        std::fill_n(e.received_2, handed_size(), Real(0));
+        return;
+    }
+    const std::int64_t number = band.number_of(s);
+    band.from_near.wait(number);
+    const Real* const first = band.source(e.stage, 0);
+    edge_.halo(e, {band.from_near.row(number, 1), nullptr, first}, {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
+}
+
+// Rows [begin, end) of a stage.
+template <class Real>
+void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
+    const int n = band.size(), end_inner = std::min(end, n - 2);
+    const std::int64_t number = band.number_of(s);
+    const auto run_to = [&](int row) {
+        if (begin >= row) return;
+        edge_.rows(band.stages[s], begin, row);
+        begin = row;
+    };
+    if (begin == 0 && band.far) {
+        band.from_far.fetch(number);
+        band.far->from_far.claim(number + 1);
+    }
+    if (begin == 0 && band.near) begin_stage(band, s);
+    if (band.near && begin < rows_to_hand) {
+        run_to(std::min(end, rows_to_hand));
+        if (begin == rows_to_hand && hands_on(s)) band.hand(band.near->from_near, number + 1, 0, 1);
+    }
+    if (band.near && end == n) {
+        for (const auto& part : band.parts) {
+            run_to(std::min(part.before_row, end_inner));
+            if (part.to_write) {
+                band.from_near.look_ahead();
+                band.near->from_near.claim(number + 2, part.which, part.begin, part.end);
+            } else {
+                band.from_near.fetch(number + 1, part.which, part.begin, part.end);
+            }
+        }
+    }
+    run_to(end_inner);
+    if (end > end_inner) run_last_rows(band, s, std::max(begin, end_inner), end);
+}
+
+// Some of the last two rows.
+template <class Real>
+void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
+    EdgeArguments<Real>& e = band.stages[s];
+    const int n = band.size();
+    const std::int64_t number = band.number_of(s);
+    if (band.far) {
+        band.from_far.wait(number);
+        band.look_beyond_far(number);
+        edge_.rows(e, begin, end);
+    }
+    for (int row = begin; row < end && !band.far; ++row)
+        edge_.last_row(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
+    if (end < n) return;
+    kernels().edge_finish(e);
+    if (band.far && hands_on(s)) band.hand(band.far->from_far, number + 1, n - 1, n - 2);
+}
+
 template <class Real>
 void EdgeEngine<Real>::step_band(Band& band, double t, bool look) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
-    EdgeArguments<Real>* const stages = band.stages;
-    const std::int64_t number = 4 * band.step;  // of the step's first stage
-
-    // A stage begins with what the rows before the band hand on.
-    const auto begin_at_edge = [&](int s) {
-        std::fill_n(stages[s].received[0], handed_size(), Real(0));
-        std::fill_n(stages[s].received_2, handed_size(), Real(0));
-    };
-    const auto begin_at_border = [&](int s) {
-        EdgeArguments<Real>& e = stages[s];
-        band.from_near.wait(number + s);
-        const Real* const first = band.source(e.stage, 0);
-        edge_.halo(e, {band.from_near.row(number + s, 1), nullptr, first},
-                   {band.from_near.row(number + s, 0), first, band.source(e.stage, 1)});
-    };
-    // With strips the next step's state is handed over when their halos are filled.
-    const auto hands = [&](int s) { return s < 3 || !strips; };
-    const auto hand_first = [&](int s) {
-        if (band.near && hands(s)) band.hand(band.near->from_near, number + s + 1, 0, 1);
-    };
-    // Some of the last two rows.
-    const auto run_last = [&](int s, int begin, int end) {
-        EdgeArguments<Real>& e = stages[s];
-        if (band.far) {
-            band.from_far.wait(number + s);
-            band.look_beyond_far(number + s);
-            edge_.rows(e, begin, end);
-        }
-        for (int row = begin; row < end && !band.far; ++row)
-            edge_.last_row(e, row, {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
-        if (end < n) return;
-        kernels().edge_finish(e);
-        if (band.far && hands(s)) band.hand(band.far->from_far, number + s + 1, n - 1, n - 2);
-    };
-    const auto run_rows = [&](int s, int begin, int end) {
-        const int end_inner = std::min(end, n - 2);
-        const auto run_to = [&](int row) {
-            if (begin >= row) return;
-            edge_.rows(stages[s], begin, row);
-            begin = row;
-        };
-        if (begin == 0 && band.far) {
-            band.from_far.fetch(number + s);
-            band.far->from_far.claim(number + s + 1);
-        }
-        if (begin == 0 && band.near) begin_at_border(s);
-        if (band.near && begin < rows_to_hand) {
-            run_to(std::min(end, rows_to_hand));
-            if (begin == rows_to_hand) hand_first(s);
-        }
-        if (band.near && end == n) {
-            for (const auto& part : band.parts) {
-                run_to(std::min(part.before_row, end_inner));
-                if (part.to_write) {
-                    band.from_near.look_ahead();
-                    band.near->from_near.claim(number + s + 2, part.which, part.begin, part.end);
-                } else {
-                    band.from_near.fetch(number + s + 1, part.which, part.begin, part.end);
-                }
-            }
-        }
-        run_to(end_inner);
-        if (end > end_inner) run_last(s, std::max(begin, end_inner), end);
-    };
     if (!plan_.spheres.empty() && !this->track_contact_energy) {
         band.place_spheres(t);
-        stages[3].spheres = band.spheres.outlines.data();
-        stages[3].sphere_count = int(band.spheres.outlines.size());
+        band.stages[3].spheres = band.spheres.outlines.data();
+        band.stages[3].sphere_count = int(band.spheres.outlines.size());
     }
     if (!band.near)
-        for (int s = 0; s < 4; ++s) begin_at_edge(s);
+        for (int s = 0; s < 4; ++s) begin_stage(band, s);
     for (int front = 0, done = 0; front < n + 3 * band.lag; front += band.several) {
         for (int row = front + 2; strips && row < std::min(front + 2 + band.several, n - 2); ++row) band.take_border(row);
         for (int s = 0; s < 4; ++s) {
             const int begin = front - s * band.lag, end = std::min(begin + band.several, n);
-            if (begin < n && end > 0) run_rows(s, std::max(begin, 0), end);
+            if (begin < n && end > 0) run_rows(band, s, std::max(begin, 0), end);
         }
         // A row is finished with the next one, the last by itself.
         const int made = std::min(front - 3 * band.lag + band.several, n), finished = made == n ? n : std::max(made - 1, 0);

@@ -50,6 +50,12 @@ private:
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
     // `look`: at the state it leaves, whether that is finite.
     void step_band(Band& band, double t, bool look);
+    // Parts of a step's stage s = 0..3.
+    void begin_stage(Band& band, int s);
+    void run_rows(Band& band, int s, int begin, int end);
+    void run_last_rows(Band& band, int s, int begin, int end);
+    // With strips the next step's state is handed over when their halos are filled.
+    bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
     // A strip's row in its place in `state`, which is laid out like memory.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {
