@@ -9,6 +9,7 @@ from pathlib import Path
 import clothsim as cs
 
 PACKAGE = Path(cs.__file__).parent
+TESTS = Path(__file__).parents[1]
 MODULES = [path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")]
 
 
@@ -54,6 +55,12 @@ def imports():
 
 
 IMPORTS = list(imports())
+
+
+def test_every_room_has_a_folder_of_tests():
+    rooms = {path.parts[0] for path in MODULES if len(path.parts) > 1}
+    tested = {path.parent.relative_to(TESTS).as_posix() for path in TESTS.rglob("test_*.py")}
+    assert {room.replace("viewing", "view") for room in rooms} <= tested
 
 
 def test_no_module_is_imported_inside_a_function():

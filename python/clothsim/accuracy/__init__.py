@@ -1,7 +1,7 @@
 """Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
 from .cache import cache_directory
-from .methods import RTOLS, Method, Outcome, extent
+from .methods import RTOLS, Method, Outcome, extent, step_sizes
 from .order import Convergence, convergence
 from .solution import Reference, reference
 from .work import work_precision
@@ -16,5 +16,6 @@ __all__ = [
     "convergence",
     "extent",
     "reference",
+    "step_sizes",
     "work_precision",
 ]

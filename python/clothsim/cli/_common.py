@@ -88,9 +88,9 @@ def refuse_ignored(args: argparse.Namespace, flag: str, options: Iterable[str]) 
             raise ValueError(f"{option} does not go with {flag}, which would ignore it")
 
 
-def as_text(data: Mapping[str, Any], indent: str = "") -> str:
+def as_text(data: Mapping[str, Any]) -> str:
     """One `name: value` line per entry, the values aligned; mappings inside are indented."""
-    return aligned((), list(_entries(data, indent)), left=(0, 1))
+    return aligned((), list(_entries(data, "")), left=(0, 1))
 
 
 def _entries(data: Mapping[str, Any], indent: str) -> Iterator[tuple[str, str]]:

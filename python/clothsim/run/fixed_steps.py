@@ -50,6 +50,10 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
+OF_STEPS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+"""Names of the options that `step` takes too."""
+
+
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them."""
@@ -64,19 +68,7 @@ class Options:
     start: float = 0.0  # time of the initial state [s]
 
     def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
-        return State(
-            scene,
-            x,
-            v,
-            t=self.start,
-            inspect=inspect,
-            integrator=self.integrator,
-            precision=self.precision,
-            threads=self.threads,
-            kernel=self.kernel,
-            strict=self.strict,
-            backend=self.backend,
-        )
+        return State(scene, x, v, t=self.start, inspect=inspect, **{name: getattr(self, name) for name in OF_STEPS})
 
     def replace(self, **changes: Any) -> Options:
         return Options(**{**self.__dict__, **changes})

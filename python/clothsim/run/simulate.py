@@ -19,7 +19,7 @@ from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
+from .fixed_steps import OF_STEPS, Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
 from .recording import StopRun, Watch, progress_bar
 from .result import Run
@@ -304,8 +304,7 @@ def resume(
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     frames.check_memory(duration, before.dt, run.scene.cloth.rows * run.scene.cloth.columns)
     _check_callback(callback)
-    names = ("integrator", "precision", "threads", "kernel", "strict", "backend")
-    options = Options(**{name: snapshot.arguments[name] for name in names}, sampling=before.sampling, start=before.start)
+    options = Options(**{name: snapshot.arguments[name] for name in OF_STEPS}, sampling=before.sampling, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
     def compute(watch: Watch) -> tuple[Solution, Account]:

@@ -18,16 +18,13 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim.accuracy import RTOLS, Outcome, extent
+from clothsim.accuracy import RTOLS, Outcome, extent, step_sizes
 from clothsim.typing import Precision
 
 from ...base.clocks import Stopwatch
 from ..timing import measure
 from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
 from .numpy_peer import spring_ends, spring_kinds
-
-_SAFETY = 0.95
-_HALVINGS = 7
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,7 @@ class NumbaRK4:
     control: str = "dt"
 
     def settings(self, scene: cs.Scene, duration: float) -> list[float]:
-        largest = min(_SAFETY * cs.max_stable_dt(scene), duration / 4)
-        return [largest / 2**k for k in range(_HALVINGS)]
+        return step_sizes(scene, duration)
 
     def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
         steps = max(1, int(np.ceil(duration / setting - 1e-9)))
