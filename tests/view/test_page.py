@@ -74,6 +74,25 @@ def test_a_page_is_small_quick_silent_and_asks_for_nothing(alone, opened):
     assert min(first) < 1000 * max(1.0, os.getloadavg()[0] / os.cpu_count())
 
 
+def test_the_page_has_the_colours_and_lights_of_pictures(alone, runs, opened):
+    page, run = opened(alone), runs["method 1"]
+    page.ready()
+    seen = {"page": [], "picture": []}
+    # A flat sheet, whose face has one colour, and a sphere; then cloth inside the sphere.
+    for frame in (0, int(run.penetration()["triangles"].argmax())):
+        seek(page, frame)
+        page.tab.wait_for_timeout(100)
+        for name, drawn in (("page", pixels(page)), ("picture", run.picture(frame).pixels)):
+            colours = drawn.reshape(-1, 3).astype(int)
+            red, green, blue = colours.T
+            if frame == 0:
+                ball = colours[(abs(blue - red) < 12) & (blue > 60) & (blue < 240)]
+                seen[name] += [np.median(colours[blue > red + 40], axis=0), *np.quantile(ball, (0.5, 0.9), axis=0)]
+            else:
+                seen[name] += [np.median(colours[red > green + 60], axis=0)]
+    assert np.abs(np.array(seen["page"]) - seen["picture"]).max() <= 6, seen
+
+
 @pytest.mark.slow
 def test_positions_on_the_page_are_those_of_the_run_to_the_stated_precision(alone, runs, opened):
     page, run = opened(alone), runs["method 1"]

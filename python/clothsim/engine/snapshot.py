@@ -16,7 +16,7 @@ from ..model.scene import Scene
 from .build import build_config
 
 SCHEMA = 1
-_OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,7 +174,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
 def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
     """A snapshot of a state that was made with these options."""
     arguments = {
-        **{name: options[name] for name in _OPTIONS},
+        **{name: options[name] for name in OPTIONS},
         "scene": scene,
         "track_contact_energy": track,
         "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],

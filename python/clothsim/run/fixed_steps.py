@@ -14,7 +14,7 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..engine.bound import guaranteed_dt
-from ..engine.snapshot import Snapshot
+from ..engine.snapshot import OPTIONS, Snapshot
 from ..engine.state import State
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
@@ -50,10 +50,6 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
-OF_STEPS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
-"""Names of the options that `step` takes too."""
-
-
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them."""
@@ -68,7 +64,7 @@ class Options:
     start: float = 0.0  # time of the initial state [s]
 
     def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
-        return State(scene, x, v, t=self.start, inspect=inspect, **{name: getattr(self, name) for name in OF_STEPS})
+        return State(scene, x, v, t=self.start, inspect=inspect, **{name: getattr(self, name) for name in OPTIONS})
 
     def replace(self, **changes: Any) -> Options:
         return Options(**{**self.__dict__, **changes})

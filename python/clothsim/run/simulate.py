@@ -13,13 +13,13 @@ from ..base import check
 from ..base.keywords import suggests
 from ..engine.integration import integrator_name, warn_of_order
 from ..engine.plan import BACKENDS, check_backend, check_options
-from ..engine.snapshot import take
+from ..engine.snapshot import OPTIONS, take
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import OF_STEPS, Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
+from .fixed_steps import Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
 from .recording import StopRun, Watch, progress_bar
 from .result import Run
@@ -304,7 +304,7 @@ def resume(
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     frames.check_memory(duration, before.dt, run.scene.cloth.rows * run.scene.cloth.columns)
     _check_callback(callback)
-    options = Options(**{name: snapshot.arguments[name] for name in OF_STEPS}, sampling=before.sampling, start=before.start)
+    options = Options(**{name: snapshot.arguments[name] for name in OPTIONS}, sampling=before.sampling, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
     def compute(watch: Watch) -> tuple[Solution, Account]:

@@ -22,6 +22,7 @@ from ..base import check
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..run.result import Run
+from . import raster
 from .camera import DIRECTIONS, Camera, camera_for
 from .curves import PARTS, curves
 from .notebook import Frame
@@ -36,6 +37,18 @@ POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are mis
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 VIEWS = ("corner", "front", "right", "top")
+LOOK = {
+    "front": raster.CLOTH_FRONT.tolist(),
+    "back": raster.CLOTH_BACK.tolist(),
+    "sphere": raster.SPHERE.tolist(),
+    "pin": raster.PIN.tolist(),
+    "red": raster.PENETRATION.tolist(),
+    "leastRed": raster.LEAST_RED,
+    "fullRedDepth": raster.FULL_RED_DEPTH,
+    "key": raster.KEY.tolist(),
+    "light": raster.LIGHT,
+}
+"""Colours and lights of pictures, which the page draws with."""
 
 
 class Comparison:
@@ -180,7 +193,7 @@ def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None
         f'<div id="curves"></div>\n<p class="small">{escape(_small_print(meta))}</p>\n'
         f"{data}"
         f'<script type="application/json" id="meta">{_json(meta)}</script>\n'
-        f"<script>\n{_file('draw.js')}\n{_file('page.js')}</script>\n</body>\n</html>\n"
+        f"<script>\nconst LOOK = {_json(LOOK)};\n{_file('draw.js')}\n{_file('page.js')}</script>\n</body>\n</html>\n"
     )
 
 

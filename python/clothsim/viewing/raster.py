@@ -27,6 +27,9 @@ SPHERE = np.array([0.80, 0.81, 0.83])
 PIN = np.array([0.15, 0.15, 0.15])
 PENETRATION = np.array([0.86, 0.08, 0.10])
 FULL_RED_DEPTH = 0.010  # m; cloth this deep under the sphere's surface is painted fully red
+LEAST_RED = 0.35  # part of red at no depth, so that any penetration is seen
+KEY = np.array([0.3, 1.0, 0.25])  # direction to the light
+LIGHT = (0.46, 0.10, 0.32, 0.28)  # ambient, from above, from `KEY`, from the eye
 GRID_LINE = 0.05  # half width of a drawn grid line, in cells
 CHUNK = 1 << 19  # pairs of triangle and pixel that are held at a time: some 60 MB
 
@@ -180,14 +183,15 @@ def _cloth_color(positions: Floats, corners: Integers, weights: Floats, towards_
 def _shade(color: Floats, normals: Floats, towards_eye: Floats) -> Floats:
     """Two lights and an ambient term that is brighter from above; normals face the eye."""
     normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
-    key = np.array([0.3, 1.0, 0.25]) / np.linalg.norm([0.3, 1.0, 0.25])
-    light = 0.46 + 0.10 * normals[..., 1] + 0.32 * np.maximum(normals @ key, 0) + 0.28 * np.maximum(normals @ towards_eye, 0)
+    ambient, above, key, eye = LIGHT
+    light = ambient + above * normals[..., 1] + eye * np.maximum(normals @ towards_eye, 0)
+    light += key * np.maximum(normals @ (KEY / np.linalg.norm(KEY)), 0)
     shaded: Floats = color * light[..., None]
     return shaded
 
 
 def _redden(color: Floats, under: Floats) -> Floats:
-    amount: Floats = np.where(np.greater(under, 0), 0.35 + 0.65 * np.minimum(under / FULL_RED_DEPTH, 1), 0)
+    amount: Floats = np.where(np.greater(under, 0), LEAST_RED + (1 - LEAST_RED) * np.minimum(under / FULL_RED_DEPTH, 1), 0)
     amount = amount[:, None]
     red: Floats = color * (1 - amount) + PENETRATION * amount
     return red

@@ -12,9 +12,10 @@ from ..model.mesh import triangles
 from .camera import camera_for
 from .picture import PIN_SIZE
 from .playground import Playground
+from .raster import CLOTH_BACK, CLOTH_FRONT, PIN, SPHERE
 
 MOST_GIZMOS = 16  # pins that can be dragged; more would hide the cloth
-BLUE, SAND, GREY, DARK = (69, 120, 184), (222, 186, 115), (205, 207, 212), (38, 38, 38)
+BLUE, SAND, GREY, DARK = ((255 * color).round().astype(int).tolist() for color in (CLOTH_FRONT, CLOTH_BACK, SPHERE, PIN))
 
 
 class Stage:
