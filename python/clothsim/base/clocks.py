@@ -1,9 +1,10 @@
-"""A stopwatch, and the order in which works take turns."""
+"""A stopwatch, the time of a step, and the order in which works take turns."""
 
 from __future__ import annotations
 
+import math
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from time import perf_counter
 
 
@@ -18,6 +19,24 @@ class Stopwatch:
 
     def __exit__(self, *error: object) -> None:
         self.seconds = perf_counter() - self._start
+
+
+def seconds_per_step(advance: Callable[[int], object], window: float, rounds: int, most: int) -> float:
+    """The least seconds per step in some rounds.
+
+    Each round calls `advance` with the number of steps that take about `window` seconds, from 8 to `most`. Steps that fail
+    end the timing; 0 if no round succeeds.
+    """
+    best, steps = math.inf, 8
+    for _ in range(rounds):
+        try:
+            with Stopwatch() as watch:
+                advance(steps)
+        except ArithmeticError:  # a run with these steps tells of it
+            break
+        best = min(best, watch.seconds / steps)
+        steps = min(max(8, int(min(window / best, most))), most)
+    return best if math.isfinite(best) else 0.0
 
 
 def turns(count: int, rounds: int) -> Iterator[int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from math import isfinite
 from typing import Any, cast
@@ -12,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..base import check
+from ..base.clocks import seconds_per_step
 from ..base.later import later
 from ..errors import ContactError, ContactWarning, LongRunWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from ..model.as_core import core_cloth
@@ -266,16 +266,7 @@ class State:
         self.store(x, v)
         copy = State(self.scenes if self.batched else self.scenes[0], x, v, **self._options)
         copy.warned = copy.warned_of_growth = copy.announced = True
-        each, steps = 0.0, 8
-        try:
-            for _ in range(_TIMINGS):
-                start = time.perf_counter()
-                copy.advance(steps, dt)
-                each = (time.perf_counter() - start) / steps
-                steps = min(max(8, int(_SECONDS_TIMED / each)), _MOST_STEPS_TIMED)
-        except ArithmeticError:  # the run itself tells of it
-            pass
-        return each
+        return seconds_per_step(lambda steps: copy.advance(steps, dt), _SECONDS_TIMED, _TIMINGS, _MOST_STEPS_TIMED)
 
     def _warn(self, dt: float) -> None:
         if self.warned or dt <= self._least_stable_dt:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..accuracy.in_double import steps_in_double
+from ..base.clocks import seconds_per_step
 from ..engine.stepper import SilentStepper
 from ..stability.limit import max_stable_dt
 from .grid import Grid
@@ -22,6 +22,7 @@ SHORTEST_HERE = 0.05  # s, on threads of this process, to which it costs nothing
 LONGEST = 1.0  # s, unless `sweep` is told otherwise: results are written as tasks end
 _TASKS_LEFT = 2  # a worker, of the size of the next: tasks get shorter, so that all end together
 _STEPS_TIMED = 16
+_UNKNOWN_COST = 2e-8  # s of a step of a mass point, where no step could be timed
 _STEP_OF_REFERENCE = 3.0  # of dop853, over a step of RK4
 _STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
 
@@ -92,17 +93,13 @@ class Planner:
         try:
             member = self.members.make(index)
         except (ValueError, TypeError):
-            return 2e-8
+            return _UNKNOWN_COST
         if member.controlled:
             member = replace(member, dt=member.duration, integrator="rk4")
         stepper = SilentStepper(member.scene, threads=1, **member.numerics)
         dt = min(member.dt, member.max_stable_dt / 4)
-        best = math.inf
-        for _ in range(3):
-            start = time.perf_counter()
-            stepper.advance(_STEPS_TIMED, dt)
-            best = min(best, time.perf_counter() - start)
-        return best / (_STEPS_TIMED * math.prod(member.scene.cloth.shape))
+        seconds = seconds_per_step(lambda steps: stepper.advance(steps, dt), math.inf, 3, _STEPS_TIMED)
+        return seconds / math.prod(member.scene.cloth.shape) or _UNKNOWN_COST
 
     def learn(self, result: TaskResult) -> None:
         """Take into account how long a task took."""

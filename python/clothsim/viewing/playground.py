@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
+from ..base.clocks import seconds_per_step
 from ..engine.stepper import Stepper
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy, penetration
@@ -92,15 +93,8 @@ class Playground:
 
     def _measured_cost(self) -> float:
         """Wall time of a step [s]: the least of a few short windows on a separate stepper."""
-        stepper, dt = Stepper(self.start, **self.options), 1e-9
-        best, steps = math.inf, 4
-        for _ in range(8):
-            begun = perf_counter()
-            stepper.advance(steps, dt)
-            passed = perf_counter() - begun
-            best = min(best, passed / steps)
-            steps = max(4, min(1000, int(2e-3 / best)))
-        return best
+        stepper = Stepper(self.start, **self.options)
+        return seconds_per_step(lambda steps: stepper.advance(steps, 1e-9), 2e-3, 8, 1000) or 1.0
 
     def _affordable_dt(self) -> float:
         ceiling = 0.5 * self.limit
