@@ -11,6 +11,7 @@ from typing import Any
 
 import clothsim as cs
 from clothsim.sweeps import METRICS, fields
+from clothsim.sweeps.metrics import DEFAULT_METRICS
 
 from ..base.extras import check_installed, needed
 from ..base.plain_json import as_json
@@ -39,7 +40,7 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes()))
     command.add_argument(
         "--metric",
-        default=",".join(("stable", "energy_drift", "largest_stretch")),
+        default=",".join(DEFAULT_METRICS),
         metavar="NAMES",
         help=f"with commas between, of: {', '.join(METRICS)} (default: %(default)s)",
     )

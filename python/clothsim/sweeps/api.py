@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -10,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
-from .metrics import listing
+from .metrics import DEFAULT_METRICS, listing
 from .session import run_sweep
 
 if TYPE_CHECKING:
     import xarray
-
-DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 
 
 @suggests
@@ -134,6 +133,7 @@ def sweep(
     return run_sweep(
         scene,
         over,
+        defaults={name: one.default for name, one in inspect.signature(sweep).parameters.items()},
         duration=duration,
         metrics=metrics,
         dt=dt,

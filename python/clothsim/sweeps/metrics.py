@@ -105,6 +105,7 @@ _ALL = (
     ),
 )
 
+DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message", "position", "velocity")
 """Variables of every sweep, beside its metrics."""
 

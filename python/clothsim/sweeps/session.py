@@ -19,6 +19,7 @@ from ..model.scene import Scene
 from ..run.frames import checked_every
 from .bar import Bar
 from .dataset import open_sweep, to_dataset
+from .fields import RUN
 from .grid import Grid, make_grid
 from .member import Members, Settings
 from .metrics import choose_metrics, describe
@@ -28,18 +29,6 @@ from .results import Results
 from .store import SCHEMA, Store
 from .task import TaskResult
 from .workers import Workers, run_all
-
-# Arguments of `sweep` that values of `over` replace, with their defaults.
-_DEFAULTS: dict[str, Any] = {
-    "duration": 1.0,
-    "dt": None,
-    "integrator": None,
-    "precision": "double",
-    "rtol": None,
-    "atol": None,
-    "kernel": "auto",
-    "strict": False,
-}
 
 if TYPE_CHECKING:
     import xarray
@@ -51,6 +40,7 @@ def run_sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None,
     *,
+    defaults: Mapping[str, Any],
     store: str | os.PathLike[str] | None,
     resume: bool,
     executor: Any,
@@ -59,14 +49,14 @@ def run_sweep(
     task_seconds: float | None,
     **settings_given: Any,
 ) -> xarray.Dataset:
-    """Run a sweep with the arguments of `sweep`; `settings_given` are fields of `Settings`."""
+    """Run a sweep with the arguments of `sweep`; `settings_given` are fields of `Settings`, `defaults` those of `sweep`."""
     _check_packages(store, progress)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     grid = make_grid(over)
     settings = _checked_settings(**settings_given)
     _check_frames(grid, settings)
-    _check_twice(grid, settings)
+    _check_twice(grid, settings, defaults)
     members = _checked_members(scene, grid, settings)
     if task_seconds is not None:
         task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
@@ -161,11 +151,11 @@ def _run(
             results.close()
 
 
-def _check_twice(grid: Grid, settings: Settings) -> None:
+def _check_twice(grid: Grid, settings: Settings, defaults: Mapping[str, Any]) -> None:
     """Refuse an argument that the values of the sweep would replace."""
     for axis in grid.axes:
         for name in axis.names:
-            if name in _DEFAULTS and (given := getattr(settings, name)) != _DEFAULTS[name]:
+            if name in RUN and (given := getattr(settings, name)) != defaults[name]:
                 raise ValueError(
                     f"{name} must be left out where over has it, got {name} = {given!r} beside its swept values"
                 )
