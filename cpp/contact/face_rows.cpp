@@ -181,11 +181,16 @@ void FaceWork::follow_feet() {
         if (foot.point.norm() > shells_[at(s)].near) continue;
         ContactRow row = rows_[k];
         const std::array<double, 3> last = weights_of(foot, row.corner);
-        std::array<double, 3> middle;
-        for (std::size_t i = 0; i < 3; ++i) middle[i] = (row.weight[i] + last[i]) / 2;
-        set_foot(row, middle);
+        const std::array<double, 3> first_share = row.share;
+        set_foot(row, last);
         if (row.mobility <= 0) continue;
-        row.normal = outward_normal(row.normal + outward_normal(foot.point));
+        row.mobility = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            row.share[i] = (first_share[i] + row.share[i]) / 2;
+            row.mobility += row.weight[i] * row.share[i];
+        }
+        row.inertia = 1 / row.mobility;
+        row.normal = outward_normal(foot.point);
         const Vec3 wall = vec((*spheres_)[at(s)].velocity);
         row.speed.target = wall + (row.speed.target - wall).dot(rows_[k].normal) * row.normal;
         rows_[k] = row;
