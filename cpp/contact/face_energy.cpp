@@ -43,7 +43,12 @@ double FaceWork::energy_lacking() const {
         const double along = row.speed.impulse.dot(row.normal);
         const Vec3 across = row.speed.impulse - along * row.normal;
         lacks += row.speed.impulse.dot(wall) - (1 - s.restitution) / 2 * along * origins_[k].arrival;
-        lacks += across.dot((row.at(v) + row.at(free_v_)) / 2 - wall);
+        // Friction works on the mean of the velocities before and after it. What rests feels it throughout the step, else it acts at
+        // the time of impact, at which the free step has gone on for so long.
+        const Origin& origin = origins_[k];
+        const Vec3 began = row.at(v0), ends = row.at(v), flies = row.at(free_v_);
+        const Vec3 mean = origin.rests ? Vec3((began + ends) / 2) : Vec3(began + origin.time * (flies - began) + (ends - flies) / 2);
+        lacks += across.dot(mean - wall);
     }
     return lacks;
 }
@@ -54,7 +59,8 @@ bool FaceWork::bounced() const {
     });
 }
 
-// The normal impulses of what bounced are made as much larger or smaller as the energy asks for. False: they cannot be.
+// The impulses that turned arrivals into bounces are made as much larger or smaller as the energy asks for: none at most, or twice.
+// What rests gets none of that energy. False: something that flies cannot get so far.
 bool FaceWork::restore_speeds() {
     if (!bounced()) return true;
     note_changed();
@@ -65,7 +71,7 @@ bool FaceWork::restore_speeds() {
         const ContactRow& row = rows_[k];
         const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];
         if (s.restitution * origins_[k].arrival <= 0) continue;
-        const double along = row.speed.impulse.dot(row.normal);
+        const double along = std::min(row.speed.impulse.dot(row.normal), (1 + s.restitution) * origins_[k].arrival * row.inertia);
         first += along * row.normal.dot(row.at(v) - vec(s.velocity));
         row.push(change, along * row.normal);
     }
@@ -74,15 +80,21 @@ bool FaceWork::restore_speeds() {
     if (!(second > 0) || !(first > 0)) return true;
     const double lacks = energy_lacking();
     const double root2 = first * first + 2 * second * lacks;
-    const double part = root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second;
+    const double part = std::clamp(root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second, -1.0, 1.0);
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) v[i] += part * change[i];
-    return root2 >= 0;
+    const bool flies = std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
+    return root2 >= 0 || !flies;
 }
 
 // What bounced does not get so far: it is held at the surface.
 void FaceWork::ground() {
     grounded_ = true;
+    for (std::size_t k = 0; k < begun_.size(); ++k) {  // without what follow_feet changed
+        begun_[k].place.impulse = rows_[k].place.impulse;
+        begun_[k].speed.impulse = rows_[k].speed.impulse;
+    }
+    rows_ = begun_;
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         ContactRow& row = rows_[k];
         Origin& origin = origins_[k];

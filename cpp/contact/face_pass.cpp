@@ -202,7 +202,6 @@ bool FaceWork::push_out(int sphere, const Triangle& t) {
         pushed_[c] += part[i] * lift;
         x[c] += part[i] * lift * n;
         v[c] -= part[i] * inwards * n;
-        changed[c] = 1;
     }
     return true;
 }
@@ -218,9 +217,7 @@ void FaceWork::push_out_all() {
 }
 
 void FaceWork::note_changed() {
-    for (const ContactRow& row : rows_)
-        for (std::size_t i = 0; i < 3; ++i)
-            if (row.share[i] != 0) changed[at(row.corner[i])] = 1;
+    for (std::size_t i = 0; i < x.size(); ++i) changed[i] = x[i] != free_x_[i] || v[i] != free_v_[i];
 }
 
 // Rows for what the ways reach, until they reach nothing. A bounce asks for the speed of arrival, so that velocities are
@@ -253,7 +250,6 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
     origins_.clear();
     for (const auto& [sphere, triangle] : starts_inside_) inside_[at(sphere)][triangle.number] = 0;
     starts_inside_.clear();
-    std::fill(changed.begin(), changed.end(), std::uint8_t(0));
     shells_.clear();
     for (const SweptSphere& s : spheres) {
         const double margin = face_margin * s.radius + 4 * s.slop;
@@ -270,11 +266,11 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
         restore_speeds();
     }
     if (!clear) project(all_sweeps);
-    note_changed();
     if (!starts_inside_.empty()) push_out_all();
     int stuck = left_over();
     if (stuck >= 0 && search()) stuck = -1;
     if (stuck >= 0) report_.note_shut_in(stuck);
+    note_changed();
     remember(spheres[0].dt);
     return report_;
 }

@@ -168,10 +168,12 @@ void FaceWork::set_foot(ContactRow& row, const std::array<double, 3>& weight) co
     row.inertia = 1 / row.mobility;
 }
 
-// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its velocity answers at the
-// mean of both, as that of an implicit midpoint: at the first place alone the rocking would grow, as by Euler's explicit method, and
-// at the last it would be damped. A triangle touches a sphere at one place only, so that what else the rounds found asks for nothing.
+// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its velocity is judged where
+// the step ends, so that the next step begins without an arrival. The impulse acts on the mean of both places: on the first alone
+// the rocking would grow, as by Euler's explicit method, and on the last it would be damped. A triangle touches a sphere at one
+// place only, so that what else the rounds found asks for nothing.
 void FaceWork::follow_feet() {
+    if (bounced()) begun_ = rows_;
     for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         Origin& origin = origins_[k];
@@ -234,7 +236,7 @@ bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, c
     std::uint32_t& seen = seen_[number];
     if (seen == look_) return false;
     seen = look_;
-    Origin origin{sphere, number, piece, round, time == 0};
+    Origin origin{sphere, number, piece, round, time, time == 0};
     row.place.target = vec(s.end) + level * normal;
     row.speed.target = vec(s.velocity);
     aim(row, origin, level - after, time, round);

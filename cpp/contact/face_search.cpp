@@ -98,7 +98,6 @@ bool FaceWork::search() {
             x = start;
             v = speeds;
             const bool found = project(sweeps);
-            std::fill(changed.begin(), changed.end(), std::uint8_t(1));
             if (found && left_over() < 0) return true;
         }
     return false;

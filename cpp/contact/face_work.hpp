@@ -52,6 +52,7 @@ private:
         std::size_t feature;
         std::size_t piece;   // the triangle's number, or the point's
         int round;
+        double time;         // of the touch, as part of the step
         bool rests;          // in contact when the step begins
         double arrival = 0;  // normal speed with which it comes to the surface [m/s]
         double height = 0;   // above the surface that it reaches by the end of the step [m]
@@ -114,6 +115,7 @@ private:
     std::vector<Vec3> scratch_;            // of points
     std::vector<Vec3> free_x_, free_v_;    // where the free step ended
     std::vector<ContactRow> rows_;
+    std::vector<ContactRow> begun_;        // as they were before velocities answered where the step ends, where something bounced
     std::vector<Origin> origins_;
     std::vector<Vec3> looked_x_;                         // x as it was when a point's triangles were looked at
     std::vector<std::uint8_t> moved_;                    // points that have left it

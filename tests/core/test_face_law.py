@@ -7,6 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.lab.contact import draped, face_drop, impact, lying, stick
+from clothsim.lab.contact.physics import on_sphere
 from contact_fuzz import shots, squeezes
 from contact_fuzz.search import finds_place
 from contact_fuzz.shots import _passed
@@ -65,6 +66,11 @@ def test_no_shot_passes():
     assert result["hits"] > 20 and result["passed"] == 0
 
 
+def test_what_a_search_moves_reaches_the_state():
+    """The search for a place drops the contacts of its earlier rounds, but not where they moved points."""
+    assert shots(6, seed=204)["passed"] == 0
+
+
 def test_the_independent_search_finds_a_place_only_where_there_is_one(closing):
     """The spheres leave a gap until 0.025 s and overlap after it."""
     scene = closing((3, 3))
@@ -105,3 +111,14 @@ def test_a_sheet_stays_above_the_tangent_of_the_slope():
 def test_a_draped_sheet_comes_to_rest():
     found = draped(points=10, dt=1e-4, duration=3.0)
     assert found["depth"] == 0 and found["speed"] < 1e-6
+
+
+@pytest.mark.parametrize("restitution", [0.01, 0.5])
+def test_a_cell_that_bounces_comes_to_rest_too(restitution):
+    """The energy that a bounce restores is that of what arrives, not of what rests."""
+    cloth = cs.Cloth((2, 2), (0.12, 0.12), 2.4e-3, 1766.0, 0.012, "point", pins=())
+    sphere = cs.Sphere((0, -0.31, 0), 0.31, None, "continuous", "face", restitution, 5.0)
+    x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1)
+    stepper.advance(15_000, 1e-4)
+    assert np.abs(stepper.velocities).max() < 1e-4

@@ -40,7 +40,7 @@ def rocking(dt, duration, precision="double", turn=0.2):
 
 
 @pytest.mark.parametrize(
-    ("dt", "precision", "bound"), [(1e-3, "double", 2e-3), (1e-4, "double", 2e-4), (1e-4, "single", 2e-4)]
+    ("dt", "precision", "bound"), [(1e-3, "double", 1e-5), (1e-4, "double", 1e-6), (1e-4, "single", 1e-4)]
 )
 def test_its_energy_neither_grows_nor_falls(dt, precision, bound):
     """The explicit place of contact drives it: 0.1 in 2 s at 1e-4 s. Where the step ends, the place takes as much."""
