@@ -13,14 +13,15 @@ from pathlib import Path
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from contact_fuzz import crossings, shots, squeezes, triangle_cases
+from contact_fuzz import crossings, rests, shots, squeezes, triangle_cases
 
-# Function, and how many points times steps, triangles, shots or squeezes in short and in full.
+# Function, and how many points times steps, triangles, shots, squeezes or sheets in short and in full.
 FUZZERS = {
     "crossings": (crossings, 10**6, 10**8),
     "triangles": (triangle_cases, 2 * 10**4, 10**6),
     "shots": (shots, 300, 100_000),
     "squeezes": (squeezes, 60, 10_000),
+    "rests": (rests, 10, 200),
 }
 
 
@@ -28,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="contact_fuzz", description=__doc__.splitlines()[0])
     parser.add_argument("fuzzer", choices=FUZZERS)
     parser.add_argument(
-        "--count", type=int, help="points times steps, triangles, shots or squeezes (default: seconds of work)"
+        "--count", type=int, help="points times steps, triangles, shots, squeezes or sheets (default: seconds of work)"
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--full", action="store_true", help="the count that is claimed; many minutes")

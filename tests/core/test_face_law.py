@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from clothsim.lab.contact import draped, face_drop, impact, lying, stick
 from clothsim.lab.contact.physics import on_sphere
-from contact_fuzz import shots, squeezes
+from contact_fuzz import rests, shots, squeezes
 from contact_fuzz.search import finds_place
 from contact_fuzz.shots import _passed
 
@@ -111,6 +111,11 @@ def test_a_sheet_stays_above_the_tangent_of_the_slope():
 def test_a_draped_sheet_comes_to_rest():
     found = draped(points=10, dt=1e-4, duration=3.0)
     assert found["depth"] == 0 and found["speed"] < 1e-6
+
+
+def test_random_sheets_come_to_rest():
+    found = rests(2, seed=5)
+    assert found["quiet"] == 2 and found["depth"] == 0
 
 
 @pytest.mark.parametrize("restitution", [0.01, 0.5])
