@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import math
 import pickle
+import tempfile
 import warnings
 from collections import defaultdict
 from dataclasses import dataclass
@@ -177,7 +178,7 @@ def main() -> None:
     parser.add_argument("--no-cost", action="store_true", help="leave the search out")
     parser.add_argument("--bad", action="store_true", help="list the runs that miss a figure")
     parser.add_argument("--again", action="store_true", help="print the table of the last runs, which --folder keeps")
-    parser.add_argument("--folder", type=Path, default=Path("/tmp/clothsim-error-control"))
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control")
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
     if chosen.again:
