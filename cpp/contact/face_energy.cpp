@@ -47,7 +47,7 @@ double FaceWork::energy_lacking() const {
         // the time of impact, at which the free step has gone on for so long.
         const Origin& origin = origins_[k];
         const Vec3 began = row.at(v0), ends = row.at(v), flies = row.at(free_v_);
-        const Vec3 mean = origin.rests ? Vec3((began + ends) / 2) : Vec3(began + origin.time * (flies - began) + (ends - flies) / 2);
+        const Vec3 mean = origin.rests() ? Vec3((began + ends) / 2) : Vec3(began + origin.time * (flies - began) + (ends - flies) / 2);
         lacks += across.dot(mean - wall);
     }
     return lacks;
@@ -57,6 +57,11 @@ bool FaceWork::bounced() const {
     return std::any_of(origins_.begin(), origins_.end(), [this](const Origin& origin) {
         return origin.arrival > 0 && (*spheres_)[at(origin.sphere)].restitution > 0;
     });
+}
+
+// Whether something is off the surface again when the step ends.
+bool FaceWork::flies() const {
+    return std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
 }
 
 // The impulses that turned arrivals into bounces are made as much larger or smaller as the energy asks for: none at most, or twice.
@@ -83,8 +88,7 @@ bool FaceWork::restore_speeds() {
     const double part = std::clamp(root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second, -1.0, 1.0);
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) v[i] += part * change[i];
-    const bool flies = std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
-    return root2 >= 0 || !flies;
+    return root2 >= 0 || !flies();
 }
 
 // What bounced does not get so far: it is held at the surface.

@@ -115,12 +115,12 @@ void FaceWork::solve(std::size_t first, ContactSide side) {
         lacks = std::max(lacks, rows_[k].normal.dot((rows_[k].*side).target - is));
     }
     constexpr double rounding = 0x1p-51;
-    const bool flies = std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
-    const Effort& effort = flies ? bouncing : resting;
+    const bool flying = flies();
+    const Effort& effort = flying ? bouncing : resting;
     double tolerance = effort.part * lacks + rounding * largest;
     // In later rounds, places need no more than the margin.
     const double quiet = places ? std::max(tolerance, (shells_[0].middle - shells_[0].inside) / 16) : tolerance;
-    if (first > 0 && !flies) tolerance = quiet;
+    if (first > 0 && !flying) tolerance = quiet;
     const int most = std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
     solve_side(first, places ? x : v, side, tolerance, quiet, most);
 }

@@ -177,7 +177,7 @@ void FaceWork::follow_feet() {
     for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         Origin& origin = origins_[k];
-        if (!origin.rests || origin.height > 0) continue;
+        if (!origin.rests() || origin.height > 0) continue;
         const int s = origin.sphere;
         const Foot foot = nearest_to_origin(Frame::corners(frames_[at(s)].end, rows_[k].corner));
         if (foot.point.norm() > shells_[at(s)].near) continue;
@@ -201,7 +201,7 @@ void FaceWork::follow_feet() {
     }
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const Origin& origin = origins_[k];
-        if (origin.rests || origin.round == 0 || origin.height > 0 || !followed_[at(origin.sphere)][origin.piece]) continue;
+        if (origin.rests() || origin.round == 0 || origin.height > 0 || !followed_[at(origin.sphere)][origin.piece]) continue;
         rows_[k].speed.target = vec((*spheres_)[at(origin.sphere)].velocity) - nothing * rows_[k].normal;
         rows_[k].speed.impulse.setZero();
     }
@@ -236,7 +236,7 @@ bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, c
     std::uint32_t& seen = seen_[number];
     if (seen == look_) return false;
     seen = look_;
-    Origin origin{sphere, number, piece, round, time, time == 0};
+    Origin origin{sphere, number, piece, round, time};
     row.place.target = vec(s.end) + level * normal;
     row.speed.target = vec(s.velocity);
     aim(row, origin, level - after, time, round);

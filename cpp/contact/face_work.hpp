@@ -53,9 +53,10 @@ private:
         std::size_t piece;   // the triangle's number, or the point's
         int round;
         double time;         // of the touch, as part of the step
-        bool rests;          // in contact when the step begins
         double arrival = 0;  // normal speed with which it comes to the surface [m/s]
         double height = 0;   // above the surface that it reaches by the end of the step [m]
+
+        bool rests() const { return time == 0; }  // in contact when the step begins
     };
 
     // How a projection works: rounds of new rows, and sweeps over the rows of each.
@@ -97,6 +98,7 @@ private:
     bool follow_ways(int first_round);
     bool restore_speeds();
     bool bounced() const;
+    bool flies() const;
     double energy_lacking() const;
     double elastic_change() const;
     void push_out_all();

@@ -8,17 +8,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.cli import main
-
-
-def run(capsys, *arguments):
-    """Exit code, stdout and stderr of one command."""
-    try:
-        code = main([str(argument) for argument in arguments])
-    except SystemExit as stop:
-        code = stop.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
+from commands import run
 
 
 @pytest.mark.parametrize("command", [[], ["info"], ["run"], ["reproduce"]])

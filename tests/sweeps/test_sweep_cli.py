@@ -10,20 +10,11 @@ import pytest
 from clothsim.cli import main
 from clothsim.cli.sweep import parse_values
 from clothsim.sweeps import sweep_plots as plots
+from commands import run
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 plt = pytest.importorskip("matplotlib.pyplot")
-
-
-def run(capsys, *arguments):
-    """Exit code, stdout and stderr of one command."""
-    try:
-        code = main([str(argument) for argument in arguments])
-    except SystemExit as stop:
-        code = stop.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @pytest.fixture
