@@ -5,7 +5,7 @@ import clothsim as cs
 for response in ("reflect", "ray"):
     scene = cs.scenes.paper_moving(response=response)
     # The paper's words exactly: reflect the absolute velocity, whether the point approaches or leaves.
-    scene = scene.replace(spheres=[sphere.replace(literal=True) for sphere in scene.spheres])
+    scene = scene.replace(spheres=[sphere.replace(as_printed=True) for sphere in scene.spheres])
     run = cs.simulate(scene, 2.0, dt=5e-4)
     depth = run.report["penetration"]
     first = run.report["first_contact"]["time"]

@@ -10,14 +10,19 @@ from pathlib import Path
 CORE = Path(__file__).parent.parent / "cpp"
 # Each folder may include the folders of its own entry and itself.
 BELOW = {"model": set[str]()}
-BELOW["kernels"] = {"model"}
-BELOW["engines"] = {"kernels"} | BELOW["kernels"]
-BELOW["measure"] = {"engines"} | BELOW["engines"]
-BELOW["contact"] = {"measure"} | BELOW["measure"]
-BELOW["integrators"] = {"contact"} | BELOW["contact"]
-BELOW["driver"] = {"integrators"} | BELOW["integrators"]
-BELOW["reference"] = {"model"}  # shares no code with what it judges
-BELOW["bindings"] = {"driver", "reference"} | BELOW["driver"]
+for room, *others in (
+    ("kernels", "model", "machine"),  # the limit loops are compiled per instruction set
+    ("machine", "kernels"),
+    ("memory", "kernels", "model"),
+    ("measure", "memory", "kernels", "model"),
+    ("contact", "measure", "memory", "kernels", "model"),
+    ("integrators", "memory", "kernels", "model"),
+    ("engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
+    ("driver", "engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
+    ("reference", "model"),  # shares no code with what it judges
+):
+    BELOW[room] = set(others)
+BELOW["bindings"] = set(BELOW)
 
 
 def upward(core: Path) -> list[str]:

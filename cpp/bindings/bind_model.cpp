@@ -6,11 +6,11 @@
 #include "bindings/bindings.hpp"
 #include "contact/offset.hpp"
 #include "contact/triangle.hpp"
-#include "engines/plan.hpp"
-#include "integrators/engine.hpp"
+#include "engines/engine.hpp"
 #include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"
 #include "measure/mode_bounds.hpp"
+#include "memory/plan.hpp"
 #include "model/thread_grid.hpp"
 #include "reference/extrapolation.hpp"
 #include "reference/reference.hpp"
@@ -20,9 +20,9 @@ namespace {
 
 using FamilyValues = std::map<std::string, double>;
 
-Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacing, const FamilyValues& stiffness,
-                 const FamilyValues& spring_damping, double point_damping, const Array<double>& mass,
-                 bool uniform_mass, const Array<bool>& pinned) {
+Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacing,
+                 const FamilyValues& stiffness, const FamilyValues& spring_damping, double point_damping,
+                 const Array<double>& mass, bool uniform_mass, const Array<bool>& pinned) {
     Cloth cloth;
     cloth.rows = rows;
     cloth.columns = columns;
@@ -72,7 +72,7 @@ Motion keyframes(std::vector<double> times, std::vector<Vec3> centers) {
 }
 
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
-                   bool literal, double restitution, double friction, const Motion& motion, bool faces,
+                   bool as_printed, double restitution, double friction, const Motion& motion, bool faces,
                    double push_out_speed) {
     Sphere s;
     s.center = center;
@@ -83,15 +83,16 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
     s.response = Response(name - response_names.begin());
     s.faces = faces;
     s.push_out_speed = push_out_speed;
-    s.literal = literal;
+    s.as_printed = as_printed;
     s.restitution = restitution;
     s.friction = friction;
     s.motion = motion;
     return s;
 }
 
-Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres, const std::string& precision,
-               const std::string& kernel, bool strict, const std::string& instruction_set, const std::string& integrator) {
+Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
+               const std::string& precision, const std::string& kernel, bool strict,
+               const std::string& instruction_set, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
@@ -111,13 +112,16 @@ Array<double> sphere_states(const Plan& plan, const std::vector<double>& times) 
     double* next = states.mutable_data();
     for (const double t : times)
         for (const Sphere& sphere : plan.spheres)
-            for (const Vec3& part : {sphere.center_at(t), sphere.velocity_at(t)}) next = std::copy_n(part.data(), 3, next);
+            for (const Vec3& part : {sphere.center_at(t), sphere.velocity_at(t)})
+                next = std::copy_n(part.data(), 3, next);
     return states;
 }
 
 // Vectors times a number, added to a vector, in a step of an explicit method.
 std::ptrdiff_t updates(const ExplicitMethod& method) {
-    const auto terms = [](const std::vector<double>& row) { return std::ptrdiff_t(row.size()) - std::count(row.begin(), row.end(), 0.0); };
+    const auto terms = [](const std::vector<double>& row) {
+        return std::ptrdiff_t(row.size()) - std::count(row.begin(), row.end(), 0.0);
+    };
     const auto of = [&](const Weights& w) { return (w.drift != 0) + terms(w.x) + terms(w.v); };
     std::ptrdiff_t sum = of(method.result);
     for (const Weights& weights : method.stage) sum += of(weights);
@@ -125,12 +129,14 @@ std::ptrdiff_t updates(const ExplicitMethod& method) {
 }
 
 std::ptrdiff_t updates(const Splitting& method) {
-    const auto terms = [](const std::vector<double>& parts) { return std::ptrdiff_t(parts.size()) - std::count(parts.begin(), parts.end(), 0.0); };
+    const auto terms = [](const std::vector<double>& parts) {
+        return std::ptrdiff_t(parts.size()) - std::count(parts.begin(), parts.end(), 0.0);
+    };
     return terms(method.drifts) + terms(method.kicks);
 }
 
-// What Python's theory of stability and its count of operations need of a method: "tableau", whose last row is that of the result,
-// or "splitting" (drifts, kicks); and "updates" without and with damping.
+// What Python's theory of stability and its count of operations need of a method: "tableau", whose last row
+// is that of the result, or "splitting" (drifts, kicks); and "updates" without and with damping.
 py::dict method_facts(const std::string& name) {
     const Method& method = method_of(name);
     py::dict facts;
@@ -155,9 +161,10 @@ int lanes(const Plan& plan) {
 
 void bind_model(py::module_& m) {
     py::class_<Cloth>(m, "Cloth")
-        .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"), py::arg("row_spacing"),
-             py::arg("column_spacing"), py::arg("stiffness"), py::arg("spring_damping"), py::arg("point_damping"),
-             py::arg("mass"), py::arg("uniform_mass"), py::arg("pinned"))
+        .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"),
+             py::arg("row_spacing"), py::arg("column_spacing"), py::arg("stiffness"),
+             py::arg("spring_damping"), py::arg("point_damping"), py::arg("mass"), py::arg("uniform_mass"),
+             py::arg("pinned"))
         .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
             const ModeBounds bounds = mode_bounds(cloth);
             return std::make_pair(bounds.stiffness, bounds.damping);
@@ -168,14 +175,16 @@ void bind_model(py::module_& m) {
         .def_static("reciprocate", &reciprocate)
         .def_static("keyframes", &keyframes);
     py::class_<Sphere>(m, "Sphere")
-        .def(py::init(&make_sphere), py::kw_only(), py::arg("center"), py::arg("radius"), py::arg("contact_radius"),
-             py::arg("response"), py::arg("literal"), py::arg("restitution"), py::arg("friction"), py::arg("motion"),
-             py::arg("faces") = false, py::arg("push_out_speed") = 1.0)
+        .def(py::init(&make_sphere), py::kw_only(), py::arg("center"), py::arg("radius"),
+             py::arg("contact_radius"), py::arg("response"), py::arg("as_printed"), py::arg("restitution"),
+             py::arg("friction"), py::arg("motion"), py::arg("faces") = false,
+             py::arg("push_out_speed") = 1.0)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
+             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"),
+             py::arg("integrator"))
         .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
         .def("runaway_speed",
@@ -208,33 +217,38 @@ void bind_diagnostics(py::module_& m) {
     m.attr("group_size") = group_size;
     m.def("thread_ids", &thread_ids);
     m.def("triangles", &triangles);
-    m.def("energy", [](const Cloth& cloth, const Vec3& gravity, const Array<double>& x, const Array<double>& v) {
-        const Energy e = energy(cloth, gravity, view(x), view(v));
-        return py::make_tuple(e.kinetic, e.elastic, e.gravity);
-    });
-    m.def("largest_stretch", [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
-    m.def("triangle_touches", [](const Array<double>& p0, const Array<double>& p1, double reach, double tolerance) {
-        const py::ssize_t count = p0.size() / 9;
-        py::array_t<double> times(count);
-        double* const out = times.mutable_data();
-        const auto corners = [](const double* p) { return Corners{Vec3(p), Vec3(p + 3), Vec3(p + 6)}; };
-        for (py::ssize_t i = 0; i < count; ++i) {
-            const TriangleTouch t = triangle_touch(corners(p0.data() + 9 * i), corners(p1.data() + 9 * i), reach, tolerance);
-            out[i] = t.hit ? t.time : std::numeric_limits<double>::quiet_NaN();
-        }
-        return times;
-    });
-    m.def("penetration", [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
-        const Penetration p = penetration(rows, columns, view(x), center, radius);
-        return py::make_tuple(p.points, p.triangles);
-    });
+    m.def("energy",
+          [](const Cloth& cloth, const Vec3& gravity, const Array<double>& x, const Array<double>& v) {
+              const Energy e = energy(cloth, gravity, view(x), view(v));
+              return py::make_tuple(e.kinetic, e.elastic, e.gravity);
+          });
+    m.def("largest_stretch",
+          [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
+    m.def("triangle_touches",
+          [](const Array<double>& p0, const Array<double>& p1, double reach, double tolerance) {
+              const py::ssize_t count = p0.size() / 9;
+              py::array_t<double> times(count);
+              double* const out = times.mutable_data();
+              const auto corners = [](const double* p) { return Corners{Vec3(p), Vec3(p + 3), Vec3(p + 6)}; };
+              for (py::ssize_t i = 0; i < count; ++i) {
+                  const TriangleTouch t = triangle_touch(corners(p0.data() + 9 * i),
+                                                         corners(p1.data() + 9 * i), reach, tolerance);
+                  out[i] = t.hit ? t.time : std::numeric_limits<double>::quiet_NaN();
+              }
+              return times;
+          });
+    m.def("penetration",
+          [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
+              const Penetration p = penetration(rows, columns, view(x), center, radius);
+              return py::make_tuple(p.points, p.triangles);
+          });
 }
 
 namespace {
 
 template <auto step>
-py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>& v, double dt, std::int64_t steps,
-                  double t) {
+py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>& v, double dt,
+                  std::int64_t steps, double t) {
     Points position = PointsView(x.data(), plan.cloth.points(), 3);
     Points velocity = PointsView(v.data(), plan.cloth.points(), 3);
     {
@@ -242,8 +256,8 @@ py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>&
         step(plan, position, velocity, dt, steps, t);
     }
     const auto array = [&](const Points& p) {
-        return py::array_t<double>({py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)},
-                                   p.data());
+        return py::array_t<double>(
+            {py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)}, p.data());
     };
     return py::make_tuple(array(position), array(velocity));
 }
@@ -254,14 +268,16 @@ bool signal_pending() {
 }
 
 // The springs come as the columns of Cloth.spring_table: the core's own table of neighbours is not asked.
-py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j, const Array<double>& rest_length,
-                     const Array<double>& stiffness, const Array<double>& damping, const Array<double>& mass,
-                     const Array<bool>& pinned, const std::array<double, 3>& gravity, double point_damping,
-                     const Array<double>& x, const Array<double>& v, const std::vector<double>& times, int columns,
-                     double tolerance, int threads) {
+py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
+                     const Array<double>& rest_length, const Array<double>& stiffness,
+                     const Array<double>& damping, const Array<double>& mass, const Array<bool>& pinned,
+                     const std::array<double, 3>& gravity, double point_damping, const Array<double>& x,
+                     const Array<double>& v, const std::vector<double>& times, int columns, double tolerance,
+                     int threads) {
     reference::System system;
     for (py::ssize_t k = 0; k < i.size(); ++k)
-        system.springs.push_back({int(i.at(k)), int(j.at(k)), rest_length.at(k), stiffness.at(k), damping.at(k)});
+        system.springs.push_back(
+            {int(i.at(k)), int(j.at(k)), rest_length.at(k), stiffness.at(k), damping.at(k)});
     system.mass.assign(mass.data(), mass.data() + mass.size());
     system.pinned.assign(pinned.data(), pinned.data() + pinned.size());
     system.gravity = gravity;

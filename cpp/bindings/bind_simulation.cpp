@@ -14,13 +14,15 @@ namespace {
 // while the core works.
 class SharedSimulation {
 public:
-    SharedSimulation(const std::vector<Plan>& plans, double time, int threads) : simulation_(plans, time, threads) {}
+    SharedSimulation(const std::vector<Plan>& plans, double time, int threads)
+        : simulation_(plans, time, threads) {}
 
     class Use {
     public:
         explicit Use(SharedSimulation& shared) : shared_(shared) {
             if (shared_.busy_.exchange(true))
-                throw std::runtime_error("this state is being advanced by another thread; give each thread a Stepper of its own");
+                throw std::runtime_error(
+                    "this state is being advanced by another thread; give each thread a Stepper of its own");
         }
         ~Use() { shared_.busy_ = false; }
         Simulation* operator->() { return &shared_.simulation_; }
@@ -76,13 +78,14 @@ template <class T>
 void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Array<T>> v) {
     auto simulation = shared.use();
     const auto part = [&](std::optional<Array<T>>& array, std::size_t i) -> T* {
-        return array ? array->mutable_data() + i * (std::size_t(array->size()) / simulation->size()) : nullptr;
+        return array ? array->mutable_data() + i * (std::size_t(array->size()) / simulation->size())
+                     : nullptr;
     };
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
 }
 
 // What the errors of python/clothsim/engine/state.py are made from.
-void tell(const Outcome& outcome, py::dict& result) {
+void signal(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
     if (outcome.grown) {
@@ -95,15 +98,16 @@ void tell(const Outcome& outcome, py::dict& result) {
     result["point"] = unstable->point;
     result["step"] = unstable->step;
     result["time"] = unstable->time;
-    result["shut_in"] = unstable->shut_in;
+    result["trapped"] = unstable->trapped;
 }
 
-// None where all steps were done and there is nothing to tell: a call may be shorter than the making of a dict.
-py::object told(const Outcome& outcome) {
+// None where all steps were done and there is nothing to tell: a call may be shorter than the making of a
+// dict.
+py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
     py::dict result;
-    tell(outcome, result);
+    signal(outcome, result);
     return result;
 }
 
@@ -114,46 +118,55 @@ py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int 
         py::gil_scoped_release release;
         outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
     }
-    return told(outcome);
+    return reported(outcome);
 }
 
 template <class T, class U>
 bool overlap(const Array<T>& a, const Array<U>& b) {
     const auto begin = [](const auto& array) { return reinterpret_cast<std::uintptr_t>(array.data()); };
-    return begin(a) < begin(b) + std::uintptr_t(b.nbytes()) && begin(b) < begin(a) + std::uintptr_t(a.nbytes());
+    return begin(a) < begin(b) + std::uintptr_t(b.nbytes()) &&
+        begin(b) < begin(a) + std::uintptr_t(a.nbytes());
 }
 // Whether results of the shape of `x` may be written there.
 template <class T, class U>
 bool can_hold(const Array<T>& out, const Array<U>& x) {
-    return out.writeable() && reinterpret_cast<std::uintptr_t>(out.data()) % sizeof(T) == 0 && out.ndim() == x.ndim() &&
-        std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
+    return out.writeable() && reinterpret_cast<std::uintptr_t>(out.data()) % sizeof(T) == 0 &&
+        out.ndim() == x.ndim() && std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
 }
 
-// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done, where other kernels
-// are wanted or an array cannot be used: the state is not finite, or the results have no place.
+// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done,
+// where other kernels are wanted or an array cannot be used: the state is not finite, or the results have no
+// place.
 template <class T>
-py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v, std::int64_t steps, double dt, int threads,
-                bool optional, Array<T>& x_out, Array<T>& v_out) {
-    if (!shared.current() || !can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
+py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
+                std::int64_t steps, double dt, int threads, bool optional, Array<T>& x_out, Array<T>& v_out) {
+    if (!shared.current() || !can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out))
+        return py::bool_(false);
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
     std::optional<Outcome> outcome;
     {
         py::gil_scoped_release release;
-        const auto load = [&](std::size_t i) { return simulation->member(i).load(from.x_of(i), from.v_of(i)); };
+        const auto load = [&](std::size_t i) {
+            return simulation->member(i).load(from.x_of(i), from.v_of(i));
+        };
         outcome = simulation->call(time, load, steps, dt, threads, optional, signal_pending);
         if (outcome && outcome->complete())
-            simulation->each_member(threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
+            simulation->each_member(
+                threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
     }
-    return outcome ? told(*outcome) : py::bool_(false);
+    return outcome ? reported(*outcome) : py::bool_(false);
 }
 
 // At a state, see `step`; or at the present one.
 template <class T>
-bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a, int threads) {
+bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a,
+                   int threads) {
     // A member is written before the next one is read.
-    const auto in_the_way = [&](const Array<T>& given) { return overlap(given, a) && static_cast<const void*>(given.data()) != a.data(); };
+    const auto in_the_way = [&](const Array<T>& given) {
+        return overlap(given, a) && static_cast<const void*>(given.data()) != a.data();
+    };
     if (!shared.current() || !can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
@@ -172,11 +185,13 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
     py::gil_scoped_release release;
-    simulation->each_member(threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
+    simulation->each_member(
+        threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
 }
 
-py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps, double tolerance_x,
-                          double tolerance_v, double longest, StepController& controller, int threads, bool optional) {
+py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps,
+                          double tolerance_x, double tolerance_v, double longest, StepController& controller,
+                          int threads, bool optional) {
     auto simulation = shared.use();
     if (simulation->size() != 1 || !simulation->member(0).adaptive())
         throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
@@ -184,7 +199,8 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     {
         py::gil_scoped_release release;
         outcome = simulation->advance_adaptive(
-            {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller, signal_pending);
+            {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller,
+            signal_pending);
     }
     py::dict result;
     // Not thrown, so that the caller can count the steps that are done.
@@ -192,7 +208,7 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     result["steps"] = outcome.steps;
     result["rejected"] = outcome.rejected;
     result["error"] = outcome.error;
-    tell(outcome, result);
+    signal(outcome, result);
     return result;
 }
 
@@ -217,7 +233,7 @@ py::list watched(SharedSimulation& shared) {
         one["point_depth"] = w.point_depth.load();
         one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth.load());
         one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
-        one["energy_gained"] = simulation->energy_told(i) ? w.energy_gained : nan;
+        one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         members.append(one);
     }
     return members;
@@ -268,7 +284,8 @@ void bind_simulation(py::module_& m) {
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
         .def_property(
-            "state", [](const StepController& c) { return py::make_tuple(c.h, c.previous_error, c.rejected); },
+            "state",
+            [](const StepController& c) { return py::make_tuple(c.h, c.previous_error, c.rejected); },
             [](StepController& c, const std::tuple<double, double, bool>& state) {
                 std::tie(c.h, c.previous_error, c.rejected) = state;
             })
@@ -277,63 +294,78 @@ void bind_simulation(py::module_& m) {
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
-        .def("step", &step<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(),
-             py::arg().noconvert(), py::arg().noconvert())
-        .def("step", &step<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(), py::arg(), py::arg(),
-             py::arg().noconvert(), py::arg().noconvert())
+        .def("step", &step<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
+             py::arg(), py::arg(), py::arg(), py::arg().noconvert(), py::arg().noconvert())
+        .def("step", &step<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
+             py::arg(), py::arg(), py::arg(), py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())
         .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
         .def("advance", &advance)
-        .def("accelerations", &accelerations<double>, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
-        .def("accelerations", &accelerations<float>, py::arg().noconvert(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations<double>, py::arg().noconvert(), py::arg().noconvert(),
+             py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations<float>, py::arg().noconvert(), py::arg().noconvert(),
+             py::arg().noconvert(), py::arg())
         .def("accelerations", &accelerations_here, py::arg().noconvert(), py::arg())
-        .def("set_stable_dt", [](S& s, const std::vector<double>& stable_dt) {
-            auto simulation = s.use();
-            if (stable_dt.size() != simulation->size()) throw std::invalid_argument("one time step a member is needed");
-            simulation->set_stable_dt(stable_dt);
-        })
+        .def("set_stable_dt",
+             [](S& s, const std::vector<double>& stable_dt) {
+                 auto simulation = s.use();
+                 if (stable_dt.size() != simulation->size())
+                     throw std::invalid_argument("one time step a member is needed");
+                 simulation->set_stable_dt(stable_dt);
+             })
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
-        .def_property_readonly("frozen", [](S& s) {
-            auto simulation = s.use();
-            std::vector<bool> frozen;
-            for (std::size_t i = 0; i < simulation->size(); ++i) frozen.push_back(simulation->frozen(i));
-            return frozen;
-        })
+        .def_property_readonly("frozen",
+                               [](S& s) {
+                                   auto simulation = s.use();
+                                   std::vector<bool> frozen;
+                                   for (std::size_t i = 0; i < simulation->size(); ++i)
+                                       frozen.push_back(simulation->frozen(i));
+                                   return frozen;
+                               })
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
-        .def_property_readonly("contacts", [](S& s) {
-            auto simulation = s.use();
-            std::vector<std::int64_t> contacts;
-            for (std::size_t i = 0; i < simulation->size(); ++i)
-                contacts.push_back(simulation->member(i).contacts_answered);
-            return contacts;
-        })
-        .def_property_readonly("evaluations", [](S& s) {
-            auto simulation = s.use();
-            std::vector<std::int64_t> evaluations;
-            for (std::size_t i = 0; i < simulation->size(); ++i) evaluations.push_back(simulation->member(i).evaluations);
-            return evaluations;
-        })
-        .def("set_watch", [](S& s, std::int64_t every, double interval) { s.use()->set_watch(every, interval); })
+        .def_property_readonly("contacts",
+                               [](S& s) {
+                                   auto simulation = s.use();
+                                   std::vector<std::int64_t> contacts;
+                                   for (std::size_t i = 0; i < simulation->size(); ++i)
+                                       contacts.push_back(simulation->member(i).contact_responses);
+                                   return contacts;
+                               })
+        .def_property_readonly("evaluations",
+                               [](S& s) {
+                                   auto simulation = s.use();
+                                   std::vector<std::int64_t> evaluations;
+                                   for (std::size_t i = 0; i < simulation->size(); ++i)
+                                       evaluations.push_back(simulation->member(i).evaluations);
+                                   return evaluations;
+                               })
+        .def("set_watch",
+             [](S& s, std::int64_t every, double interval) { s.use()->set_watch(every, interval); })
         .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })
         .def("sample", &sample)
         .def_property_readonly("watched", &watched)
         .def("snapshot", &snapshot)
         .def("restore", &restore)
-        .def("set_track_contact_energy", [](S& s, bool on) {
-            auto simulation = s.use();
-            for (std::size_t i = 0; i < simulation->size(); ++i) {
-                simulation->member(i).track_contact_energy = on;
-                simulation->restart(i);
-            }
-        })
-        .def_property_readonly("contact_energy", [](S& s) {
-            auto simulation = s.use();
-            std::vector<double> energy;
-            for (std::size_t i = 0; i < simulation->size(); ++i) energy.push_back(simulation->member(i).contact_energy);
-            return energy;
-        })
-        .def_property("time", [](S& s) { return s.use()->clock.now(); }, [](S& s, double time) { s.use()->clock = {time, 0, 0}; });
+        .def("set_track_contact_energy",
+             [](S& s, bool on) {
+                 auto simulation = s.use();
+                 for (std::size_t i = 0; i < simulation->size(); ++i) {
+                     simulation->member(i).track_contact_energy = on;
+                     simulation->restart(i);
+                 }
+             })
+        .def_property_readonly("contact_energy",
+                               [](S& s) {
+                                   auto simulation = s.use();
+                                   std::vector<double> energy;
+                                   for (std::size_t i = 0; i < simulation->size(); ++i)
+                                       energy.push_back(simulation->member(i).contact_energy);
+                                   return energy;
+                               })
+        .def_property(
+            "time", [](S& s) { return s.use()->clock.now(); },
+            [](S& s, double time) { s.use()->clock = {time, 0, 0}; });
 }
 
 }  // namespace clothsim

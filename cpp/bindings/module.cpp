@@ -10,11 +10,11 @@
 #include "contact/near_spheres.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
-#include "engines/caches.hpp"
-#include "engines/threads.hpp"
 #include "kernels/dispatch.hpp"
 #include "kernels/edge/edge_legs.hpp"
-#include "measure/limits.hpp"
+#include "machine/limits.hpp"
+#include "memory/caches.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
@@ -45,8 +45,8 @@ py::dict build_facts() {
     return facts;
 }
 
-// Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths and for
-// 1/l, for the tests.
+// Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths
+// and for 1/l, for the tests.
 template <class T>
 py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
     const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
@@ -71,28 +71,31 @@ void bind_build(py::module_& m) {
     m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("available_threads", &available_threads);
     m.attr("most_threads") = most_threads;
-    m.attr("points_worth_a_thread") = points_worth_a_thread;
+    m.attr("least_points_per_thread") = least_points_per_thread;
     // What Python needs too is written down in the core alone.
     py::list kinds;
-    for (const Neighbour& n : spring_kinds) kinds.append(py::make_tuple(family_names[n.family], n.row, n.column));
+    for (const Neighbour& n : spring_kinds)
+        kinds.append(py::make_tuple(family_names[n.family], n.row, n.column));
     m.attr("spring_kinds") = py::tuple(kinds);
     py::list ends;
-    for (const MirroredNeighbour& n : neighbours) ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
+    for (const MirroredNeighbour& n : neighbours)
+        ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
     m.attr("neighbours") = py::tuple(ends);
     py::list families;
     for (int family = 0; family < family_count; ++family)
-        if (std::any_of(kind_of_leg.begin(), kind_of_leg.end(), [family](SpringKind kind) { return spring_kinds[kind].family == family; }))
+        if (std::any_of(kind_of_leg.begin(), kind_of_leg.end(),
+                        [family](SpringKind kind) { return spring_kinds[kind].family == family; }))
             families.append(family_names[family]);
     m.attr("edge_families") = py::tuple(families);
     m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("most_contacts") = exact::most_contacts;
-    m.attr("settle_rounds") = exact::settle_rounds;
+    m.attr("resolve_rounds") = exact::resolve_rounds;
     m.attr("slop_epsilons") = slop_epsilons;
     m.attr("outer_epsilons") = outer_epsilons;
     m.attr("negligible_part") = EnergyWatch::negligible_part;
     m.attr("runaway_part") = EnergyWatch::runaway_part;
-    m.attr("steps_between_looks") = EnergyWatch::steps_between_looks;
+    m.attr("steps_between_checks") = EnergyWatch::steps_between_checks;
 }
 
 namespace {

@@ -19,10 +19,11 @@ struct Contact {
     Vec3 velocity;
     double time;  // [s]
 
-    Contact(const Sphere& s, double t) : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t) {}
+    Contact(const Sphere& s, double t)
+        : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t) {}
 
-    // Velocity that the response looks at: relative to the sphere, or absolute in the literal reading.
-    Vec3 relative(const Vec3& v) const { return sphere.literal ? v : Vec3(v - velocity); }
+    // Velocity that the response looks at: relative to the sphere, or absolute in the as_printed reading.
+    Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
 };
 
 // Unit normal at p; a point at the exact centre leaves upwards.
@@ -35,7 +36,7 @@ inline Vec3 outward_normal(const Vec3& offset_from_center) {
 // tangential impulse is at most friction times the normal one. Literal: reflected in any case.
 inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
-    if (normal_speed >= 0 && !contact.sphere.literal) return velocity;
+    if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;
     const double impulse = (1 + contact.sphere.restitution) * normal_speed;
     Vec3 result = velocity - impulse * normal;
     if (contact.sphere.friction > 0) {

@@ -1,9 +1,11 @@
-// The pass that answers continuous contacts after a step, whatever integrator made it: it sees the state at the
-// start of the step and the one that the step would lead to without spheres.
+// The pass that answers continuous contacts after a step, whatever integrator made it: it sees the state at
+// the start of the step and the one that the step would lead to without spheres.
 //
-//   1. A kernel finds the vectors of points that may touch, answers what it can and copies the rest for the next
+//   1. A kernel finds the vectors of points that may touch, answers what it can and copies the rest for the
+//   next
 //      step. Points do not look at each other here, so any number of threads gives the same bits.
-//   2. Point by point in the cloth's order: bounces, whose energy depends on the neighbours as they are now, and
+//   2. Point by point in the cloth's order: bounces, whose energy depends on the neighbours as they are now,
+//   and
 //      points near several spheres.
 //
 // Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
@@ -16,12 +18,12 @@
 #include "contact/contact_report.hpp"
 #include "contact/exact.hpp"
 #include "contact/face_pass.hpp"
-#include "engines/aligned_vector.hpp"
-#include "engines/plan.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/contact/contact_marks.hpp"
 #include "kernels/dispatch.hpp"
 #include "measure/diagnostics.hpp"
+#include "memory/aligned_vector.hpp"
+#include "memory/plan.hpp"
 
 namespace clothsim {
 
@@ -46,13 +48,14 @@ public:
         geometry_ = layout.geometry(lanes);
         const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
         open_.assign(vectors, 0);
-        left_over_.assign(vectors, 0);
+        unresolved_.assign(vectors, 0);
         free_.assign(vectors, 0);
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
                 for (int l = 0; l < lanes; ++l) {
                     const int column = layout.column(j, l, lanes);
-                    const bool moves = column < plan.cloth.columns && !plan.cloth.pinned[std::size_t(r * plan.cloth.columns + column)];
+                    const bool moves = column < plan.cloth.columns &&
+                        !plan.cloth.pinned[std::size_t(r * plan.cloth.columns + column)];
                     free_[index(r, j)] |= std::uint64_t(moves) << l;
                 }
         lanes_ = lanes;
@@ -63,7 +66,7 @@ public:
     const std::vector<const Sphere*>& spheres() const { return spheres_; }
     void forget() {
         current_ = false;
-        set_lasting({});
+        set_persistent({});
     }
 
     // Before a step: the state it starts from.
@@ -73,26 +76,26 @@ public:
     }
 
     // After it.
-    ContactReport answer(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads) {
+    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads) {
         memory_ = &memory;
         swept_.clear();
         for (const Sphere* sphere : spheres_)
             swept_.push_back(swept(*sphere, t0, t1, dt, double(std::numeric_limits<Real>::epsilon())));
         current_ = true;
         if (faces_) {
-            answer_faces();
+            respond_to_faces();
             return report_;
         }
         report_ = {};
         find(threads);
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j) {
-                report_.changed |= (open_[index(r, j)] & vector_answered) != 0;
+                report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
                 finish_vector(r, j);
             }
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
-                if (open_[index(r, j)] & vector_left_over) copy(r, j);
+                if (open_[index(r, j)] & vector_unresolved) copy(r, j);
         return report_;
     }
 
@@ -104,12 +107,12 @@ public:
     }
 
     // What the next step begins with beside the state.
-    const std::vector<FacePass::Lasting>& lasting() const {
-        static const std::vector<FacePass::Lasting> none;
-        return faces_ ? face_pass_->lasting : none;
+    const std::vector<FacePass::PersistentContact>& persistent() const {
+        static const std::vector<FacePass::PersistentContact> none;
+        return faces_ ? face_pass_->persistent : none;
     }
-    void set_lasting(const std::vector<FacePass::Lasting>& lasting) {
-        if (faces_) face_pass_->lasting = lasting;
+    void set_persistent(const std::vector<FacePass::PersistentContact>& persistent) {
+        if (faces_) face_pass_->persistent = persistent;
     }
 
     // What contact/exact.hpp asks for.
@@ -121,7 +124,8 @@ public:
             const std::ptrdiff_t at = place(i, k);
             (*memory_)[std::size_t(at)] = Real(value);
             if constexpr (compensated)
-                (*memory_)[std::size_t(at + layout_.compensation())] = Real(value - double((*memory_)[std::size_t(at)]));
+                (*memory_)[std::size_t(at + layout_.compensation())] =
+                    Real(value - double((*memory_)[std::size_t(at)]));
         }
     }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
@@ -135,12 +139,17 @@ public:
 private:
     static constexpr bool compensated = sizeof(Real) == 4;
     // Below this number of points a second thread costs more than it saves.
-    static constexpr int points_worth_a_thread = 8192;
+    static constexpr int least_points_per_thread = 8192;
 
-    std::size_t index(int row, int vector) const { return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector); }
-    std::ptrdiff_t place(int i, int k) const { return layout_.at(i / plan_.cloth.columns, i % plan_.cloth.columns, k); }
+    std::size_t index(int row, int vector) const {
+        return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
+    }
+    std::ptrdiff_t place(int i, int k) const {
+        return layout_.at(i / plan_.cloth.columns, i % plan_.cloth.columns, k);
+    }
     double read(const AlignedVector<Real>& from, std::ptrdiff_t at) const {
-        if constexpr (compensated) return double(from[std::size_t(at)]) + double(from[std::size_t(at + layout_.compensation())]);
+        if constexpr (compensated)
+            return double(from[std::size_t(at)]) + double(from[std::size_t(at + layout_.compensation())]);
         else return from[std::size_t(at)];
     }
     double read(const AlignedVector<Real>& from, int i, int k) const { return read(from, place(i, k)); }
@@ -153,11 +162,12 @@ private:
         return s;
     }
 
-    void answer_faces() {
+    void respond_to_faces() {
         FacePass& pass = *face_pass_;
         const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
             for (std::size_t i = 0; i < places_.size(); ++i)
-                for (int k = 0; k < 3; ++k) to[i][k] = read(from, places_[i] + (first + k) * geometry_.component);
+                for (int k = 0; k < 3; ++k)
+                    to[i][k] = read(from, places_[i] + (first + k) * geometry_.component);
         };
         if (kept_) {
             pass.x0.swap(pass.x);
@@ -190,13 +200,13 @@ private:
         a.spheres = swept_.data();
         a.sphere_count = int(swept_.size());
         a.copy = true;
-        a.left_over = [](void* context, int row, int vector, std::uint64_t lanes) {
+        a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
-            pass->left_over_[pass->index(row, vector)] |= lanes;
+            pass->unresolved_[pass->index(row, vector)] |= lanes;
         };
         a.context = this;
         const int rows = geometry_.rows;
-        const int team = std::min(threads, plan_.cloth.points() / points_worth_a_thread);
+        const int team = std::min(threads, plan_.cloth.points() / least_points_per_thread);
         if (team <= 1) {
             kernel_(a, 0, rows);
             return;
@@ -207,7 +217,7 @@ private:
     }
 
     void finish_vector(int row, int vector) {
-        std::uint64_t& lanes = left_over_[index(row, vector)];
+        std::uint64_t& lanes = unresolved_[index(row, vector)];
         for (; lanes != 0; lanes &= lanes - 1) {
             const int column = layout_.column(vector, __builtin_ctzll(lanes), lanes_);
             if (column >= plan_.cloth.columns) continue;
@@ -217,7 +227,7 @@ private:
                 continue;
             }
             const PointState free_end = now(i);
-            if (!exact::resolve(*this, i, swept_)) report_.note_shut_in(i);
+            if (!exact::resolve(*this, i, swept_)) report_.note_trapped(i);
             const PointState end = now(i);
             report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
         }
@@ -246,10 +256,10 @@ private:
     int lanes_ = 0;
     AlignedVector<Real> before_;
     bool current_ = false;  // whether `before_`, or what the face pass holds, is the state
-    bool kept_ = false;     // the state before the step is that after the newest pass
+    bool kept_ = false;  // the state before the step is that after the newest pass
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_;
-    std::vector<std::uint64_t> left_over_, free_;
+    std::vector<std::uint64_t> unresolved_, free_;
     std::vector<SweptSphere> swept_;
     std::unique_ptr<FacePass> face_pass_;
     std::vector<std::ptrdiff_t> places_;  // of the points' x

@@ -1,14 +1,17 @@
-// The contact problem: impulses that keep places of the cloth outside spheres, within Coulomb's cone, all at once.
+// The contact problem: impulses that keep places of the cloth outside spheres, within Coulomb's cone, all at
+// once.
 //
-// A row is a place of the cloth, a weighted mean of up to three corners, against one sphere with the normal n. With z the
-// positions or the velocities of the corners, y = sum(w z) at the place and an impulse P of the sphere there,
+// A row is a place of the cloth, a weighted mean of up to three corners, against one sphere with the normal
+// n. With z the positions or the velocities of the corners, y = sum(w z) at the place and an impulse P of the
+// sphere there,
 //
 //     z_i = z_i(free) + w_i/m_i P        n.(y - target) >= 0,  n.P >= 0,  one of the two 0
-//     |P_t| <= mu n.P, and P_t is what leaves y_t = target_t if the cone holds it, else opposed to y_t - target_t
+//     |P_t| <= mu n.P, and P_t is what leaves y_t = target_t if the cone holds it, else opposed to y_t -
+//     target_t
 //
-// Block Gauss-Seidel with projection on the cone solves it: sum(w^2/m) times the unit matrix is the block of a row, so that a
-// block is solved exactly (Jean 1999, nonsmooth contact dynamics; Moreau 1988 for the law). It starts from impulses that would
-// be right if all rows that share corners were alike.
+// Block Gauss-Seidel with projection on the cone solves it: sum(w^2/m) times the unit matrix is the block of
+// a row, so that a block is solved exactly (Jean 1999, nonsmooth contact dynamics; Moreau 1988 for the law).
+// It starts from impulses that would be right if all rows that share corners were alike.
 #pragma once
 
 #include <algorithm>
@@ -22,38 +25,39 @@ namespace clothsim {
 
 struct ContactRow {
     std::array<int, 3> corner;
-    std::array<double, 3> weight, share;  // share: weight / mass, 0 if the corner is pinned [1/kg]
-    double mobility, inertia;             // sum of weight * share [1/kg], and its inverse [kg]
+    std::array<double, 3> weight, part;  // share: weight / mass, 0 if the corner is pinned [1/kg]
+    double mobility, inertia;  // sum of weight * share [1/kg], and its inverse [kg]
     double friction;
     Vec3 normal;
     struct Side {
-        Vec3 target = Vec3::Zero();   // n.target: the bound; the rest: where a place that sticks is
+        Vec3 target = Vec3::Zero();  // n.target: the bound; the rest: where a place that sticks is
         Vec3 impulse = Vec3::Zero();
     };
     Side place;  // of positions [m], impulses in kg m
     Side speed;  // of velocities [m/s], impulses in N s
 
     Vec3 at(const std::vector<Vec3>& z) const {
-        return weight[0] * z[std::size_t(corner[0])] + weight[1] * z[std::size_t(corner[1])] + weight[2] * z[std::size_t(corner[2])];
+        return weight[0] * z[std::size_t(corner[0])] + weight[1] * z[std::size_t(corner[1])] +
+            weight[2] * z[std::size_t(corner[2])];
     }
     Vec3 at(const std::array<std::vector<double>, 3>& z) const {
         Vec3 y;
         for (std::size_t k = 0; k < 3; ++k)
-            y[Eigen::Index(k)] = weight[0] * z[k][std::size_t(corner[0])] + weight[1] * z[k][std::size_t(corner[1])] +
-                weight[2] * z[k][std::size_t(corner[2])];
+            y[Eigen::Index(k)] = weight[0] * z[k][std::size_t(corner[0])] +
+                weight[1] * z[k][std::size_t(corner[1])] + weight[2] * z[k][std::size_t(corner[2])];
         return y;
     }
     void push(std::vector<Vec3>& z, const Vec3& impulse) const {
         for (std::size_t i = 0; i < 3; ++i)
-            if (share[i] != 0) z[std::size_t(corner[i])] += share[i] * impulse;
+            if (part[i] != 0) z[std::size_t(corner[i])] += part[i] * impulse;
     }
 };
 
 using ContactSide = ContactRow::Side ContactRow::*;
 
 // Impulses to begin with where there is none yet, of the rows from `first` on.
-inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std::vector<Vec3>& z, std::vector<double>& sum,
-                           ContactSide side) {
+inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std::vector<Vec3>& z,
+                           std::vector<double>& sum, ContactSide side) {
     const auto none = [&](const ContactRow& row) { return ((row.*side).impulse.array() == 0).all(); };
     for (std::size_t k = first; k < rows.size(); ++k)
         for (const int i : rows[k].corner) sum[std::size_t(i)] = 0;
@@ -66,7 +70,7 @@ inline void guess_impulses(std::vector<ContactRow>& rows, std::size_t first, std
         const double lacks = none(row) ? row.normal.dot((row.*side).target - row.at(z)) : 0;
         if (lacks <= 0) continue;
         double mobility = 0;
-        for (std::size_t i = 0; i < 3; ++i) mobility += row.share[i] * sum[std::size_t(row.corner[i])];
+        for (std::size_t i = 0; i < 3; ++i) mobility += row.part[i] * sum[std::size_t(row.corner[i])];
         (row.*side).impulse = lacks / mobility * row.normal;
         begun.push_back(k);
     }
@@ -96,18 +100,21 @@ inline Vec3 solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side)
 // What a solver keeps beside rows and points.
 struct SolverMemory {
     std::vector<Vec3> change, direction;  // of the impulses, by the newest sweep; by all before
-    std::vector<int> swept;               // rows: in which sweep last
-    std::vector<int> moved;               // points: in which sweep last
+    std::vector<int> swept;  // rows: in which sweep last
+    std::vector<int> moved;  // points: in which sweep last
 };
 
-// Sweeps to and fro over the rows until none changes its place by more than `tolerance`, at most so many; how many it took.
-// The rows before `first` are solved for already: they join in once a point of theirs moves by more than `quiet`.
+// Sweeps to and fro over the rows until none changes its place by more than `tolerance`, at most so many; how
+// many it took. The rows before `first` are solved for already: they join in once a point of theirs moves by
+// more than `quiet`.
 //
-// Between two sweeps the impulses go on along the directions of earlier sweeps, as those of conjugate gradients: the change by
-// a sweep stands for the negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010, nonsmooth nonlinear conjugate gradients
-// after Fletcher and Reeves). Every result is that of a sweep, and so in the cones.
-inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side, double tolerance, int most,
-                          SolverMemory& memory, std::size_t first = 0, double quiet = 0) {
+// Between two sweeps the impulses go on along the directions of earlier sweeps, as those of conjugate
+// gradients: the change by a sweep stands for the negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010,
+// nonsmooth nonlinear conjugate gradients after Fletcher and Reeves). Every result is that of a sweep, and so
+// in the cones.
+inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side,
+                          double tolerance, int most, SolverMemory& memory, std::size_t first = 0,
+                          double quiet = 0) {
     const std::size_t count = rows.size();
     memory.change.resize(count);
     memory.direction.resize(count);

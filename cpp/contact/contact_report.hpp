@@ -7,12 +7,12 @@ namespace clothsim {
 
 // What the continuous contacts of a step came to, where not every point could be served.
 struct ContactReport {
-    std::int64_t shut_in = -1;        // first mass point between spheres that left it no place, or -1
+    std::int64_t trapped = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
     bool changed = false;             // whether a response changed a mass point
 
-    void note_shut_in(std::int64_t i) {
-        if (shut_in < 0) shut_in = i;
+    void note_trapped(std::int64_t i) {
+        if (trapped < 0) trapped = i;
     }
     void note_pinned(std::int64_t i) {
         if (pinned_inside < 0) pinned_inside = i;

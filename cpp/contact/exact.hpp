@@ -1,5 +1,6 @@
 // Continuous contact of one mass point in full: several spheres within a step, and bounces whose energy is
-// balanced exactly. The pass over many points (kernels/contact/continuous.hpp) leaves it what it cannot do itself.
+// balanced exactly. The pass over many points (kernels/contact/continuous.hpp) leaves it what it cannot do
+// itself.
 //
 // `Points` gives access to the cloth by the index of a mass point:
 //   before(i), now(i)       PointState at the start of the step, and after the free step
@@ -17,9 +18,9 @@
 
 namespace clothsim {
 
-// How far outside the contact radius points are put (the slop), in units of epsilon x (|centre|_1 + radius). Rounding a place
-// on the sphere moves it by at most half a unit, and the kernels tell a quarter of the slop apart: with half of it they
-// hardly could. With twice as much, points only lie farther out.
+// How far outside the contact radius points are put (the slop), in units of epsilon x (|centre|_1 + radius).
+// Rounding a place on the sphere moves it by at most half a unit, and the kernels tell a quarter of the slop
+// apart: with half of it they hardly could. With twice as much, points only lie farther out.
 inline constexpr double slop_epsilons = 4;
 
 inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double epsilon) {
@@ -45,7 +46,7 @@ namespace exact {
 // More contacts than this in a step happen only where spheres close on a point: it is then stopped.
 inline constexpr int most_contacts = 16;
 // Rounds over all spheres in which a point is taken out of them, before it counts as trapped.
-inline constexpr int settle_rounds = 100;
+inline constexpr int resolve_rounds = 100;
 
 inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
 
@@ -56,11 +57,12 @@ double potential(const Points& points, int i, const Vec3& x) {
 
 // The state after the contact `t` of a point whose free end is `end`.
 //
-// Energy of the normal motion, with U the potential at the free end, on the tangent plane and where the mirrored
-// way leads: uc^2 = u^2 + 2 (U_end - U_plane) / m on arrival, (e uc)^2 + 2 (U_plane - U_mirrored) / m at last. If
-// that is negative the point does not get so far and is left on the plane.
+// Energy of the normal motion, with U the potential at the free end, on the tangent plane and where the
+// mirrored way leads: uc^2 = u^2 + 2 (U_end - U_plane) / m on arrival, (e uc)^2 + 2 (U_plane - U_mirrored) /
+// m at last. If that is negative the point does not get so far and is left on the plane.
 template <class Points>
-PointState answer(const Points& points, int i, const SweptSphere& s, const Touch<double>& t, const PointState& end) {
+PointState respond(const Points& points, int i, const SweptSphere& s, const Touch<double>& t,
+                   const PointState& end) {
     const Vec3 velocity = vec(s.velocity), normal = vec(t.normal);
     double normal_speed = std::max(t.speed, t.bounce), height = 0;
     if (flies(s, t)) {
@@ -71,7 +73,8 @@ PointState answer(const Points& points, int i, const SweptSphere& s, const Touch
         const double arrival =
             std::max(t.speed * t.speed + 2 * (potential(points, i, end.position) - at_plane) / mass, 0.0);
         const double leaving2 = s.restitution * s.restitution * arrival;
-        const double last2 = leaving2 + 2 * (at_plane - potential(points, i, plane + mirrored * normal)) / mass;
+        const double last2 =
+            leaving2 + 2 * (at_plane - potential(points, i, plane + mirrored * normal)) / mass;
         height = last2 >= 0 ? mirrored : 0;
         normal_speed = std::sqrt(last2 >= 0 ? last2 : leaving2);
     }
@@ -88,7 +91,8 @@ inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const V
     const double distance = between.norm();
     if (distance == 0) return x;
     const Vec3 axis = between / distance;
-    const double along = (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
+    const double along =
+        (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
     const double height2 = a.surface * a.surface - along * along;
     if (height2 <= 0) return x;
     Vec3 aside = x - vec(a.end);
@@ -97,10 +101,10 @@ inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const V
     return vec(a.end) + along * axis + (std::sqrt(height2) + a.slop + b.slop) * aside.normalized();
 }
 
-// Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres have
-// shut it in.
-inline bool settle(const std::vector<SweptSphere>& spheres, const Vec3& start, PointState& end) {
-    for (int round = 0; round < settle_rounds; ++round) {
+// Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres
+// have shut it in.
+inline bool resolve(const std::vector<SweptSphere>& spheres, const Vec3& start, PointState& end) {
+    for (int round = 0; round < resolve_rounds; ++round) {
         const SweptSphere* last = nullptr;
         bool moved = false;
         for (const SweptSphere& s : spheres) {
@@ -137,7 +141,8 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         Touch<double> soonest{};
         for (const SweptSphere& s : spheres) {
             const Vec3 center = vec(s.start) + elapsed * (vec(s.end) - vec(s.start));
-            const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0, v = end.velocity - vec(s.velocity);
+            const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0,
+                       v = end.velocity - vec(s.velocity);
             const Touch<double> t = touch<double>(s, p0.data(), q.data(), v.data(), gain.data());
             if (!t.hit || (first && t.time >= soonest.time)) continue;
             first = &s;
@@ -145,13 +150,13 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         }
         done = !first;
         if (!first) break;
-        end = answer(points, i, *first, soonest, end);
+        end = respond(points, i, *first, soonest, end);
         elapsed += soonest.time * (1 - elapsed);
         x = vec(first->start) + elapsed * (vec(first->end) - vec(first->start)) + vec(soonest.place);
         done = spheres.size() == 1;  // away from a convex body there is no second contact with it
     }
     if (!done) end.position = x;
-    const bool out = settle(spheres, start.position, end);
+    const bool out = resolve(spheres, start.position, end);
     points.set(i, end);
     return out;
 }

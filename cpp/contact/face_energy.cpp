@@ -17,25 +17,28 @@ double FaceWork::elastic_change() const {
         if (!changed[at(i)]) continue;
         const int r = i / columns, c = i % columns;
         for (const Neighbour& n : neighbours) {
-            if (!cloth_.present[n.family] || r + n.row < 0 || r + n.row >= rows || c + n.column < 0 || c + n.column >= columns)
+            if (!cloth_.present[n.family] || r + n.row < 0 || r + n.row >= rows || c + n.column < 0 ||
+                c + n.column >= columns)
                 continue;
             const int j = i + n.row * columns + n.column;
             if (changed[at(j)] && j < i) continue;  // once
             const double rest = cloth_.rest_length(n);
-            const double is = (x[at(j)] - x[at(i)]).norm() - rest, was = (free_x_[at(j)] - free_x_[at(i)]).norm() - rest;
+            const double is = (x[at(j)] - x[at(i)]).norm() - rest,
+                         was = (free_x_[at(j)] - free_x_[at(i)]).norm() - rest;
             change += cloth_.stiffness[n.family] / 2 * (is - was) * (is + was);
         }
     }
     return change;
 }
 
-// What the energy at the end should be more than it is: that of the free step, with what moving spheres did, less what
-// restitution and friction take.
+// What the energy at the end should be more than it is: that of the free step, with what moving spheres did,
+// less what restitution and friction take.
 double FaceWork::energy_lacking() const {
     double lacks = -elastic_change();
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i])
-            lacks += cloth_.mass[i] * (gravity_.dot(x[i] - free_x_[i]) - (v[i] - free_v_[i]).dot(v[i] + free_v_[i]) / 2);
+            lacks += cloth_.mass[i] *
+                (gravity_.dot(x[i] - free_x_[i]) - (v[i] - free_v_[i]).dot(v[i] + free_v_[i]) / 2);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const ContactRow& row = rows_[k];
         const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];
@@ -43,11 +46,12 @@ double FaceWork::energy_lacking() const {
         const double along = row.speed.impulse.dot(row.normal);
         const Vec3 across = row.speed.impulse - along * row.normal;
         lacks += row.speed.impulse.dot(wall) - (1 - s.restitution) / 2 * along * origins_[k].arrival;
-        // Friction works on the mean of the velocities before and after it. What rests feels it throughout the step, else it acts at
-        // the time of impact, at which the free step has gone on for so long.
+        // Friction works on the mean of the velocities before and after it. What rests feels it throughout
+        // the step, else it acts at the time of impact, at which the free step has gone on for so long.
         const Origin& origin = origins_[k];
         const Vec3 began = row.at(v0), ends = row.at(v), flies = row.at(free_v_);
-        const Vec3 mean = origin.rests() ? Vec3((began + ends) / 2) : Vec3(began + origin.time * (flies - began) + (ends - flies) / 2);
+        const Vec3 mean = origin.rests() ? Vec3((began + ends) / 2)
+                                         : Vec3(began + origin.time * (flies - began) + (ends - flies) / 2);
         lacks += across.dot(mean - wall);
     }
     return lacks;
@@ -61,11 +65,12 @@ bool FaceWork::bounced() const {
 
 // Whether something is off the surface again when the step ends.
 bool FaceWork::flies() const {
-    return std::any_of(origins_.begin(), origins_.end(), [](const Origin& origin) { return origin.height > 0; });
+    return std::any_of(origins_.begin(), origins_.end(),
+                       [](const Origin& origin) { return origin.height > 0; });
 }
 
-// The impulses that turned arrivals into bounces are made as much larger or smaller as the energy asks for: none at most, or twice.
-// What rests gets none of that energy. False: something that flies cannot get so far.
+// The impulses that turned arrivals into bounces are made as much larger or smaller as the energy asks for:
+// none at most, or twice. What rests gets none of that energy. False: something that flies cannot get so far.
 bool FaceWork::restore_speeds() {
     if (!bounced()) return true;
     note_changed();
@@ -76,7 +81,8 @@ bool FaceWork::restore_speeds() {
         const ContactRow& row = rows_[k];
         const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];
         if (s.restitution * origins_[k].arrival <= 0) continue;
-        const double along = std::min(row.speed.impulse.dot(row.normal), (1 + s.restitution) * origins_[k].arrival * row.inertia);
+        const double along = std::min(row.speed.impulse.dot(row.normal),
+                                      (1 + s.restitution) * origins_[k].arrival * row.inertia);
         first += along * row.normal.dot(row.at(v) - vec(s.velocity));
         row.push(change, along * row.normal);
     }
@@ -85,7 +91,8 @@ bool FaceWork::restore_speeds() {
     if (!(second > 0) || !(first > 0)) return true;
     const double lacks = energy_lacking();
     const double root2 = first * first + 2 * second * lacks;
-    const double part = std::clamp(root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second, -1.0, 1.0);
+    const double part =
+        std::clamp(root2 >= 0 ? 2 * lacks / (first + std::sqrt(root2)) : -first / second, -1.0, 1.0);
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) v[i] += part * change[i];
     return root2 >= 0 || !flies();

@@ -11,9 +11,9 @@ using exact::vec;
 
 namespace {
 
-// Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as many as make so
-// many blocks. A small problem is solved in full, a large one goes on from its impulses in the next step. Half the blocks make
-// more rounds, twice the blocks cost up to 1.5 times in folds.
+// Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as
+// many as make so many blocks. A small problem is solved in full, a large one goes on from its impulses in
+// the next step. Half the blocks make more rounds, twice the blocks cost up to 1.5 times in folds.
 struct Effort {
     double part;
     std::size_t blocks;
@@ -24,7 +24,8 @@ constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer
 
 }  // namespace
 
-FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces, const FaceKernels& kernels)
+FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
+                   const FaceKernels& kernels)
     : cloth_(cloth), gravity_(gravity), faces_(faces), kernels_(kernels) {
     const std::size_t n = at(cloth.points());
     for (auto* a : {&x0, &v0, &x, &v, &scratch_}) a->resize(n);
@@ -54,7 +55,8 @@ Corners FaceWork::corners(const std::vector<Vec3>& of, const std::array<int, 3>&
     return {of[at(c[0])], of[at(c[1])], of[at(c[2])]};
 }
 
-void FaceWork::place(const std::vector<Vec3>& from, const double (&center)[3], std::array<std::vector<double>, 3>& to) {
+void FaceWork::place(const std::vector<Vec3>& from, const double (&center)[3],
+                     std::array<std::vector<double>, 3>& to) {
     for (std::size_t k = 0; k < 3; ++k) {
         double* const out = to[k].data();
         for (std::size_t i = 0; i < from.size(); ++i) out[i] = from[i][Eigen::Index(k)] - center[k];
@@ -99,7 +101,8 @@ void FaceWork::set_plane(int sphere, const Triangle& t, const TriangleTouch& tou
     }
 }
 
-void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet, int most) {
+void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance,
+                          double quiet, int most) {
     guess_impulses(rows_, first, z, sum_, side);
     solve_contacts(rows_, z, side, tolerance, most, memory_, first, quiet);
 }
@@ -119,43 +122,47 @@ void FaceWork::solve(std::size_t first, ContactSide side) {
     const Effort& effort = flying ? bouncing : resting;
     double tolerance = effort.part * lacks + rounding * largest;
     // In later rounds, places need no more than the margin.
-    const double quiet = places ? std::max(tolerance, (shells_[0].middle - shells_[0].inside) / 16) : tolerance;
+    const double quiet =
+        places ? std::max(tolerance, (shells_[0].middle - shells_[0].inside) / 16) : tolerance;
     if (first > 0 && !flying) tolerance = quiet;
-    const int most = std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
+    const int most =
+        std::clamp(int(effort.blocks / std::max<std::size_t>(rows_.size(), 1)), effort.least, effort.most);
     solve_side(first, places ? x : v, side, tolerance, quiet, most);
 }
 
 // Impulses to begin with, of the step before.
-void FaceWork::recall(double dt) {
-    if (lasting.empty()) return;
-    std::erase_if(lasting, [this](const Lasting& l) { return l.feature >= lasted_.size(); });  // of another scene
-    for (std::size_t k = 0; k < lasting.size(); ++k) lasted_[lasting[k].feature] = std::uint32_t(k + 1);
+void FaceWork::restore_persistent(double dt) {
+    if (persistent.empty()) return;
+    std::erase_if(persistent, [this](const PersistentContact& l) {
+        return l.feature >= lasted_.size();
+    });  // of another scene
+    for (std::size_t k = 0; k < persistent.size(); ++k) lasted_[persistent[k].feature] = std::uint32_t(k + 1);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const std::uint32_t last = lasted_[origins_[k].feature];
         if (last == 0) continue;
         ContactRow& row = rows_[k];
-        row.place.impulse = dt * dt * lasting[last - 1].place;
-        row.speed.impulse = dt * lasting[last - 1].speed;
+        row.place.impulse = dt * dt * persistent[last - 1].place;
+        row.speed.impulse = dt * persistent[last - 1].speed;
         row.push(x, row.place.impulse);
         row.push(v, row.speed.impulse);
     }
-    for (const Lasting& l : lasting) lasted_[l.feature] = 0;
+    for (const PersistentContact& l : persistent) lasted_[l.feature] = 0;
 }
 
-void FaceWork::remember(double dt) {
-    lasting.clear();
+void FaceWork::save_persistent(double dt) {
+    persistent.clear();
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const ContactRow& row = rows_[k];
         if ((row.place.impulse.array() == 0).all() && (row.speed.impulse.array() == 0).all()) continue;
         std::uint32_t& last = lasted_[origins_[k].feature];
         if (last == 0) {
-            lasting.push_back({origins_[k].feature, Vec3::Zero(), Vec3::Zero()});
-            last = std::uint32_t(lasting.size());
+            persistent.push_back({origins_[k].feature, Vec3::Zero(), Vec3::Zero()});
+            last = std::uint32_t(persistent.size());
         }
-        lasting[last - 1].place += row.place.impulse / (dt * dt);
-        lasting[last - 1].speed += row.speed.impulse / dt;
+        persistent[last - 1].place += row.place.impulse / (dt * dt);
+        persistent[last - 1].speed += row.speed.impulse / dt;
     }
-    for (const Lasting& l : lasting) lasted_[l.feature] = 0;
+    for (const PersistentContact& l : persistent) lasted_[l.feature] = 0;
 }
 
 // What was inside when the step began goes outwards by no more than the push of its sphere, and not inwards.
@@ -180,7 +187,8 @@ bool FaceWork::push_out(int sphere, const Triangle& t) {
             }
     double mobility = 0;
     for (std::size_t i = 0; i < 3; ++i)
-        if (!cloth_.pinned[at(t.corner[i])]) mobility += weight[i] * (part[i] = weight[i] / cloth_.mass[at(t.corner[i])]);
+        if (!cloth_.pinned[at(t.corner[i])])
+            mobility += weight[i] * (part[i] = weight[i] / cloth_.mass[at(t.corner[i])]);
     if (mobility <= 0) {
         if (distance < s.radius) report_.note_pinned(pinned_corner(t.corner));
         return false;
@@ -220,8 +228,8 @@ void FaceWork::note_changed() {
     for (std::size_t i = 0; i < x.size(); ++i) changed[i] = x[i] != free_x_[i] || v[i] != free_v_[i];
 }
 
-// Rows for what the ways reach, until they reach nothing. A bounce asks for the speed of arrival, so that velocities are
-// solved for too before the next round; else once at the end.
+// Rows for what the ways reach, until they reach nothing. A bounce asks for the speed of arrival, so that
+// velocities are solved for too before the next round; else once at the end.
 bool FaceWork::follow_ways(int first_round) {
     std::size_t slow = first_round > 0 ? rows_.size() : 0;  // rows whose velocities are solved for
     bool clear = false;
@@ -229,10 +237,11 @@ bool FaceWork::follow_ways(int first_round) {
         const std::size_t before = rows_.size();
         clear = !find_rows(round);
         if (clear) break;
-        if (round == 0) recall((*spheres_)[0].dt);
+        if (round == 0) restore_persistent((*spheres_)[0].dt);
         solve(before, &ContactRow::place);
         bool bounces = false;
-        for (std::size_t k = before; k < rows_.size(); ++k) bounces |= (*spheres_)[at(origins_[k].sphere)].restitution > 0;
+        for (std::size_t k = before; k < rows_.size(); ++k)
+            bounces |= (*spheres_)[at(origins_[k].sphere)].restitution > 0;
         if (!bounces) continue;
         solve(slow, &ContactRow::speed);
         slow = rows_.size();
@@ -267,16 +276,16 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
     }
     if (!clear) project(all_sweeps);
     if (!starts_inside_.empty()) push_out_all();
-    int stuck = left_over();
+    int stuck = unresolved();
     if (stuck >= 0 && search()) stuck = -1;
-    if (stuck >= 0) report_.note_shut_in(stuck);
+    if (stuck >= 0) report_.note_trapped(stuck);
     note_changed();
-    remember(spheres[0].dt);
+    save_persistent(spheres[0].dt);
     return report_;
 }
 
-std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
-                                         const FaceKernels& kernels) {
+std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity,
+                                         const std::vector<bool>& faces, const FaceKernels& kernels) {
     return std::make_unique<FaceWork>(cloth, gravity, faces, kernels);
 }
 

@@ -13,12 +13,15 @@ using exact::vec;
 
 namespace {
 
-// Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100 times its speed.
+// Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100
+// times its speed.
 constexpr double least_lever = 0.01;
 constexpr double nothing = 1e9;  // m/s: a place may go inwards at this speed
 constexpr double closeness = 1.0 / 16;  // of the margin: how near counts as on the surface
 
-Vec3 weighted(const Corners& c, const std::array<double, 3>& w) { return w[0] * c[0] + w[1] * c[1] + w[2] * c[2]; }
+Vec3 weighted(const Corners& c, const std::array<double, 3>& w) {
+    return w[0] * c[0] + w[1] * c[1] + w[2] * c[2];
+}
 
 // A link has two corners of a triangle in the same place.
 std::array<double, 3> weights_of(const Foot& foot, const std::array<int, 3>& corner) {
@@ -38,15 +41,16 @@ bool FaceWork::separated(int sphere, const Triangle& t, double reach) const {
                                 {of[0][i], of[1][i], of[2][i]}, {of[3][i], of[4][i], of[5][i]}, reach);
 }
 
-// A row for the first place of the triangle that the way to the end leads below the surface. After the first round it has to
-// lead well below: the rest is found when the next step begins.
-bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
+// A row for the first place of the triangle that the way to the end leads below the surface. After the first
+// round it has to lead well below: the rest is found when the next step begins.
+bool FaceWork::inspect_triangle(int sphere, const Triangle& triangle, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
     const double reach = round == 0 ? shell.surface : shell.middle, tolerance = margin * closeness;
     if (inside_[at(sphere)][triangle.number]) return false;
     const Frame& frame = frames_[at(sphere)];
-    const Corners p0 = Frame::corners(frame.start, triangle.corner), p1 = Frame::corners(frame.end, triangle.corner);
+    const Corners p0 = Frame::corners(frame.start, triangle.corner),
+                  p1 = Frame::corners(frame.end, triangle.corner);
     const TriangleTouch touch = triangle_touch(p0, p1, reach, tolerance);
     set_plane(sphere, triangle, touch);
     if (!touch.hit) return false;
@@ -57,7 +61,8 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
         starts_inside_.push_back({sphere, triangle});
         return false;
     }
-    const double slop = (*spheres_)[at(sphere)].slop, after = touch.normal.dot(weighted(p1, touch.foot.weight));
+    const double slop = (*spheres_)[at(sphere)].slop,
+                 after = touch.normal.dot(weighted(p1, touch.foot.weight));
     const bool reaches = round == 0 || touch.time > 0 || after < shell.middle;
     const bool added = reaches && add_row(sphere, triangle, touch.foot, touch.normal, touch.time, round);
     if (added && after < shell.surface) return true;
@@ -65,7 +70,8 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
     if (separated(sphere, triangle, shell.inside)) return added;
     const double deeper = touch.time == 0 ? std::min(shell.middle, distance) : shell.middle;
     const double room = deeper - shell.inside;
-    const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop, finer = std::max(room, slop) / 16;
+    const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop,
+                 finer = std::max(room, slop) / 16;
     const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
     set_plane(sphere, triangle, next);
     if (!next.hit || next.time == 0) return added;
@@ -73,7 +79,7 @@ bool FaceWork::look_along(int sphere, const Triangle& triangle, int round) {
 }
 
 // The same for a mass point and a sphere that keeps points out.
-bool FaceWork::look_at_point(int sphere, int i, int round) {
+bool FaceWork::inspect_point(int sphere, int i, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
     const double reach = round == 0 ? shell.surface : shell.middle;
@@ -101,42 +107,44 @@ bool FaceWork::look_at_point(int sphere, int i, int round) {
     return add_row(sphere, {{i, i, i}, at(i)}, foot, outward_normal(place), time, round);
 }
 
-// Which points have left the places that the look before saw: by more than a part of the smallest margin that a clear way
-// keeps to spare.
+// Which points have left the places that the look before saw: by more than a part of the smallest margin that
+// a clear way keeps to spare.
 void FaceWork::note_moves(int round) {
     if (round == 0) {
-        looked_x_ = x;
+        inspected_x_ = x;
         std::fill(moved_.begin(), moved_.end(), std::uint8_t(1));
         return;
     }
     double slack = std::numeric_limits<double>::infinity();
     for (const Shell& shell : shells_) slack = std::min(slack, (shell.middle - shell.inside) / 16);
     for (std::size_t i = 0; i < x.size(); ++i) {
-        moved_[i] = (x[i] - looked_x_[i]).squaredNorm() > slack * slack;
-        if (moved_[i]) looked_x_[i] = x[i];
+        moved_[i] = (x[i] - inspected_x_[i]).squaredNorm() > slack * slack;
+        if (moved_[i]) inspected_x_[i] = x[i];
     }
 }
 
 bool FaceWork::has_moved(const Triangle& t, int sphere) const {
-    return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] | reached_[at(sphere)][t.number];
+    return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] |
+        reached_[at(sphere)][t.number];
 }
 
 bool FaceWork::find_rows(int round) {
     bool found = false;
-    ++look_;
+    ++inspection_;
     note_moves(round);
     if (round > 0) note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         place_in_frame(s);
         if (!faces_[at(s)]) {
-            for (int i = 0; i < cloth_.points(); ++i) found |= look_at_point(s, i, round);
+            for (int i = 0; i < cloth_.points(); ++i) found |= inspect_point(s, i, round);
             continue;
         }
         const Shell& shell = shells_[at(s)];
-        const double reach = (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
+        const double reach =
+            (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
         std::vector<std::size_t> reached;
         each_open_triangle(s, reach, round, [&](const Triangle& t) {
-            if (look_along(s, t, round)) reached.push_back(t.number);
+            if (inspect_triangle(s, t, round)) reached.push_back(t.number);
         });
         for (const std::size_t t : reached_list_[at(s)]) reached_[at(s)][t] = 0;
         for (const std::size_t t : reached) reached_[at(s)][t] = 1;
@@ -158,20 +166,21 @@ void FaceWork::set_foot(ContactRow& row, const std::array<double, 3>& weight) co
     row.weight = weight;
     row.mobility = 0;
     for (std::size_t i = 0; i < 3; ++i) {
-        row.share[i] = 0;
+        row.part[i] = 0;
         if (cloth_.pinned[at(row.corner[i])]) continue;
-        row.share[i] = weight[i] / cloth_.mass[at(row.corner[i])];
-        row.mobility += weight[i] * row.share[i];
+        row.part[i] = weight[i] / cloth_.mass[at(row.corner[i])];
+        row.mobility += weight[i] * row.part[i];
         freely += weight[i];
     }
     if (freely < least_lever) row.mobility = 0;
     row.inertia = 1 / row.mobility;
 }
 
-// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its velocity is judged where
-// the step ends, so that the next step begins without an arrival. The impulse acts on the mean of both places: on the first alone
-// the rocking would grow, as by Euler's explicit method, and on the last it would be damped. A triangle touches a sphere at one
-// place only, so that what else the rounds found asks for nothing.
+// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its
+// velocity is judged where the step ends, so that the next step begins without an arrival. The impulse acts
+// on the mean of both places: on the first alone the rocking would grow, as by Euler's explicit method, and
+// on the last it would be damped. A triangle touches a sphere at one place only, so that what else the rounds
+// found asks for nothing.
 void FaceWork::follow_feet() {
     if (bounced()) begun_ = rows_;
     for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
@@ -183,13 +192,13 @@ void FaceWork::follow_feet() {
         if (foot.point.norm() > shells_[at(s)].near) continue;
         ContactRow row = rows_[k];
         const std::array<double, 3> last = weights_of(foot, row.corner);
-        const std::array<double, 3> first_share = row.share;
+        const std::array<double, 3> first_mobility = row.part;
         set_foot(row, last);
         if (row.mobility <= 0) continue;
         row.mobility = 0;
         for (std::size_t i = 0; i < 3; ++i) {
-            row.share[i] = (first_share[i] + row.share[i]) / 2;
-            row.mobility += row.weight[i] * row.share[i];
+            row.part[i] = (first_mobility[i] + row.part[i]) / 2;
+            row.mobility += row.weight[i] * row.part[i];
         }
         row.inertia = 1 / row.mobility;
         row.normal = outward_normal(foot.point);
@@ -201,7 +210,9 @@ void FaceWork::follow_feet() {
     }
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const Origin& origin = origins_[k];
-        if (origin.rests() || origin.round == 0 || origin.height > 0 || !followed_[at(origin.sphere)][origin.piece]) continue;
+        if (origin.rests() || origin.round == 0 || origin.height > 0 ||
+            !followed_[at(origin.sphere)][origin.piece])
+            continue;
         rows_[k].speed.target = vec((*spheres_)[at(origin.sphere)].velocity) - nothing * rows_[k].normal;
         rows_[k].speed.impulse.setZero();
     }
@@ -210,7 +221,8 @@ void FaceWork::follow_feet() {
     for (const ContactRow& row : rows_) row.push(v, row.speed.impulse);
 }
 
-bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time, int round) {
+bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal,
+                       double time, int round) {
     const auto& [corner, piece] = triangle;
     const SweptSphere& s = (*spheres_)[at(sphere)];
     const Shell& shell = shells_[at(sphere)];
@@ -234,8 +246,8 @@ bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, c
     // Two triangles touch at the side or corner that they share.
     const std::size_t number = feature(sphere, corner, row.weight);
     std::uint32_t& seen = seen_[number];
-    if (seen == look_) return false;
-    seen = look_;
+    if (seen == inspection_) return false;
+    seen = inspection_;
     Origin origin{sphere, number, piece, round, time};
     row.place.target = vec(s.end) + level * normal;
     row.speed.target = vec(s.velocity);
@@ -245,7 +257,8 @@ bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, c
     return true;
 }
 
-// Each corner, side and face has a number: 6 i of the point i, 6 i + 1..3 of the sides that begin there, 6 i + 4..5 of faces.
+// Each corner, side and face has a number: 6 i of the point i, 6 i + 1..3 of the sides that begin there, 6 i
+// + 4..5 of faces.
 std::size_t FaceWork::feature(int sphere, const std::array<int, 3>& c, const std::array<double, 3>& w) const {
     const std::size_t first = at(sphere) * 6 * x.size();
     const bool upper = c[1] == c[0] + 1;  // the first triangle of a cell, or a link
@@ -258,8 +271,9 @@ std::size_t FaceWork::feature(int sphere, const std::array<int, 3>& c, const std
     return first + 6 * at(c[0]) + (upper ? 2 : 3);
 }
 
-// The bounds of a row: from a place that arrives with the speed u at the surface and leaves it with e u; the acceleration a
-// towards the sphere, that of the free step, goes on. Where it would be back within the step it stays at the surface.
+// The bounds of a row: from a place that arrives with the speed u at the surface and leaves it with e u; the
+// acceleration a towards the sphere, that of the free step, goes on. Where it would be back within the step
+// it stays at the surface.
 void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, int round) {
     const SweptSphere& s = (*spheres_)[at(origin.sphere)];
     const Shell& shell = shells_[at(origin.sphere)];
@@ -277,7 +291,9 @@ void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, i
         const double arrival2 = start < 0 || pull > 0 ? start * start + 2 * pull * gap : 0;
         origin.arrival = std::sqrt(std::max(0.0, arrival2));
         if (origin.arrival > 0)
-            left = std::max(0.0, s.dt - (start < 0 ? 2 * gap / (origin.arrival - start) : (start + origin.arrival) / pull));
+            left = std::max(
+                0.0,
+                s.dt - (start < 0 ? 2 * gap / (origin.arrival - start) : (start + origin.arrival) / pull));
     } else {
         origin.arrival = std::max(0.0, -end);
     }

@@ -9,12 +9,12 @@ namespace clothsim {
 
 using exact::vec;
 
-// Rows at the places that are nearest at the end, and at places that are deepest on a path that ends outside. True: a place is
-// below the middle of the margin.
+// Rows at the places that are nearest at the end, and at places that are deepest on a path that ends outside.
+// True: a place is below the middle of the margin.
 bool FaceWork::place_rows() {
     constexpr double far = 1.2;  // of the radius: a place further off than this gets no row
     bool low = false;
-    ++look_;
+    ++inspection_;
     note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
@@ -33,12 +33,14 @@ bool FaceWork::place_rows() {
         }
         each_open_triangle(s, far * shell.surface, most_rounds, [&](const Triangle& t) {
             if (inside_[at(s)][t.number]) return;
-            const Corners p0 = Frame::corners(frame.start, t.corner), p1 = Frame::corners(frame.end, t.corner);
+            const Corners p0 = Frame::corners(frame.start, t.corner),
+                          p1 = Frame::corners(frame.end, t.corner);
             const Foot last = nearest_to_origin(p1);
             const double tolerance = (shell.middle - shell.inside) / 16;
             if (last.point.norm() >= shell.middle && !separated(s, t, shell.inside)) {
                 const TriangleTouch first = triangle_touch(p0, p1, shell.inside, tolerance);
-                const double time = (first.time + 1 - triangle_touch(p1, p0, shell.inside, tolerance).time) / 2;
+                const double time =
+                    (first.time + 1 - triangle_touch(p1, p0, shell.inside, tolerance).time) / 2;
                 if (first.hit && time > 0) return add(t, nearest_to_origin(corners_at(p0, p1, time)), time);
             }
             add(t, last, 0);
@@ -61,13 +63,14 @@ bool FaceWork::project(const Sweeps& sweeps) {
         std::vector<ContactRow> rows(rows_.begin() + std::ptrdiff_t(kept), rows_.end());
         for (ContactRow& row : rows) row.friction = 0;
         if (sweeps.most > 1) guess_impulses(rows, 0, x, sum_, &ContactRow::place);
-        solve_contacts(rows, x, &ContactRow::place, accuracy * (shells_[0].surface - shells_[0].inside), sweeps.most, memory_);
+        solve_contacts(rows, x, &ContactRow::place, accuracy * (shells_[0].surface - shells_[0].inside),
+                       sweeps.most, memory_);
     }
     return false;
 }
 
-// Positions from which a projection may find a place: where the free step ends; the sheet as each sphere would carry it; the sheet
-// halfway to the plane between each two spheres, and flat on it.
+// Positions from which a projection may find a place: where the free step ends; the sheet as each sphere
+// would carry it; the sheet halfway to the plane between each two spheres, and flat on it.
 std::vector<std::vector<Vec3>> FaceWork::starts() const {
     std::vector<std::vector<Vec3>> starts{free_x_};
     const auto add = [&](const auto& move) {
@@ -83,7 +86,9 @@ std::vector<std::vector<Vec3>> FaceWork::starts() const {
             const double length = way.norm(), height = (length + a.radius - b.radius) / 2;
             if (length == 0) continue;
             for (const double part : {0.5, 1.0})
-                add([&](const Vec3& p) { return Vec3(part * (height - (p - vec(a.end)).dot(way) / length) / length * way); });
+                add([&](const Vec3& p) {
+                    return Vec3(part * (height - (p - vec(a.end)).dot(way) / length) / length * way);
+                });
         }
     return starts;
 }
@@ -98,14 +103,14 @@ bool FaceWork::search() {
             x = start;
             v = speeds;
             const bool found = project(sweeps);
-            if (found && left_over() < 0) return true;
+            if (found && unresolved() < 0) return true;
         }
     return false;
 }
 
-// A free point of what the paths lead through a sphere or leave inside it, or -1. A plane that turns beside a path proves it
-// clear, whatever chose the plane.
-int FaceWork::left_over() {
+// A free point of what the paths lead through a sphere or leave inside it, or -1. A plane that turns beside a
+// path proves it clear, whatever chose the plane.
+int FaceWork::unresolved() {
     int found = -1;
     note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
@@ -119,7 +124,8 @@ int FaceWork::left_over() {
         if (faces_[at(s)]) {
             each_open_triangle(s, reach, most_rounds, [&](const Triangle& t) {
                 if (inside_[at(s)][t.number]) return;
-                const Corners p0 = Frame::corners(frame.start, t.corner), p1 = Frame::corners(frame.end, t.corner);
+                const Corners p0 = Frame::corners(frame.start, t.corner),
+                              p1 = Frame::corners(frame.end, t.corner);
                 const TriangleTouch touch = triangle_touch(p0, p1, reach, slop / 2);
                 set_plane(s, t, touch);
                 if (touch.hit) note(t.corner);

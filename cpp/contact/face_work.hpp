@@ -20,7 +20,8 @@ inline std::size_t at(int i) { return std::size_t(i); }
 
 class FaceWork : public FacePass {
 public:
-    FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces, const FaceKernels& kernels);
+    FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
+             const FaceKernels& kernels);
     ContactReport run(const std::vector<SweptSphere>& spheres) final;
 
 private:
@@ -32,12 +33,12 @@ private:
     struct Shell {
         double inside, middle, surface, near;
     };
-    // Of a sphere: where the points are seen from it, as columns of x, y and z; of each triangle the directions of a plane between
-    // the two, at the start and at the end.
+    // Of a sphere: where the points are seen from it, as columns of x, y and z; of each triangle the
+    // directions of a plane between the two, at the start and at the end.
     struct Frame {
         std::array<std::vector<double>, 3> start, end;
         std::array<std::array<std::vector<double>, 6>, 2> planes;  // of the triangles 2 i and 2 i + 1
-        std::array<std::vector<double>, 2> heights;                // of them above the planes, in round 0 of the step
+        std::array<std::vector<double>, 2> heights;  // of them above the planes, in round 0 of the step
 
         static Vec3 at(const std::array<std::vector<double>, 3>& of, int i) {
             return {of[0][std::size_t(i)], of[1][std::size_t(i)], of[2][std::size_t(i)]};
@@ -50,11 +51,11 @@ private:
     struct Origin {
         int sphere;
         std::size_t feature;
-        std::size_t piece;   // the triangle's number, or the point's
+        std::size_t piece;  // the triangle's number, or the point's
         int round;
-        double time;         // of the touch, as part of the step
+        double time;  // of the touch, as part of the step
         double arrival = 0;  // normal speed with which it comes to the surface [m/s]
-        double height = 0;   // above the surface that it reaches by the end of the step [m]
+        double height = 0;  // above the surface that it reaches by the end of the step [m]
 
         bool rests() const { return time == 0; }  // in contact when the step begins
     };
@@ -71,29 +72,33 @@ private:
     void each_open_triangle(int sphere, double reach, int round, Visit visit);
     CellRow cell_row(const Frame& frame, int first) const;
     void note_drift();
-    static void place(const std::vector<Vec3>& from, const double (&center)[3], std::array<std::vector<double>, 3>& to);
+    static void place(const std::vector<Vec3>& from, const double (&center)[3],
+                      std::array<std::vector<double>, 3>& to);
     Frame& place_in_frame(int sphere);
     void set_plane(int sphere, const Triangle& triangle, const TriangleTouch& touch);
     void note_moves(int round);
     bool has_moved(const Triangle& triangle, int sphere) const;
     bool find_rows(int round);
-    bool look_along(int sphere, const Triangle& triangle, int round);
-    bool look_at_point(int sphere, int i, int round);
-    bool add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time, int round);
+    bool inspect_triangle(int sphere, const Triangle& triangle, int round);
+    bool inspect_point(int sphere, int i, int round);
+    bool add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time,
+                 int round);
     void set_foot(ContactRow& row, const std::array<double, 3>& weight) const;
     void follow_feet();
     void aim(ContactRow& row, Origin& origin, double depth, double time, int round);
-    std::size_t feature(int sphere, const std::array<int, 3>& corner, const std::array<double, 3>& weight) const;
+    std::size_t feature(int sphere, const std::array<int, 3>& corner,
+                        const std::array<double, 3>& weight) const;
     bool separated(int sphere, const Triangle& triangle, double reach) const;
     void solve(std::size_t first, ContactSide side);
-    void solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet, int most);
-    void recall(double dt);
-    void remember(double dt);
+    void solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet,
+                    int most);
+    void restore_persistent(double dt);
+    void save_persistent(double dt);
     bool project(const Sweeps& sweeps);
     bool place_rows();
     bool search();
     std::vector<std::vector<Vec3>> starts() const;
-    int left_over();
+    int unresolved();
     void ground();
     bool follow_ways(int first_round);
     bool restore_speeds();
@@ -113,32 +118,35 @@ private:
     std::vector<Shell> shells_;
     const FaceKernels& kernels_;
     std::vector<Frame> frames_;
-    std::vector<double> drift_;            // of rows of points: the farthest that one of them is from where the free step ended [m]
-    std::vector<Vec3> scratch_;            // of points
-    std::vector<Vec3> free_x_, free_v_;    // where the free step ended
+    std::vector<double>
+        drift_;  // of rows of points: the farthest that one of them is from where the free step ended [m]
+    std::vector<Vec3> scratch_;  // of points
+    std::vector<Vec3> free_x_, free_v_;  // where the free step ended
     std::vector<ContactRow> rows_;
-    std::vector<ContactRow> begun_;        // as they were before velocities answered where the step ends, where something bounced
+    std::vector<ContactRow>
+        begun_;  // as they were before velocities answered where the step ends, where something bounced
     std::vector<Origin> origins_;
-    std::vector<Vec3> looked_x_;                         // x as it was when a point's triangles were looked at
-    std::vector<std::uint8_t> moved_;                    // points that have left it
-    std::vector<std::vector<std::uint8_t>> reached_;     // triangles for which the look before found something
+    std::vector<Vec3> inspected_x_;  // x as it was when a point's triangles were looked at
+    std::vector<std::uint8_t> moved_;  // points that have left it
+    std::vector<std::vector<std::uint8_t>> reached_;  // triangles for which the look before found something
     std::vector<std::vector<std::size_t>> reached_list_;
-    std::vector<std::vector<std::uint8_t>> followed_;    // triangles, points whose velocity answers between start and end
+    std::vector<std::vector<std::uint8_t>>
+        followed_;  // triangles, points whose velocity answers between start and end
     SolverMemory memory_;
     std::vector<double> sum_;
     std::vector<double> pushed_;
-    std::vector<std::vector<std::uint8_t>> inside_;      // triangles, points that were inside when the step began
+    std::vector<std::vector<std::uint8_t>> inside_;  // triangles, points that were inside when the step began
     std::vector<std::pair<int, Triangle>> starts_inside_;
-    std::vector<std::uint32_t> seen_;                    // features: in which look they got a row
-    std::vector<std::uint32_t> lasted_;                  // features: place in `lasting` and 1
-    std::uint32_t look_ = 0;
+    std::vector<std::uint32_t> seen_;  // features: in which look they got a row
+    std::vector<std::uint32_t> lasted_;  // features: place in `lasting` and 1
+    std::uint32_t inspection_ = 0;
     bool grounded_ = false;  // whether what bounces stays at the surface in this step
     ContactReport report_;
 };
 
-// Triangles that no plane proves clear, beyond that distance from the centre; links of a chain. In round 0 of a step all heights
-// above the planes are computed. Later a height has fallen by no more than the corners have moved since, `drift_`. Rounds before
-// `most_rounds` leave out what has not moved.
+// Triangles that no plane proves clear, beyond that distance from the centre; links of a chain. In round 0 of
+// a step all heights above the planes are computed. Later a height has fallen by no more than the corners
+// have moved since, `drift_`. Rounds before `most_rounds` leave out what has not moved.
 template <class Visit>
 void FaceWork::each_open_triangle(int sphere, double reach, int round, Visit visit) {
     const int rows = cloth_.rows, columns = cloth_.columns;

@@ -1,5 +1,5 @@
-// The spheres that are met at the end of a step, and beside each, if there is one, a plane that keeps it from a band of rows:
-// of a row that is altogether beyond the plane no point is looked at.
+// The spheres that are met at the end of a step, and beside each, if there is one, a plane that keeps it from
+// a band of rows: of a row that is altogether beyond the plane no point is looked at.
 #pragma once
 
 #include <algorithm>
@@ -7,13 +7,14 @@
 #include <vector>
 
 #include "contact/contact.hpp"
-#include "contact/gap.hpp"
+#include "contact/separation.hpp"
 #include "kernels/kernel_table.hpp"
 
 namespace clothsim {
 
-// The kernels' test takes a squared radius that is larger by this many epsilon, as its sum of squares may be rounded by three.
-// With half of it the test would still be safe, with twice as much it would find a few more points that touch nothing.
+// The kernels' test takes a squared radius that is larger by this many epsilon, as its sum of squares may be
+// rounded by three. With half of it the test would still be safe, with twice as much it would find a few more
+// points that touch nothing.
 inline constexpr double outer_epsilons = 8;
 
 template <class Real>
@@ -48,7 +49,8 @@ struct NearSpheres {
         return Real(r * r * (1 + outer_epsilons * double(std::numeric_limits<Real>::epsilon())));
     }
 
-    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is rounded.
+    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is
+    // rounded.
     static double reach_of_plane(const Contact& contact) {
         const double radius = contact.sphere.contact_radius;
         return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
@@ -58,8 +60,8 @@ private:
     // Where a band comes near a sphere, planes between the two are looked for no more often than this.
     static constexpr int steps_between_planes = 64;
 
-    // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is asked
-    // whether it is beyond.
+    // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is
+    // asked whether it is beyond.
     template <class ExtentAlong>
     void find_planes(const ExtentAlong& extent_along) {
         steps_to_planes_ = steps_between_planes;
@@ -71,7 +73,8 @@ private:
         }
         for (std::size_t i = 0; i < contacts.size(); ++i) {
             const Vec3 reach = Vec3::Constant(reach_of_plane(contacts[i]));
-            const auto gap = widest_gap(band, {contacts[i].center - reach, contacts[i].center + reach});
+            const auto gap =
+                widest_separation(band, {contacts[i].center - reach, contacts[i].center + reach});
             outlines[i].axis = gap ? gap->axis : -1;
             outlines[i].above = gap && gap->above;
             outlines[i].crossed = !gap;

@@ -1,8 +1,9 @@
 // Kim et al., method 2: cast a ray from the point back along its velocity, move the point to where the
 // ray meets the sphere, reflect the velocity there.
 //
-// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata mended, divided by v.v so that
-// no speed is too small) the point lies inside, C < 0, so exactly one distance along the ray is positive:
+// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata mended, divided by v.v so
+// that no speed is too small) the point lies inside, C < 0, so exactly one distance along the ray is
+// positive:
 //
 //   s = -B + sqrt(B^2 - C)   =   -C / (B + sqrt(B^2 - C))
 //
@@ -20,8 +21,8 @@ inline double distance_to_surface(double b, double c) {
     return b > 0 ? -c / (b + root) : root - b;
 }
 
-// |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because the
-// summation order of Eigen's stableNorm depends on where its operand lies in memory.
+// |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because
+// the summation order of Eigen's stableNorm depends on where its operand lies in memory.
 inline double length_of(const Vec3& v) {
     const double largest = v.cwiseAbs().maxCoeff();
     return largest > 0 ? largest * (v / largest).norm() : 0;
@@ -38,11 +39,10 @@ inline PointState respond_ray(const Contact& contact, const PointState& point) {
     if (speed > 0) {
         const Vec3 back = -v / speed;
         const double b = m.dot(back);
-        if (b < 0 && !contact.sphere.literal) return point;  // on its way out
+        if (b < 0 && !contact.sphere.as_printed) return point;  // on its way out
         on_surface = m + distance_to_surface(b, m.squaredNorm() - radius * radius) * back;
     }
-    return {contact.center + on_surface,
-            reflected(contact, point.velocity, outward_normal(on_surface))};
+    return {contact.center + on_surface, reflected(contact, point.velocity, outward_normal(on_surface))};
 }
 
 }  // namespace clothsim

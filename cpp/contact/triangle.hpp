@@ -1,11 +1,12 @@
 // A triangle of moving corners against a sphere: the first time at which they touch.
 //
-// In the sphere's frame every corner goes straight from p0 to p1. At a time t the point y of the triangle that
-// is nearest to the centre has the distance d and the direction n = y / d, and the whole triangle lies beyond
-// the plane through y across n. As long as every corner stays beyond the plane at distance `reach` from the
-// centre, so does the triangle: each corner tells when it gets there, the earliest is safe to go to. That is
-// conservative advancement (Mirtich 1996) with the direction taken into account: what moves sideways or away does
-// not count, and close to contact it converges like Newton's method. It never goes past a contact.
+// In the sphere's frame every corner goes straight from p0 to p1. At a time t the point y of the triangle
+// that is nearest to the centre has the distance d and the direction n = y / d, and the whole triangle lies
+// beyond the plane through y across n. As long as every corner stays beyond the plane at distance `reach`
+// from the centre, so does the triangle: each corner tells when it gets there, the earliest is safe to go to.
+// That is conservative advancement (Mirtich 1996) with the direction taken into account: what moves sideways
+// or away does not count, and close to contact it converges like Newton's method. It never goes past a
+// contact.
 #pragma once
 
 #include <algorithm>
@@ -40,8 +41,8 @@ inline void offer_side(const Corners& c, std::size_t i, Foot& best, double& leas
     best.weight[j] = s;
 }
 
-// Offers the foot of the perpendicular, if it lies inside. The height on the longest side is orthogonalised against that side, so
-// that its direction is right to rounding however thin the triangle is.
+// Offers the foot of the perpendicular, if it lies inside. The height on the longest side is orthogonalised
+// against that side, so that its direction is right to rounding however thin the triangle is.
 inline void offer_inside_of_thin(const Corners& c, Foot& best, double& least) {
     std::size_t i = 0;
     double longest2 = -1;
@@ -71,8 +72,9 @@ inline void offer_inside_of_thin(const Corners& c, Foot& best, double& least) {
     best.weight[k] = w[2];
 }
 
-// The foot of the perpendicular if it lies inside, else the nearest place of the sides that it lies beyond. In a thin or
-// collapsed triangle rounding hides which these are: then all count. Every candidate is a point of the triangle.
+// The foot of the perpendicular if it lies inside, else the nearest place of the sides that it lies beyond.
+// In a thin or collapsed triangle rounding hides which these are: then all count. Every candidate is a point
+// of the triangle.
 inline Foot nearest_to_origin(const Corners& c) {
     constexpr double thin = 1e-8;  // squared sine of the angle at the first corner
     const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
@@ -85,7 +87,8 @@ inline Foot nearest_to_origin(const Corners& c) {
         inner[1] = across.dot(ac) / area2;
         inner[2] = -across.dot(ab) / area2;
         inner[0] = 1 - inner[1] - inner[2];
-        if (inner[0] >= 0 && inner[1] >= 0 && inner[2] >= 0) return {c[0] + inner[1] * ab + inner[2] * ac, inner};
+        if (inner[0] >= 0 && inner[1] >= 0 && inner[2] >= 0)
+            return {c[0] + inner[1] * ab + inner[2] * ac, inner};
     }
     Foot best{c[0], {1, 0, 0}};
     double least = c[0].squaredNorm();
@@ -108,8 +111,10 @@ struct TriangleTouch {
     Vec3 first_normal = Vec3::Zero();  // when the way begins
 };
 
-// Whether the triangle keeps beyond `reach` of a plane that turns from the direction n0 to n1, both at most of length 1.
-inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec3& n0, const Vec3& n1, double reach) {
+// Whether the triangle keeps beyond `reach` of a plane that turns from the direction n0 to n1, both at most
+// of length 1.
+inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec3& n0, const Vec3& n1,
+                                 double reach) {
     double least = reach + 1;
     for (std::size_t i = 0; i < 3; ++i)
         least = std::min({least, n0.dot(p0[i]), n1.dot(p1[i]), (n0.dot(p1[i]) + n1.dot(p0[i])) / 2});
@@ -118,13 +123,14 @@ inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec
 
 // The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
 //
-// A triangle that turns on the sphere lowers a corner all the time, and a plane that stands still lets it go no further than
-// the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a while later, lets it leap: on the
-// way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if its three Bernstein coefficients are. The first and
-// the last are for any corner c; the middle one is (n0.c(1) + n1.c(0)) / 2.
+// A triangle that turns on the sphere lowers a corner all the time, and a plane that stands still lets it go
+// no further than the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a
+// while later, lets it leap: on the way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if
+// its three Bernstein coefficients are. The first and the last are for any corner c; the middle one is
+// (n0.c(1) + n1.c(0)) / 2.
 //
-// Where a later time is known at which the triangle is nearer than `reach`, a leap goes at least to where regula falsi expects the
-// touch.
+// Where a later time is known at which the triangle is nearer than `reach`, a leap goes at least to where
+// regula falsi expects the touch.
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
     constexpr double shortest_leap = 1e-12;
     constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
@@ -132,7 +138,8 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
     Corners now = p0;
     t.foot = nearest_to_origin(now);
     double leap = 0;
-    double late = 2, near = 0;  // a time at which the triangle is nearer than `reach`, and its distance then; 2: none is known
+    double late = 2, near = 0;  // a time at which the triangle is nearer than `reach`, and its distance then;
+                                // 2: none is known
     for (int k = 0; k < most_advances; ++k) {
         const double distance = t.foot.point.norm();
         t.normal = distance > 0 ? Vec3(t.foot.point / distance) : Vec3(0, 1, 0);
@@ -164,7 +171,9 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
             if (advance == 2 || t.time >= 1) return t;
             advance = 1 - t.time;  // the end itself is looked at once
         }
-        const auto expected = [&] { return (distance - reach - tolerance / 2) / (distance - near) * (late - t.time); };
+        const auto expected = [&] {
+            return (distance - reach - tolerance / 2) / (distance - near) * (late - t.time);
+        };
         leap = k == 0 ? 0.0 : std::max(2 * leap, 4 * advance);
         if (late <= 1) leap = std::min(std::max(leap, expected()), 0.9 * (late - t.time));
         else if (k == 0) leap = 0.5;
@@ -177,7 +186,8 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
             const double far = foot.point.norm();
             const Vec3 normal = foot.point / (far > 0 ? far : 1);
             leapt = far > reach;
-            for (std::size_t i = 0; i < 3; ++i) leapt = leapt && normal.dot(now[i]) + t.normal.dot(then[i]) > 2 * reach;
+            for (std::size_t i = 0; i < 3; ++i)
+                leapt = leapt && normal.dot(now[i]) + t.normal.dot(then[i]) > 2 * reach;
             if (leapt) {
                 t.time = next;
                 t.foot = foot;

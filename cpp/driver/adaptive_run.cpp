@@ -1,10 +1,11 @@
 // The loop of error control: try, judge, accept.
 //
-// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step methods, so a
-// contact is answered at the end of the step in which it began. So that none is skipped, a step is bounded near
-// the spheres (AdaptiveEngine::contact_step): once by the velocities before it, and once more, when it has been tried,
-// by those after it; a step that was too long is tried again. Continuous spheres have the whole way between the ends of
-// the step tested; as their contacts begin within it, steps then end at frames instead of being interpolated.
+// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step methods,
+// so a contact is answered at the end of the step in which it began. So that none is skipped, a step is
+// bounded near the spheres (AdaptiveEngine::contact_step): once by the velocities before it, and once more,
+// when it has been tried, by those after it; a step that was too long is tried again. Continuous spheres have
+// the whole way between the ends of the step tested; as their contacts begin within it, steps then end at
+// frames instead of being interpolated.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -21,7 +22,8 @@ using std::chrono::steady_clock;
 constexpr double seconds_between_polls = 0.01;
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
-constexpr std::int64_t steps_between_energies = EnergyWatch::steps_between_looks;  // accepted ones, which cost several of others
+constexpr std::int64_t steps_between_energies =
+    EnergyWatch::steps_between_checks;  // accepted ones, which cost several of others
 
 double seconds_since(steady_clock::time_point start) {
     return std::chrono::duration<double>(steady_clock::now() - start).count();
@@ -29,7 +31,8 @@ double seconds_since(steady_clock::time_point start) {
 
 }  // namespace
 
-Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& request, StepController& controller,
+Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& request,
+                                                         StepController& controller,
                                                          const std::function<bool()>& interrupted) {
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
@@ -47,8 +50,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         const double wanted = std::min(controller.h, request.longest);
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
-        double h = wanted >= left ? left : wanted > left / 2 ? left / 2
-                                                             : wanted;
+        double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
         h = adaptive.contact_step(t, h, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
@@ -58,7 +60,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double error = adaptive.try_step(h, request.tolerance, team);
         bool accepted = controller.judge(h, error, adaptive.order());
-        // Between the ends of a step that ends in contact there is no frame: the state there may be inside a sphere.
+        // Between the ends of a step that ends in contact there is no frame: the state there may be inside a
+        // sphere.
         if (accepted && t + h > request.until && adaptive.step_touches(t + h)) {
             controller.h = request.until - t;
             outcome.rejected += 1;
@@ -75,9 +78,9 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             last_step_ = h;
             const double next = h == left ? end : t + h;
             engine.accept_in_contact(t, next, team);
-            const std::int64_t shut_in = std::exchange(engine.contact_report.shut_in, -1);
-            if (shut_in >= 0) {
-                outcome.unstable = Outcome::Unstable{0, shut_in, outcome.steps + 1, next, true};
+            const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
+            if (trapped >= 0) {
+                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
                 return outcome;
             }
             const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);

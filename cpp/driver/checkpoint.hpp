@@ -1,24 +1,28 @@
 // The way back, all of it; docs/dev/rollback.md explains it.
 //
-// Steps are taken first and judged afterwards, which costs less than to look before each. There are two judges:
-//   separating planes (contact/guards.hpp): steps beyond them go without a contact pass, and a row of mass points may cross one;
-//   inspection of the state (Simulation::look): it is not finite, it runs away, or a mass point is trapped between spheres.
+// Steps are taken first and judged afterwards, which costs less than to look before each. There are two
+// judges:
+//   separating planes (contact/separating_planes.hpp): steps beyond them go without a contact pass, and a row
+//   of mass points may cross one; inspection of the state (Simulation::look): it is not finite, it runs away,
+//   or a mass point is trapped between spheres.
 // Each ends in the same way: back to the checkpoint, and the steps since then again with more care.
 //
 //   checkpoint         inspection           inspection
 //        |----- steps ------|------ steps -------x
 //        |<~~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
-//        |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~ a bad state: all members repeat them one by one, each inspected
+//        |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~ a bad state: all members repeat them one by one, each
+//        inspected
 //
-// A checkpoint is a state that an inspection has found good, at most 128 steps ago. It outlasts a call of one step. It is a copy in
-// the engines, or, at the start of a call with arrays, those arrays: they stay as they are until the call has succeeded.
+// A checkpoint is a state that an inspection has found good, at most 128 steps ago. It outlasts a call of one
+// step. It is a copy in the engines, or, at the start of a call with arrays, those arrays: they stay as they
+// are until the call has succeeded.
 #pragma once
 
 #include <functional>
 #include <memory>
 #include <vector>
 
-#include "integrators/engine.hpp"
+#include "engines/engine.hpp"
 
 namespace clothsim {
 

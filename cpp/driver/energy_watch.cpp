@@ -9,7 +9,8 @@ EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
     double all = 0;
     for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
         if (cloth.present[n.family])
-            all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
+            all +=
+                cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
     negligible_ = negligible_part * all;
 }
 
@@ -17,7 +18,8 @@ Energy EnergyWatch::energy_of(const Engine& engine) {
     x_.resize(plan_.cloth.points(), 3);
     v_.resize(plan_.cloth.points(), 3);
     engine.store(x_.data(), v_.data());
-    return energy(plan_.cloth, plan_.gravity, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
+    return energy(plan_.cloth, plan_.gravity, PointsView(x_.data(), x_.rows(), 3),
+                  PointsView(v_.data(), v_.rows(), 3));
 }
 
 void EnergyWatch::begin(const Engine& engine) {

@@ -3,14 +3,14 @@
 
 #include <utility>
 
-#include "integrators/engine.hpp"
+#include "engines/engine.hpp"
 #include "measure/diagnostics.hpp"
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, but an unstable step does: above the stability
-// limit, and below the guaranteed one at states that the guarantee leaves out. The cloth need not fly apart: waves may
-// grow until it has folded itself into a shape in which they no longer do.
+// Until a sphere responds, nothing adds to the total energy of a cloth, but an unstable step does: above the
+// stability limit, and below the guaranteed one at states that the guarantee leaves out. The cloth need not
+// fly apart: waves may grow until it has folded itself into a shape in which they no longer do.
 class EnergyWatch {
 public:
     explicit EnergyWatch(const Plan& plan);
@@ -21,17 +21,20 @@ public:
     void begin(const Engine& engine);
     bool begun() const { return started_; }
 
-    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half of it is
-    // worth a warning, more than nine tenths an error. An integrator may keep an energy of its own instead of the true
-    // one, from which the true one differs by a factor (1 - (omega dt / 2)^2 for Verlet's); nine tenths leave room for it.
+    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half
+    // of it is worth a warning, more than nine tenths an error. An integrator may keep an energy of its own
+    // instead of the true one, from which the true one differs by a factor (1 - (omega dt / 2)^2 for
+    // Verlet's); nine tenths leave room for it.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
-    // Energy below this part of what all springs would hold at twice their rest lengths counts as nothing: a stretch of a
-    // thousandth. What runs away doubles within steps, so that half or twice the part changes little.
+    // Energy below this part of what all springs would hold at twice their rest lengths counts as nothing: a
+    // stretch of a thousandth. What runs away doubles within steps, so that half or twice the part changes
+    // little.
     static constexpr double negligible_part = 1e-6;
     // Steps between two looks above the guaranteed time step, where growth is likely.
-    static constexpr std::int64_t steps_between_looks = 16;
+    static constexpr std::int64_t steps_between_checks = 16;
 
-    // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into engine.watched.
+    // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into
+    // engine.watched.
     std::int64_t runaway_point(Engine& engine, bool record);
     // Whether the energy has grown at a recorded look; true once.
     bool take_growth() { return std::exchange(news_, false); }

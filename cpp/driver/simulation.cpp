@@ -15,32 +15,34 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// The state of an unstable run is caught within this many steps of its first non-finite value, then the exact step
-// is found by going back to the last checkpoint.
+// The state of an unstable run is caught within this many steps of its first non-finite value, then the exact
+// step is found by going back to the last checkpoint.
 constexpr std::int64_t most_steps_unchecked = 128;
-// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth is likely.
-constexpr std::int64_t steps_between_energies = most_steps_unchecked, steps_between_energies_above = EnergyWatch::steps_between_looks;
-// A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over the steps of
-// earlier calls cannot be interrupted, and takes no longer than this.
+// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth
+// is likely.
+constexpr std::int64_t steps_between_energies = most_steps_unchecked,
+                       steps_between_energies_above = EnergyWatch::steps_between_checks;
+// A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
+// the steps of earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;
 // Of a batch later: each member has to come into cache, and should then be stepped more than once.
 constexpr double seconds_of_batch = 0.1;
 
-// A choice between one thread and a team is judged by as much time as this, and the alternative tried again so often:
-// sooner at first, as a trial may have met a busy moment.
+// A choice between one thread and a team is judged by as much time as this, and the alternative tried again
+// so often: sooner at first, as a trial may have met a busy moment.
 constexpr double seconds_of_trial = 2e-4;
 constexpr double seconds_between_trials = 0.5;
-constexpr double worth_a_change = 1.05, disaster = 3;  // times what the alternative cost
+constexpr double least_gain = 1.05, disaster = 3;  // times what the alternative cost
 // From so many mass points on, waking a team takes less than it saves in a step.
-constexpr std::int64_t points_worth_a_team = 16384;
+constexpr std::int64_t least_points_per_team = 16384;
 
-// How many of `count` members are stepped by one thread each. Those left over are too few for all threads, and stepped by the
-// whole team one after the other where that is sooner.
+// How many of `count` members are stepped by one thread each. Those left over are too few for all threads,
+// and stepped by the whole team one after the other where that is sooner.
 std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
     if (count == 1) return 0;
     const std::int64_t left = count % threads;
-    return 4 * left <= 3 * threads && points >= points_worth_a_thread * threads ? count - left : count;
+    return 4 * left <= 3 * threads && points >= least_points_per_thread * threads ? count - left : count;
 }
 
 double seconds_between(steady_clock::time_point start, steady_clock::time_point end) {
@@ -59,16 +61,16 @@ void TeamChoice::observe(std::int64_t steps, double seconds) {
     const double other = cost_[!use_team_];
     last_ = seconds / double(steps);
     since_change_ += seconds;
-    const bool too_dear = other > 0 && last_ > disaster * other;
+    const bool too_costly = other > 0 && last_ > disaster * other;
     // The first steps after a change wake threads and fill caches.
-    if (std::exchange(just_changed_, false) && !too_dear) return;
+    if (std::exchange(just_changed_, false) && !too_costly) return;
     seconds_ += seconds;
     steps_ += steps;
-    if (seconds_ < seconds_of_trial && !too_dear) return;
+    if (seconds_ < seconds_of_trial && !too_costly) return;
     cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
     const bool due = !std::exchange(on_trial_, false) && since_change_ > patience_;
     if (due) patience_ = std::min(2 * patience_, seconds_between_trials);
-    if (other == 0 || cost_[use_team_] > worth_a_change * other || due) {
+    if (other == 0 || cost_[use_team_] > least_gain * other || due) {
         use_team_ = !use_team_;
         just_changed_ = on_trial_ = true;
         since_change_ = 0;
@@ -88,7 +90,7 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     clock.origin = time;
     std::int64_t points = 0;
     for (const Plan& plan : plans_) points += plan.cloth.points();
-    choice_ = TeamChoice(points >= points_worth_a_team);
+    choice_ = TeamChoice(points >= least_points_per_team);
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -104,7 +106,8 @@ void Simulation::restart(std::size_t i) {
     checkpoint_.drop();
 }
 
-std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt, int threads, bool optional,
+std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& load, std::int64_t steps,
+                                        double dt, int threads, bool optional,
                                         const std::function<bool()>& interrupted) {
     clock = {time, 0, clock.dt};
     set_step(dt);
@@ -157,18 +160,19 @@ void Simulation::begin_watches() {
         if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
 }
 
-void Simulation::look(std::size_t i, std::int64_t age, bool each) {
+void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     bad_points_[i] = -1;
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
     const bool due = age % energy_period(i) == 0;
     // A checkpoint is taken where states are sampled, and must be a good one.
     const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
-    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i])) bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
+    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i]))
+        bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
 }
 
-void Simulation::look() {
-    for (std::size_t i = 0; i < members_.size(); ++i) look(i, age_, false);
+void Simulation::inspect() {
+    for (std::size_t i = 0; i < members_.size(); ++i) inspect(i, age_, false);
 }
 
 void Simulation::set_watch(std::int64_t every, double interval) {
@@ -185,7 +189,8 @@ void Simulation::sample(std::size_t i, double t) {
     const PointsView view(x.data(), x.rows(), 3);
     member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
     for (const Sphere& sphere : plan.spheres) {
-        const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
+        const Penetration depth =
+            penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
         member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
     }
 }
@@ -204,7 +209,7 @@ void Simulation::sample() {
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || members_[i]->contact_report.shut_in >= 0) return std::int64_t(i);
+        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -219,12 +224,13 @@ void Simulation::run_member(std::size_t i, const Block& block, bool copy, int th
         from.steps -= checkpoint_.steps();
         member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false);
     }
-    if (block.look) look(i, age_ + block.steps, block.each);
+    if (block.inspect) inspect(i, age_ + block.steps, block.each);
     if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
 }
 
 void Simulation::each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work) {
-    const auto each_alone = members.begin() + alone(std::int64_t(members.size()), plans_[0].cloth.points(), threads);
+    const auto each_alone =
+        members.begin() + alone(std::int64_t(members.size()), plans_[0].cloth.points(), threads);
     if (each_alone != members.begin()) {
         const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
         std::exception_ptr failure;  // none may leave the region
@@ -270,7 +276,8 @@ void Simulation::back_to_checkpoint() {
     checkpoint_.restored();
 }
 
-void Simulation::repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted) {
+void Simulation::repeat_step_by_step(Outcome& outcome, int threads,
+                                     const std::function<bool()>& interrupted) {
     const std::int64_t steps = checkpoint_.steps(), of_this_call = std::min(steps, outcome.steps);
     back_to_checkpoint();
     begin_watches();  // at the input, if it was not worth while
@@ -290,9 +297,9 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, const std::f
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
-        const std::int64_t shut_in = members_[std::size_t(bad)]->contact_report.shut_in;
+        const std::int64_t trapped = members_[std::size_t(bad)]->contact_report.trapped;
         back_to_checkpoint();
-        outcome.unstable = {bad, point >= 0 ? point : shut_in, outcome.steps + 1, clock.at(1), point < 0};
+        outcome.unstable = {bad, point >= 0 ? point : trapped, outcome.steps + 1, clock.at(1), point < 0};
         break;
     }
     for (auto& member : members_) member->contact_report = {};
@@ -308,18 +315,20 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     const bool watched = above_stable_dt() || !checkpoint_.is_input() || steps >= energy_period;
     if (steps > 0 && watched) begin_watches();
     const bool of_earlier_calls = checkpoint_.steps() > 0;
-    if (of_earlier_calls && (above_stable_dt() || checkpoint_.seconds() > most_seconds_of_earlier_calls)) checkpoint_.drop();
+    if (of_earlier_calls && (above_stable_dt() || checkpoint_.seconds() > most_seconds_of_earlier_calls))
+        checkpoint_.drop();
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
         const std::int64_t to_energies = energy_period - age_ % energy_period;
-        const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
-        const std::int64_t to_look = std::min({most_steps_unchecked - checkpoint_.steps(), to_energies,
-                                               to_sample, steps - outcome.steps});
+        const std::int64_t to_sample =
+            sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
+        const std::int64_t to_inspection = std::min(
+            {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
         const bool choose = optional && threads > 1;
-        const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_look);
+        const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
         const int team = choose && !choice_.team() ? 1 : threads;
-        run({n, n == to_look}, team);
+        run({n, n == to_inspection}, team);
         outcome.steps += n;
         const auto end = steady_clock::now();
         const double seconds = seconds_between(start, end);
@@ -328,14 +337,15 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
         const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
-        chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1), most_steps_unchecked);
+        chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1),
+                            most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {
             const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
             if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
         }
         const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
         if (poll) outcome.interrupted = interrupted();
-        if (outcome.interrupted && n < to_look) look();
+        if (outcome.interrupted && n < to_inspection) inspect();
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, interrupted);
             return outcome;
@@ -343,7 +353,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
         // The next checkpoint is the state of this inspection, so that steps which are repeated pass none.
-        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample) checkpoint_.drop();
+        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample)
+            checkpoint_.drop();
         if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();
     }

@@ -17,15 +17,15 @@ struct Outcome {
         std::int64_t member, point;
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
-        bool shut_in = false;  // finite, but the spheres leave this point no place
+        bool trapped = false;  // finite, but the spheres leave this point no place
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
     struct PinnedInside {
         std::int64_t member, point;
     };
     std::optional<PinnedInside> pinned_inside;  // a continuous sphere has run into a pinned point
-    // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to do, so that the
-    // caller may look at the state where it was found.
+    // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to
+    // do, so that the caller may look at the state where it was found.
     std::optional<std::int64_t> grown;
 
     // All steps were done, and there is nothing to tell.
@@ -36,7 +36,8 @@ struct Outcome {
 // either way, so a machine whose processors are taken by others costs time, not a result.
 class TeamChoice {
 public:
-    // Where steps are long, a first one is better done by the team; else a short run may not be worth waking it.
+    // Where steps are long, a first one is better done by the team; else a short run may not be worth waking
+    // it.
     explicit TeamChoice(bool team_first) : use_team_(team_first) {}
     bool team() const { return use_team_; }
     // Steps of so many that tell enough: few while the dearer of the two may be running.
@@ -45,18 +46,18 @@ public:
 
 private:
     double cost_[2] = {0, 0};  // last seconds per step of one thread and of the team; 0: not seen yet
-    double last_ = 0;          // seconds per step of whichever ran last
-    double seconds_ = 0;       // of `steps_` steps since the last judgement
+    double last_ = 0;  // seconds per step of whichever ran last
+    double seconds_ = 0;  // of `steps_` steps since the last judgement
     std::int64_t steps_ = 0;
     double since_change_ = 0;  // seconds
-    double patience_ = 0.01;   // seconds until the other is tried again
+    double patience_ = 0.01;  // seconds until the other is tried again
     bool use_team_;
     bool just_changed_ = true, on_trial_ = true;
 };
 
-// Mass points of a cloth of a batch that are worth a thread of a team. Such a team is taken to be three quarters as many times
-// faster as it has threads.
-inline constexpr std::int64_t points_worth_a_thread = 512;
+// Mass points of a cloth of a batch that are worth a thread of a team. Such a team is taken to be three
+// quarters as many times faster as it has threads.
+inline constexpr std::int64_t least_points_per_thread = 512;
 
 class Simulation {
 public:
@@ -71,10 +72,10 @@ public:
 
     Clock clock;
 
-    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a member, and advance.
-    // None if `load` tells that a state is not finite.
-    std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt, int threads, bool optional,
-                                const std::function<bool()>& interrupted);
+    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
+    // member, and advance. None if `load` tells that a state is not finite.
+    std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,
+                                int threads, bool optional, const std::function<bool()>& interrupted);
 
     // `work(i, threads)` of every member, or of some, shared among threads like steps.
     using MemberWork = std::function<void(std::size_t i, int threads)>;
@@ -92,8 +93,8 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the last of
-    // them no longer than to `end`, at most `steps` of them.
+    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the
+    // last of them no longer than to `end`, at most `steps` of them.
     struct AdaptiveRequest {
         double until, end;
         std::int64_t steps;
@@ -104,15 +105,16 @@ public:
     };
     struct AdaptiveOutcome : Outcome {
         std::int64_t rejected = 0;  // steps tried in vain
-        double error = 0;           // estimate of the last step, in units of the tolerance
+        double error = 0;  // estimate of the last step, in units of the tolerance
     };
     AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
                                      const std::function<bool()>& interrupted);
     // The state at a time within the last step of `advance_adaptive`.
     void dense(double t, double* x, double* v, int threads);
 
-    // Watch depths of mass points at the end of every step, and sample depths of triangles and stretches: after every
-    // `every` steps, of an adaptive run also where `interval` [s] has passed since the last sample.
+    // Watch depths of mass points at the end of every step, and sample depths of triangles and stretches:
+    // after every `every` steps, of an adaptive run also where `interval` [s] has passed since the last
+    // sample.
     void set_watch(std::int64_t every, double interval);
     // Whether energies are watched; by default they are.
     void set_watch_energy(bool on) { watch_energy_ = on; }
@@ -120,13 +122,15 @@ public:
     void sample();
     const Watched& watched(std::size_t i) const { return members_[i]->watched; }
     // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step on.
-    bool energy_told(std::size_t i) const { return watches_[i].begun() && !members_[i]->watched.in_contact(); }
+    bool energy_known(std::size_t i) const {
+        return watches_[i].begun() && !members_[i]->watched.in_contact();
+    }
 
 private:
     // Steps of all members, with what goes before and after them.
     struct Block {
         std::int64_t steps;
-        bool look;          // at the state after them
+        bool inspect;  // at the state after them
         bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
     };
     // From a checkpoint, which is taken if there is none.
@@ -135,10 +139,10 @@ private:
     void run_member(std::size_t i, const Block& block, bool copy, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
-    // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at the end of a
-    // call above the guaranteed time step, and at `each` of the steps that are done again.
-    void look(std::size_t i, std::int64_t age, bool each);
-    void look();
+    // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at
+    // the end of a call above the guaranteed time step, and at `each` of the steps that are done again.
+    void inspect(std::size_t i, std::int64_t age, bool each);
+    void inspect();
     // Steps between two looks at the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
     std::int64_t energy_period() const;
@@ -162,10 +166,10 @@ private:
     Checkpoint checkpoint_{members_};
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
-    std::int64_t age_ = 0;           // steps since the state was set
+    std::int64_t age_ = 0;  // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled
-    double sample_interval_ = 0;     // [s]
-    double last_sample_ = 0;         // of an adaptive run: its time [s], and steps since
+    double sample_interval_ = 0;  // [s]
+    double last_sample_ = 0;  // of an adaptive run: its time [s], and steps since
     std::int64_t steps_since_sample_ = 0;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
     double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`

@@ -18,25 +18,27 @@ public:
     virtual int order() const = 0;
     // Try a step: its error in units of the tolerance, not finite where the result is not. The state stays.
     virtual double try_step(double h, const Tolerance& tolerance, int threads) = 0;
-    // Take the step that was tried, with the collision pass at its end, time `t`. Whether a point was in contact.
+    // Take the step that was tried, with the collision pass at its end, time `t`. Whether a point was in
+    // contact.
     virtual bool accept_step(double t, int threads) = 0;
-    // The longest step from the state at time t in which no point gets further than the gap between it and the
-    // spheres, or than a part of their contact radius where that is more; at most h. `tried`: also by the
+    // The longest step from the state at time t in which no point gets further than the gap between it and
+    // the spheres, or than a part of their contact radius where that is more; at most h. `tried`: also by the
     // velocities at the end of the step that was tried.
     virtual double contact_step(double t, double h, bool tried) = 0;
     // Whether the step that was tried, from t - h to t, ends with a mass point inside a sphere.
     virtual bool step_touches(double t) = 0;
-    // The state at a part of the last step accepted, before its collision pass: by the method's interpolant, or, where it
-    // has none, by a step of the method from the same start.
+    // The state at a part of the last step accepted, before its collision pass: by the method's interpolant,
+    // or, where it has none, by a step of the method from the same start.
     virtual void dense(double part, double* x, double* v, int threads) = 0;
 };
 
-// Part of a sphere's contact radius that a point moves at most, relative to the sphere, in a step near it. A chord of
-// that length misses what grazes the sphere by less than fraction^2 / 8 of the radius.
+// Part of a sphere's contact radius that a point moves at most, relative to the sphere, in a step near it. A
+// chord of that length misses what grazes the sphere by less than fraction^2 / 8 of the radius.
 inline constexpr double contact_fraction = 0.1;
 
-// Proportional-integral control of the step (Gustafsson, ACM TOMS 17 (1991) 533; Hairer, Wanner: Solving Ordinary
-// Differential Equations II, IV.2), which settles where stability limits the step instead of bouncing off it.
+// Proportional-integral control of the step (Gustafsson, ACM TOMS 17 (1991) 533; Hairer, Wanner: Solving
+// Ordinary Differential Equations II, IV.2), which settles where stability limits the step instead of
+// bouncing off it.
 class StepController {
 public:
     double h = 0;  // the next step to try [s]

@@ -1,13 +1,14 @@
 #include "integrators/combine.hpp"
 
-#include "engines/versions.hpp"
+#include "memory/versions.hpp"
 
 #define CLOTHSIM_INLINE inline __attribute__((always_inline))
 
 namespace clothsim {
 namespace {
 
-// `bytes` of elements as the compiler's own vector: registers, or parts of one, of whatever the processor has.
+// `bytes` of elements as the compiler's own vector: registers, or parts of one, of whatever the processor
+// has.
 template <class Real, int bytes>
 struct Vector {
     typedef Real Type __attribute__((vector_size(bytes)));
@@ -45,7 +46,8 @@ struct Block {
     }
 };
 
-// `work(row, where in the state, dx, dv)` for every block of the rows; `from` gives the velocities of the drift.
+// `work(row, where in the state, dx, dv)` for every block of the rows; `from` gives the velocities of the
+// drift.
 template <class B, class Real, class Work>
 CLOTHSIM_INLINE void for_each_block(const FieldLayout& f, int begin, int end, const Real* from,
                                     const Combination<Real>& sum, Work work) {
@@ -53,7 +55,8 @@ CLOTHSIM_INLINE void for_each_block(const FieldLayout& f, int begin, int end, co
         for (int k = 0; k < f.runs; ++k)
             for (int o = 0; o < f.length; o += B::size) {
                 const std::ptrdiff_t state = f.origin + r * f.row + k * f.run + o;
-                const std::ptrdiff_t at = f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o;
+                const std::ptrdiff_t at =
+                    f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o;
                 B dx = sum.drift * B::load(from + state + f.velocity), dv = Real(0) * dx;
                 for (int l = 0; l < sum.count; ++l) {
                     const B a = B::load(sum.a[std::size_t(l)] + at);
@@ -78,8 +81,8 @@ CLOTHSIM_INLINE void add(const Real* value, Real* result, std::ptrdiff_t compens
     next.store(result);
 }
 
-// Calls `work` with the block type that divides the runs of the field: a run is three vectors of the edge kernel's
-// lanes or, in the gather kernel, a multiple of 16 elements.
+// Calls `work` with the block type that divides the runs of the field: a run is three vectors of the edge
+// kernel's lanes or, in the gather kernel, a multiple of 16 elements.
 template <class Real, class Work>
 CLOTHSIM_INLINE void with_blocks(const FieldLayout& f, Work work) {
     switch (f.length * int(sizeof(Real))) {
@@ -96,10 +99,11 @@ CLOTHSIM_INLINE void combine_any(const FieldLayout& f, int begin, int end, const
     with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
         using B = decltype(block);
         for_each_block<B>(f, begin, end, from, sum,
-                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv) __attribute__((always_inline)) {
-                              (B::load(from + at) + dx).store(to + at);
-                              (B::load(from + at + f.velocity) + dv).store(to + at + f.velocity);
-                          });
+                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv)
+                              __attribute__((always_inline)) {
+                                  (B::load(from + at) + dx).store(to + at);
+                                  (B::load(from + at + f.velocity) + dv).store(to + at + f.velocity);
+                              });
     });
 }
 
@@ -109,10 +113,11 @@ CLOTHSIM_INLINE void advance_any(const FieldLayout& f, int begin, int end, const
     with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
         using B = decltype(block);
         for_each_block<B>(f, begin, end, from, sum,
-                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv) __attribute__((always_inline)) {
-                              add(from + at, to + at, f.compensation, dx);
-                              add(from + at + f.velocity, to + at + f.velocity, f.compensation, dv);
-                          });
+                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv)
+                              __attribute__((always_inline)) {
+                                  add(from + at, to + at, f.compensation, dx);
+                                  add(from + at + f.velocity, to + at + f.velocity, f.compensation, dv);
+                              });
     });
 }
 
@@ -125,12 +130,13 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
         for (int r = begin; r < end; ++r) {
             B total_x{}, total_v{};
             for_each_block<B>(f, r, r + 1, state, sum,
-                              [&](int, std::ptrdiff_t, const B& dx, const B& dv) __attribute__((always_inline)) {
-                                  for (std::size_t i = 0; i < sizeof(dx.part) / sizeof(dx.part[0]); ++i) {
-                                      total_x.part[i] += dx.part[i] * dx.part[i];
-                                      total_v.part[i] += dv.part[i] * dv.part[i];
-                                  }
-                              });
+                              [&](int, std::ptrdiff_t, const B& dx, const B& dv)
+                                  __attribute__((always_inline)) {
+                                      for (std::size_t i = 0; i < sizeof(dx.part) / sizeof(dx.part[0]); ++i) {
+                                          total_x.part[i] += dx.part[i] * dx.part[i];
+                                          total_v.part[i] += dv.part[i] * dv.part[i];
+                                      }
+                                  });
             Real x[B::size], v[B::size];
             total_x.store(x);
             total_v.store(v);
@@ -147,12 +153,12 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
 
 #define CLOTHSIM_ROWS(Real) \
     namespace { \
-    CLOTHSIM_VERSIONS void combine_versions(const FieldLayout& field, int begin, int end, const Real* from, Real* to, \
-                                            const Combination<Real>& sum) { \
+    CLOTHSIM_VERSIONS void combine_versions(const FieldLayout& field, int begin, int end, const Real* from, \
+                                            Real* to, const Combination<Real>& sum) { \
         combine_any(field, begin, end, from, to, sum); \
     } \
-    CLOTHSIM_VERSIONS void advance_versions(const FieldLayout& field, int begin, int end, const Real* from, Real* to, \
-                                            const Combination<Real>& sum) { \
+    CLOTHSIM_VERSIONS void advance_versions(const FieldLayout& field, int begin, int end, const Real* from, \
+                                            Real* to, const Combination<Real>& sum) { \
         advance_any(field, begin, end, from, to, sum); \
     } \
     CLOTHSIM_VERSIONS void square_versions(const FieldLayout& field, int begin, int end, const Real* state, \
@@ -168,8 +174,8 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
                       const Combination<Real>& sum) { \
         advance_versions(field, begin, end, from, to, sum); \
     } \
-    void square_rows(const FieldLayout& field, int begin, int end, const Real* state, const Combination<Real>& sum, \
-                     RowSquares* rows) { \
+    void square_rows(const FieldLayout& field, int begin, int end, const Real* state, \
+                     const Combination<Real>& sum, RowSquares* rows) { \
         square_versions(field, begin, end, state, sum, rows); \
     }
 CLOTHSIM_ROWS(float)

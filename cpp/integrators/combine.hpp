@@ -4,7 +4,7 @@
 
 #include <array>
 
-#include "engines/field.hpp"
+#include "memory/field.hpp"
 
 namespace clothsim {
 
@@ -27,7 +27,8 @@ struct Combination {
 };
 
 // Rows [begin, end) of `to` become those of `from` plus the combination.
-void combine(const FieldLayout& field, int begin, int end, const float* from, float* to, const Combination<float>& sum);
+void combine(const FieldLayout& field, int begin, int end, const float* from, float* to,
+             const Combination<float>& sum);
 void combine(const FieldLayout& field, int begin, int end, const double* from, double* to,
              const Combination<double>& sum);
 
@@ -37,13 +38,14 @@ void advance_rows(const FieldLayout& field, int begin, int end, const float* fro
 void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,
                   const Combination<double>& sum);
 
-// Sums of squares of dx and of dv over each row, for its own whichever rows there are; `state` gives the velocities.
+// Sums of squares of dx and of dv over each row, for its own whichever rows there are; `state` gives the
+// velocities.
 struct RowSquares {
     double x = 0, v = 0;
 };
-void square_rows(const FieldLayout& field, int begin, int end, const float* state, const Combination<float>& sum,
-                 RowSquares* rows);
-void square_rows(const FieldLayout& field, int begin, int end, const double* state, const Combination<double>& sum,
-                 RowSquares* rows);
+void square_rows(const FieldLayout& field, int begin, int end, const float* state,
+                 const Combination<float>& sum, RowSquares* rows);
+void square_rows(const FieldLayout& field, int begin, int end, const double* state,
+                 const Combination<double>& sum, RowSquares* rows);
 
 }  // namespace clothsim

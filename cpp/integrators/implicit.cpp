@@ -12,16 +12,19 @@ constexpr double converged = 1e-14;
 
 }  // namespace
 
-ImplicitMidpoint::ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity) : cloth_(cloth), gravity_(gravity) {
+ImplicitMidpoint::ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity)
+    : cloth_(cloth), gravity_(gravity) {
     cloth.each_spring([&](int i, int j, const Neighbour& n) {
-        springs_.push_back({i, j, cloth.rest_length(n), cloth.stiffness[n.family], cloth.spring_damping[n.family]});
+        springs_.push_back(
+            {i, j, cloth.rest_length(n), cloth.stiffness[n.family], cloth.spring_damping[n.family]});
     });
     unknown_.assign(std::size_t(cloth.points()), -1);
     for (int i = 0; i < cloth.points(); ++i)
         if (!cloth.pinned[std::size_t(i)]) unknown_[std::size_t(i)] = unknowns_++;
     mass_.resize(3 * unknowns_);
     for (int i = 0; i < cloth.points(); ++i)
-        if (unknown_[std::size_t(i)] >= 0) mass_.segment<3>(3 * unknown_[std::size_t(i)]).setConstant(cloth.mass[std::size_t(i)]);
+        if (unknown_[std::size_t(i)] >= 0)
+            mass_.segment<3>(3 * unknown_[std::size_t(i)]).setConstant(cloth.mass[std::size_t(i)]);
     matrix_.resize(3 * unknowns_, 3 * unknowns_);
 }
 
@@ -38,8 +41,8 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
         if (k < 0) continue;
         const Vec3 here = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
-        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) -
-            h / 2 * (m * gravity_ - cloth_.point_damping * here);
+        r.segment<3>(3 * k) =
+            m * (here - v_.row(i).transpose()) - h / 2 * (m * gravity_ - cloth_.point_damping * here);
     }
     for (const Spring& s : springs_) {
         const Vec3 w = place(u, s.j) - place(u, s.i);
@@ -123,7 +126,8 @@ int ImplicitMidpoint::step(Points& x, Points& v, double h) {
         r = next_r;
         norm = best;
         // The parts of the residual: momentum, and its change by the force.
-        const double parts = size((mass_.array() * u.array()).matrix()) + size((mass_.array() * (u - start).array()).matrix());
+        const double parts =
+            size((mass_.array() * u.array()).matrix()) + size((mass_.array() * (u - start).array()).matrix());
         if (norm <= converged * parts) break;
     }
     for (int i = 0; i < cloth_.points(); ++i) {

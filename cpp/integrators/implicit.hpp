@@ -6,10 +6,10 @@
 //
 //   J = M + h/2 D + h^2/4 K,    K, D: minus the derivatives of the force by x and by v
 //
-// The springs' exact K is taken while J is positive definite; where it is not (compressed springs at a huge step),
-// the part of a compressed spring across its direction is left out, after Baraff and Witkin, Large steps in cloth
-// simulation (SIGGRAPH 98). The residual decides, so either way the solution is that of the rule itself. A step
-// halved along the way wherever the residual would grow makes it converge from far.
+// The springs' exact K is taken while J is positive definite; where it is not (compressed springs at a huge
+// step), the part of a compressed spring across its direction is left out, after Baraff and Witkin, Large
+// steps in cloth simulation (SIGGRAPH 98). The residual decides, so either way the solution is that of the
+// rule itself. A step halved along the way wherever the residual would grow makes it converge from far.
 #pragma once
 
 #include <Eigen/Sparse>
@@ -22,8 +22,8 @@ class ImplicitMidpoint {
 public:
     ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity);
 
-    // One step in place; returns the number of force evaluations (a factorisation each, but for those of halved
-    // steps).
+    // One step in place; returns the number of force evaluations (a factorisation each, but for those of
+    // halved steps).
     int step(Points& x, Points& v, double h);
 
 private:

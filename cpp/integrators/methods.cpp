@@ -98,8 +98,8 @@ void fill(Matrix& matrix, const Entry (&entries)[count]) {
 
 Matrix square(int size) { return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0)); }
 
-// A row of weights of slopes as factors of accelerations: those of the slopes of x, the stage velocities, are put
-// down to v and the accelerations before.
+// A row of weights of slopes as factors of accelerations: those of the slopes of x, the stage velocities, are
+// put down to v and the accelerations before.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     const std::size_t n = row.size();
     Weights w;
@@ -121,7 +121,8 @@ Weights nystroem(const std::vector<double>& row, const Matrix& a) {
 }
 
 // `a`: the tableau with the row of the result.
-ExplicitMethod make_explicit(int stages, int order, Matrix a, const std::vector<std::vector<double>>& errors) {
+ExplicitMethod make_explicit(int stages, int order, Matrix a,
+                             const std::vector<std::vector<double>>& errors) {
     ExplicitMethod m;
     m.stages = stages;
     m.order = order;
@@ -160,8 +161,8 @@ ExplicitMethod make_dop853() {
     return make_explicit(12, 8, a, {vector_of(dop853_error_5), vector_of(dop853_error_3)});
 }
 
-// Velocity Verlet with damping: the second kick takes the velocity that Euler's method predicts. The weights of x are
-// the method's own, x + h v + h^2/2 a.
+// Velocity Verlet with damping: the second kick takes the velocity that Euler's method predicts. The weights
+// of x are the method's own, x + h v + h^2/2 a.
 ExplicitMethod make_damped_verlet() {
     ExplicitMethod m;
     m.stages = 2;

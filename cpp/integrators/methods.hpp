@@ -1,5 +1,5 @@
-// The integrators as data. Explicit Runge-Kutta methods act on (x, v); because the slope of x is v, their stages
-// need no slopes of x of their own (Nystroem form): with the accelerations a_l at the stages before,
+// The integrators as data. Explicit Runge-Kutta methods act on (x, v); because the slope of x is v, their
+// stages need no slopes of x of their own (Nystroem form): with the accelerations a_l at the stages before,
 //
 //   x_i = x + c_i h v + h^2 sum_l (A A)_il a_l        v_i = v + h sum_l A_il a_l
 //

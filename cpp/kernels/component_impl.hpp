@@ -12,15 +12,20 @@ namespace {
 template <class V, class Real, class Visit>
 CLOTHSIM_INLINE void each_vector(const ComponentRows<Real>& points, const Visit& visit) {
     for (int r = 0; r < points.rows; ++r)
-        for (int k = 0; k < points.vectors; ++k) visit(V::load_unaligned(points.first + r * points.row + k * points.vector));
+        for (int k = 0; k < points.vectors; ++k)
+            visit(V::load_unaligned(points.first + r * points.row + k * points.vector));
 }
 
 template <class Arch, class Real>
 bool component_is_beyond(const ComponentRows<Real>& points, bool above, Real value) {
     using V = Lanes<Real, Arch>;
     auto good = V(value) == V(value);
-    if (above) each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) { good = good & (x >= V(value)); });
-    else each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) { good = good & (x <= V(value)); });
+    if (above)
+        each_vector<V>(points,
+                       [&](const V& x) __attribute__((always_inline)) { good = good & (x >= V(value)); });
+    else
+        each_vector<V>(points,
+                       [&](const V& x) __attribute__((always_inline)) { good = good & (x <= V(value)); });
     return xsimd::all(good);
 }
 

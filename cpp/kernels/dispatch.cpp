@@ -23,8 +23,8 @@ bool processor_has(InstructionSet set) {
     return false;
 }
 
-// AMD's processors of family 19h (Zen 4) take 512 bits in two halves, those after them (Zen 5) at once; earlier ones have no
-// AVX-512.
+// AMD's processors of family 19h (Zen 4) take 512 bits in two halves, those after them (Zen 5) at once;
+// earlier ones have no AVX-512.
 bool takes_512_bits_at_once() {
     __builtin_cpu_init();
     return __builtin_cpu_is("amd") && !__builtin_cpu_is("amdfam19h");
@@ -37,9 +37,9 @@ const std::vector<const KernelTable*>& built_instruction_sets() {
 #if defined(CLOTHSIM_PORTABLE)
     static const std::vector<const KernelTable*> built{&KernelTableOf<InstructionSet::portable>::table};
 #else
-    static const std::vector<const KernelTable*> built{
-        &KernelTableOf<InstructionSet::avx512>::table, &KernelTableOf<InstructionSet::avx2>::table,
-        &KernelTableOf<InstructionSet::sse2>::table};
+    static const std::vector<const KernelTable*> built{&KernelTableOf<InstructionSet::avx512>::table,
+                                                       &KernelTableOf<InstructionSet::avx2>::table,
+                                                       &KernelTableOf<InstructionSet::sse2>::table};
 #endif
     return built;
 }
@@ -53,8 +53,7 @@ std::vector<const KernelTable*> supported_instruction_sets() {
 
 const KernelTable& choose_instruction_set(const std::string& name) {
     const char* environment = std::getenv("CLOTHSIM_ISA");
-    const std::string wanted = !name.empty() ? name : environment ? environment
-                                                                  : "";
+    const std::string wanted = !name.empty() ? name : environment ? environment : "";
     const auto supported = supported_instruction_sets();
     if (wanted.empty()) return *supported.front();
     std::string accepted;
@@ -90,19 +89,19 @@ const FaceKernels& face_kernels(InstructionSet set) { return kernels_in<FaceKern
 
 std::string kernel_environment() {
     std::string all;
-    for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_HAND_ON"}) {
+    for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_FORWARD"}) {
         const char* const value = std::getenv(name);
         all.append(value ? value : "").append(1, ' ');
     }
     return all;
 }
 
-bool hands_on_in_registers() {
-    const char* const environment = std::getenv("CLOTHSIM_HAND_ON");
+bool forwards_in_registers() {
+    const char* const environment = std::getenv("CLOTHSIM_FORWARD");
     const std::string wanted = environment ? environment : "";
     if (wanted.empty()) return !takes_512_bits_at_once();
     if (wanted == "registers" || wanted == "memory") return wanted == "registers";
-    throw std::invalid_argument("CLOTHSIM_HAND_ON is '" + wanted + "'; accepted: registers, memory");
+    throw std::invalid_argument("CLOTHSIM_FORWARD is '" + wanted + "'; accepted: registers, memory");
 }
 
 }  // namespace clothsim

@@ -27,9 +27,9 @@ const FaceKernels& face_kernels(InstructionSet set);
 // What may choose other kernels for the next engine: the environment variables.
 std::string kernel_environment();
 
-// Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as the environment
-// variable CLOTHSIM_HAND_ON says, "registers" or "memory", else as this processor is faster. The bits are the same. Throws
-// std::invalid_argument for another word.
-bool hands_on_in_registers();
+// Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as
+// the environment variable CLOTHSIM_FORWARD says, "registers" or "memory", else as this processor is faster.
+// The bits are the same. Throws std::invalid_argument for another word.
+bool forwards_in_registers();
 
 }  // namespace clothsim

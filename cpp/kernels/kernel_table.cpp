@@ -4,8 +4,8 @@
 #include "kernels/component_impl.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
-#include "kernels/limits/limits_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
+#include "machine/limits_impl.hpp"
 
 namespace clothsim {
 namespace {
@@ -19,11 +19,12 @@ RestLength<Real> fused_rest_length(Real along_columns, Real along_rows) {
 }
 
 template <class Real>
-constexpr std::array<const EdgeShare<Real>*, edge_share_count> edge_shares() {
+constexpr std::array<const EdgePart<Real>*, edge_part_count> edge_parts() {
 #if defined(CLOTHSIM_EDGE_IN_VERSIONS)
-    return []<int... share>(std::integer_sequence<int, share...>) {
-        return std::array<const EdgeShare<Real>*, edge_share_count>{&EdgeShareOf<this_instruction_set, Real, share>::kernels...};
-    }(std::make_integer_sequence<int, edge_share_count>{});
+    return []<int... part>(std::integer_sequence<int, part...>) {
+        return std::array<const EdgePart<Real>*, edge_part_count>{
+            &EdgePartOf<this_instruction_set, Real, part>::kernels...};
+    }(std::make_integer_sequence<int, edge_part_count>{});
 #else
     return {};
 #endif
@@ -34,9 +35,10 @@ constexpr RealKernels<Real> real_kernels() {
     return {&gather_tile<ThisArch, Real, Arithmetic::fused>,
             &gather_tile<ThisArch, Real, Arithmetic::strict>,
             &sphere_tile<ThisArch, Real>,
-            {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>, &edge_halo_of_any<ThisArch, Real>},
+            {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>,
+             &edge_halo_of_any<ThisArch, Real>},
             &edge_finish<ThisArch, Real>,
-            edge_shares<Real>(),
+            edge_parts<Real>(),
             &component_is_beyond<ThisArch, Real>,
             &component_extent<ThisArch, Real>,
             root_scale<Real, ThisArch>(),
@@ -49,7 +51,7 @@ constexpr RealKernels<Real> real_kernels() {
 
 template <>
 constinit const KernelTable KernelTableOf<this_instruction_set>::table{
-    this_instruction_set, CLOTHSIM_ISA, CLOTHSIM_ISA_FLAGS, real_kernels<float>(), real_kernels<double>(),
-    ContactKernelsOf<this_instruction_set>::kernels};
+    this_instruction_set,  CLOTHSIM_ISA,           CLOTHSIM_ISA_FLAGS,
+    real_kernels<float>(), real_kernels<double>(), ContactKernelsOf<this_instruction_set>::kernels};
 
 }  // namespace clothsim

@@ -9,7 +9,7 @@
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
-#include "kernels/limits/limit_kernels.hpp"
+#include "machine/limit_kernels.hpp"
 #include "model/thread_grid.hpp"
 
 namespace clothsim {
@@ -22,8 +22,8 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// The edge kernel: one of the last two rows, the end of its stage, many rows, and what the two rows before a band hand on
-// to it.
+// The edge kernel: one of the last two rows, the end of its stage, many rows, and what the two rows before a
+// band hand on to it.
 template <class Real>
 using EdgeLastRowKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
@@ -49,14 +49,15 @@ struct EdgeKernels {
     EdgeHaloKernel<Real> halo;
 };
 
-// Those of cloths with structural springs, without and with shear springs. A share has bend springs and damping in common, or
-// their absence; each is an object file of its own, as one for all would take gigabytes to compile.
-inline constexpr int edge_share_count = 4;
+// Those of cloths with structural springs, without and with shear springs. A share has bend springs and
+// damping in common, or their absence; each is an object file of its own, as one for all would take gigabytes
+// to compile.
+inline constexpr int edge_part_count = 4;
 template <class Real>
-using EdgeShare = std::array<EdgeKernels<Real>, 2>;
-template <InstructionSet set, class Real, int share>
-struct EdgeShareOf {
-    static const EdgeShare<Real> kernels;
+using EdgePart = std::array<EdgeKernels<Real>, 2>;
+template <InstructionSet set, class Real, int part>
+struct EdgePartOf {
+    static const EdgePart<Real> kernels;
 };
 
 template <class Real>
@@ -66,7 +67,7 @@ struct RealKernels {
     SphereKernel<Real> sphere;
     EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;
-    std::array<const EdgeShare<Real>*, edge_share_count> edge_shares;  // null: not compiled in versions
+    std::array<const EdgePart<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions
     BeyondKernel<Real> beyond;
     ExtentKernel<Real> extent;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
@@ -76,9 +77,10 @@ struct RealKernels {
 
     // `damped_alike`: all families, or none of them.
     const EdgeKernels<Real>& edge(const Features& features, bool damped_alike) const {
-        const int share = features.family[bend] | features.spring_damping << 1;
-        if (!features.family[structural] || !damped_alike || !edge_shares[std::size_t(share)]) return edge_of_any;
-        return (*edge_shares[std::size_t(share)])[features.family[shear]];
+        const int part = features.family[bend] | features.spring_damping << 1;
+        if (!features.family[structural] || !damped_alike || !edge_parts[std::size_t(part)])
+            return edge_of_any;
+        return (*edge_parts[std::size_t(part)])[features.family[shear]];
     }
 };
 

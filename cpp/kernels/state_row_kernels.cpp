@@ -42,10 +42,14 @@ CLOTHSIM_INLINE void put_two(double* p, Four a) { std::memcpy(p, &a, 16); }
 CLOTHSIM_INLINE Four sum(Four a, Four b) { return a + b; }
 CLOTHSIM_INLINE Four difference(Four a, Four b) { return a - b; }
 template <class V>
-CLOTHSIM_INLINE V times_zero(V a) { return a * V{}; }
+CLOTHSIM_INLINE V times_zero(V a) {
+    return a * V{};
+}
 // Zeros of either sign and what is no number: their sum is a zero or no number, as the bits of both are.
 template <class V>
-CLOTHSIM_INLINE V bits_of_both(V a, V b) { return a + b; }
+CLOTHSIM_INLINE V bits_of_both(V a, V b) {
+    return a + b;
+}
 template <class V>
 CLOTHSIM_INLINE bool all_numbers(V a) {
     const auto equal = a == a;
@@ -74,7 +78,9 @@ CLOTHSIM_INLINE Four sum(Four a, Four b) { return _mm256_add_pd(a, b); }
 CLOTHSIM_INLINE Four difference(Four a, Four b) { return _mm256_sub_pd(a, b); }
 CLOTHSIM_INLINE Four times_zero(Four a) { return _mm256_mul_pd(a, _mm256_setzero_pd()); }
 CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) { return _mm256_or_pd(a, b); }
-CLOTHSIM_INLINE bool all_numbers(Four a) { return _mm256_movemask_pd(_mm256_cmp_pd(a, a, _CMP_UNORD_Q)) == 0; }
+CLOTHSIM_INLINE bool all_numbers(Four a) {
+    return _mm256_movemask_pd(_mm256_cmp_pd(a, a, _CMP_UNORD_Q)) == 0;
+}
 CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
     const Four a = _mm256_unpacklo_pd(r[0], r[1]), b = _mm256_unpackhi_pd(r[0], r[1]);
     const Four c = _mm256_unpacklo_pd(r[2], r[3]), d = _mm256_unpackhi_pd(r[2], r[3]);
@@ -102,9 +108,15 @@ CLOTHSIM_INLINE void put(double* p, Four a) {
 }
 CLOTHSIM_INLINE void put_two(double* p, Four a) { _mm_storeu_pd(p, a.low); }
 CLOTHSIM_INLINE Four sum(Four a, Four b) { return {_mm_add_pd(a.low, b.low), _mm_add_pd(a.high, b.high)}; }
-CLOTHSIM_INLINE Four difference(Four a, Four b) { return {_mm_sub_pd(a.low, b.low), _mm_sub_pd(a.high, b.high)}; }
-CLOTHSIM_INLINE Four times_zero(Four a) { return {_mm_mul_pd(a.low, _mm_setzero_pd()), _mm_mul_pd(a.high, _mm_setzero_pd())}; }
-CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) { return {_mm_or_pd(a.low, b.low), _mm_or_pd(a.high, b.high)}; }
+CLOTHSIM_INLINE Four difference(Four a, Four b) {
+    return {_mm_sub_pd(a.low, b.low), _mm_sub_pd(a.high, b.high)};
+}
+CLOTHSIM_INLINE Four times_zero(Four a) {
+    return {_mm_mul_pd(a.low, _mm_setzero_pd()), _mm_mul_pd(a.high, _mm_setzero_pd())};
+}
+CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) {
+    return {_mm_or_pd(a.low, b.low), _mm_or_pd(a.high, b.high)};
+}
 CLOTHSIM_INLINE bool all_numbers(Four a) {
     return _mm_movemask_pd(_mm_or_pd(_mm_cmpunord_pd(a.low, a.low), _mm_cmpunord_pd(a.high, a.high))) == 0;
 }
@@ -128,21 +140,27 @@ struct NotFinite {
     Four bits[4] = {};
     // Finite ones times 0 are 0.
     CLOTHSIM_INLINE void note(int i, Four a) { bits[i] = bits_of_both(bits[i], times_zero(a)); }
-    CLOTHSIM_INLINE bool none() const { return all_numbers(bits_of_both(bits_of_both(bits[0], bits[1]), bits_of_both(bits[2], bits[3]))); }
+    CLOTHSIM_INLINE bool none() const {
+        return all_numbers(bits_of_both(bits_of_both(bits[0], bits[1]), bits_of_both(bits[2], bits[3])));
+    }
 };
 template <>
 struct NotFinite<float> {
     FourSingles sum[4] = {};
-    // What rounding takes from a number is infinite or no number where that has become so, else so little that the sum is finite.
+    // What rounding takes from a number is infinite or no number where that has become so, else so little
+    // that the sum is finite.
     CLOTHSIM_INLINE void note(int i, FourSingles lost) { sum[i] = sum[i] + lost; }
-    CLOTHSIM_INLINE bool none() const { return all_numbers(((sum[0] + sum[1]) + (sum[2] + sum[3])) * FourSingles{}); }
+    CLOTHSIM_INLINE bool none() const {
+        return all_numbers(((sum[0] + sum[1]) + (sum[2] + sum[3])) * FourSingles{});
+    }
 };
 
-// A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The first `kept` of
-// four elements are moved; the others are only read, or written where a later square writes again.
+// A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The
+// first `kept` of four elements are moved; the others are only read, or written where a later square writes
+// again.
 template <int lanes, int kept, bool shifted, class Real, class Outside, class Place>
-CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const double* shift, Real* inside, ptrdiff_t compensation,
-                                Place place, NotFinite<Real>& bad) {
+CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const double* shift, Real* inside,
+                                ptrdiff_t compensation, Place place, NotFinite<Real>& bad) {
     Four row[4];
     for (int l = 0; l < 4; ++l) row[l] = four(outside + l % lanes * stride);
     transpose(row);
@@ -162,8 +180,8 @@ CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const 
     }
 }
 template <int lanes, int kept, bool compensated, bool shifted, class Real, class Outside, class Place>
-CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Place place, const double* shift, Outside* outside,
-                                 ptrdiff_t stride) {
+CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Place place, const double* shift,
+                                 Outside* outside, ptrdiff_t stride) {
     Four row[4];
     for (int i = 0; i < 4; ++i) {
         const Real* const from = inside + place(std::min(i, kept - 1));
@@ -193,10 +211,10 @@ CLOTHSIM_INLINE void take_one(const Real* inside, ptrdiff_t compensation, double
     else *outside = Outside(*inside);
 }
 
-// `square(lane, element)` over the lanes that have all their columns, `one(lane, element)` over the elements of the others. A
-// lane's columns stand side by side in the row, 3 vectors elements of it.
+// `square(lane, element)` over the lanes that have all their columns, `one(lane, element)` over the elements
+// of the others. A lane's columns stand side by side in the row, 3 vectors elements of it.
 template <int lanes, class Square, class One>
-CLOTHSIM_INLINE void each_lifted(const LiftedRow& row, Square square, One one) {
+CLOTHSIM_INLINE void each_transposed(const TransposedRow& row, Square square, One one) {
     const int elements = 3 * row.vectors;
     const int whole = std::min(row.columns / row.vectors, row.lanes) / lanes * lanes;
     for (int lane = 0; lane < whole; lane += lanes) {
@@ -213,8 +231,11 @@ CLOTHSIM_INLINE void each_lifted(const LiftedRow& row, Square square, One one) {
 template <class Real>
 constexpr int lanes_at_once = std::min(4, int(Lanes<Real, ThisArch>::size));
 
-// `work` with whether there is a shift, and whether there is compensation, known to the compiler; only single has them.
-CLOTHSIM_INLINE bool any(const RowShift& shift) { return shift.of[0] != 0 || shift.of[1] != 0 || shift.of[2] != 0; }
+// `work` with whether there is a shift, and whether there is compensation, known to the compiler; only single
+// has them.
+CLOTHSIM_INLINE bool any(const RowShift& shift) {
+    return shift.of[0] != 0 || shift.of[1] != 0 || shift.of[2] != 0;
+}
 template <class Real, class Work>
 CLOTHSIM_INLINE auto with_shift(const RowShift& shift, Work work) {
     if constexpr (sizeof(Real) == 4)
@@ -223,56 +244,65 @@ CLOTHSIM_INLINE auto with_shift(const RowShift& shift, Work work) {
 }
 
 template <bool shifted, class Real, class Outside>
-CLOTHSIM_INLINE bool put_lifted_any(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& given) {
+CLOTHSIM_INLINE bool put_transposed_any(const Outside* row, const RowShift& shift, Real* records,
+                                        ptrdiff_t compensation, const TransposedRow& given) {
     constexpr int lanes = lanes_at_once<Real>;
-    const LiftedRow lifted = given;  // nothing that is written can be part of it
-    const ptrdiff_t width = 3 * lifted.vectors;
+    const TransposedRow transposed = given;  // nothing that is written can be part of it
+    const ptrdiff_t width = 3 * transposed.vectors;
     NotFinite<Real> bad;
     bool finite = true;
-    each_lifted<lanes>(
-        lifted,
+    each_transposed<lanes>(
+        transposed,
         [&](int lane, int element) __attribute__((always_inline)) {
-            const auto place = [&](int i) { return lifted.place[element + i] + lane; };
-            put_square<lanes, 4, shifted>(row + lane * width + element, width, shift.of + element % 3, records, compensation, place, bad);
+            const auto place = [&](int i) { return transposed.place[element + i] + lane; };
+            put_square<lanes, 4, shifted>(row + lane * width + element, width, shift.of + element % 3,
+                                          records, compensation, place, bad);
         },
         [&](int lane, int element) __attribute__((always_inline)) {
-            finite &= put_one(row[lane * width + element], shift.of[element % 3], records + lifted.place[element] + lane, compensation);
+            finite &= put_one(row[lane * width + element], shift.of[element % 3],
+                              records + transposed.place[element] + lane, compensation);
         });
     return finite & bad.none();
 }
 template <class Real, class Outside>
-bool put_lifted(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation, const LiftedRow& lifted) {
+bool put_transposed(const Outside* row, const RowShift& shift, Real* records, ptrdiff_t compensation,
+                    const TransposedRow& transposed) {
     return with_shift<Real>(shift, [&](auto shifted) __attribute__((always_inline)) {
-        return put_lifted_any<shifted.value>(row, shift, records, compensation, lifted);
+        return put_transposed_any<shifted.value>(row, shift, records, compensation, transposed);
     });
 }
 
 template <bool compensated, bool shifted, class Real, class Outside>
-CLOTHSIM_INLINE void take_lifted_any(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift,
-                                     Outside* row) {
+CLOTHSIM_INLINE void take_transposed_any(const Real* records, ptrdiff_t compensation,
+                                         const TransposedRow& transposed, const RowShift& shift,
+                                         Outside* row) {
     constexpr int lanes = lanes_at_once<Real>;
-    const ptrdiff_t width = 3 * lifted.vectors;
-    each_lifted<lanes>(
-        lifted,
+    const ptrdiff_t width = 3 * transposed.vectors;
+    each_transposed<lanes>(
+        transposed,
         [&](int lane, int element) __attribute__((always_inline)) {
-            const auto place = [&](int i) { return lifted.place[element + i] + lane; };
-            take_square<lanes, 4, compensated, shifted>(records, compensation, place, shift.of + element % 3, row + lane * width + element, width);
+            const auto place = [&](int i) { return transposed.place[element + i] + lane; };
+            take_square<lanes, 4, compensated, shifted>(records, compensation, place, shift.of + element % 3,
+                                                        row + lane * width + element, width);
         },
         [&](int lane, int element) __attribute__((always_inline)) {
-            take_one<compensated>(records + lifted.place[element] + lane, compensation, shift.of[element % 3], row + lane * width + element);
+            take_one<compensated>(records + transposed.place[element] + lane, compensation,
+                                  shift.of[element % 3], row + lane * width + element);
         });
 }
 template <class Real, class Outside>
-void take_lifted(const Real* records, ptrdiff_t compensation, const LiftedRow& lifted, const RowShift& shift, Outside* row) {
+void take_transposed(const Real* records, ptrdiff_t compensation, const TransposedRow& transposed,
+                     const RowShift& shift, Outside* row) {
     if constexpr (sizeof(Real) == 4)
         if (compensation != 0)
             return with_shift<Real>(shift, [&](auto shifted) __attribute__((always_inline)) {
-                take_lifted_any<true, shifted.value>(records, compensation, lifted, shift, row);
+                take_transposed_any<true, shifted.value>(records, compensation, transposed, shift, row);
             });
-    take_lifted_any<false, false>(records, compensation, lifted, shift, row);
+    take_transposed_any<false, false>(records, compensation, transposed, shift, row);
 }
 
-// Squares of four columns, of whose four elements the last is the next column's x: the last column of all is no part of one.
+// Squares of four columns, of whose four elements the last is the next column's x: the last column of all is
+// no part of one.
 template <class Square, class One>
 CLOTHSIM_INLINE void each_of_planes(int columns, Square square, One one) {
     int column = 0;
@@ -282,13 +312,16 @@ CLOTHSIM_INLINE void each_of_planes(int columns, Square square, One one) {
 }
 
 template <class Real, class Outside>
-bool put_planes(const Outside* row, const RowShift& shift, Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns) {
+bool put_planes(const Outside* row, const RowShift& shift, Real* planes, ptrdiff_t compensation,
+                ptrdiff_t plane, int columns) {
     NotFinite<Real> bad;
     bool finite = true;
     each_of_planes(
         columns,
         [&](int column) __attribute__((always_inline)) {
-            put_square<4, 3, sizeof(Real) == 4>(row + 3 * column, 3, shift.of, planes + column, compensation, [=](int i) { return i * plane; }, bad);
+            put_square<4, 3, sizeof(Real) == 4>(
+                row + 3 * column, 3, shift.of, planes + column, compensation,
+                [=](int i) { return i * plane; }, bad);
         },
         [&](int column, int k) __attribute__((always_inline)) {
             finite &= put_one(row[3 * column + k], shift.of[k], planes + k * plane + column, compensation);
@@ -297,19 +330,23 @@ bool put_planes(const Outside* row, const RowShift& shift, Real* planes, ptrdiff
 }
 
 template <bool compensated, class Real, class Outside>
-CLOTHSIM_INLINE void take_planes_any(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns, const RowShift& shift,
-                                     Outside* row) {
+CLOTHSIM_INLINE void take_planes_any(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns,
+                                     const RowShift& shift, Outside* row) {
     each_of_planes(
         columns,
         [&](int column) __attribute__((always_inline)) {
-            take_square<4, 3, compensated, compensated>(planes + column, compensation, [=](int i) { return i * plane; }, shift.of, row + 3 * column, 3);
+            take_square<4, 3, compensated, compensated>(
+                planes + column, compensation, [=](int i) { return i * plane; }, shift.of, row + 3 * column,
+                3);
         },
         [&](int column, int k) __attribute__((always_inline)) {
-            take_one<compensated>(planes + k * plane + column, compensation, shift.of[k], row + 3 * column + k);
+            take_one<compensated>(planes + k * plane + column, compensation, shift.of[k],
+                                  row + 3 * column + k);
         });
 }
 template <class Real, class Outside>
-void take_planes(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns, const RowShift& shift, Outside* row) {
+void take_planes(const Real* planes, ptrdiff_t compensation, ptrdiff_t plane, int columns,
+                 const RowShift& shift, Outside* row) {
     if constexpr (sizeof(Real) == 4)
         if (compensation != 0) return take_planes_any<true>(planes, compensation, plane, columns, shift, row);
     take_planes_any<false>(planes, compensation, plane, columns, shift, row);
@@ -351,14 +388,15 @@ void extent(const Outside* x, ptrdiff_t points, double (&low)[3], double (&high)
 
 template <class Real, class Outside>
 constexpr RowKernels<Real, Outside> row_kernels() {
-    return {&put_lifted<Real, Outside>, &take_lifted<Real, Outside>, &put_planes<Real, Outside>, &take_planes<Real, Outside>,
-            &extent<Outside>};
+    return {&put_transposed<Real, Outside>, &take_transposed<Real, Outside>, &put_planes<Real, Outside>,
+            &take_planes<Real, Outside>, &extent<Outside>};
 }
 
 }  // namespace
 
 template <>
 constinit const StateRowKernels StateRowKernelsOf<this_instruction_set>::kernels{
-    row_kernels<float, float>(), row_kernels<float, double>(), row_kernels<double, float>(), row_kernels<double, double>()};
+    row_kernels<float, float>(), row_kernels<float, double>(), row_kernels<double, float>(),
+    row_kernels<double, double>()};
 
 }  // namespace clothsim

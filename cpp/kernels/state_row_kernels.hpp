@@ -1,5 +1,6 @@
-// Rows of mass points between an array of (x, y, z) and the engines' layouts: the kernels of one instruction set. A row passes
-// through registers once, in squares of four by four elements, which are converted, shifted and transposed there.
+// Rows of mass points between an array of (x, y, z) and the engines' layouts: the kernels of one instruction
+// set. A row passes through registers once, in squares of four by four elements, which are converted, shifted
+// and transposed there.
 #pragma once
 
 #include <cstddef>
@@ -8,27 +9,32 @@
 
 namespace clothsim {
 
-// Where the elements of a row are in row-lifted records (see cpp/kernels/edge/edge_impl.hpp): component c of column
-// l vectors + k is lane l of the vector at place[3 k + c].
-struct LiftedRow {
+// Where the elements of a row are in lane-transposed records (see cpp/kernels/edge/edge_impl.hpp): component
+// c of column l vectors + k is lane l of the vector at place[3 k + c].
+struct TransposedRow {
     int columns, lanes, vectors;
     const std::ptrdiff_t* place;
 };
 
-// What is added to the components of a point, twice over, so that four may be read from any of the first three. -0 changes
-// nothing, not even the sign of 0.
+// What is added to the components of a point, twice over, so that four may be read from any of the first
+// three. -0 changes nothing, not even the sign of 0.
 struct RowShift {
     double of[6] = {-0.0, -0.0, -0.0, -0.0, -0.0, -0.0};
 };
 
-// `Real`: of the layout; `Outside`: of the array. `compensation`: elements from a value to what rounding to single took from it;
-// 0: that is not kept. Only single has it, and shifts. To put a row tells whether all its numbers are finite in the layout.
+// `Real`: of the layout; `Outside`: of the array. `compensation`: elements from a value to what rounding to
+// single took from it; 0: that is not kept. Only single has it, and shifts. To put a row tells whether all
+// its numbers are finite in the layout.
 template <class Real, class Outside>
 struct RowKernels {
-    bool (*put_lifted)(const Outside* row, const RowShift&, Real* records, std::ptrdiff_t compensation, const LiftedRow&);
-    void (*take_lifted)(const Real* records, std::ptrdiff_t compensation, const LiftedRow&, const RowShift&, Outside* row);
-    bool (*put_planes)(const Outside* row, const RowShift&, Real* planes, std::ptrdiff_t compensation, std::ptrdiff_t plane, int columns);
-    void (*take_planes)(const Real* planes, std::ptrdiff_t compensation, std::ptrdiff_t plane, int columns, const RowShift&, Outside* row);
+    bool (*put_transposed)(const Outside* row, const RowShift&, Real* records, std::ptrdiff_t compensation,
+                           const TransposedRow&);
+    void (*take_transposed)(const Real* records, std::ptrdiff_t compensation, const TransposedRow&,
+                            const RowShift&, Outside* row);
+    bool (*put_planes)(const Outside* row, const RowShift&, Real* planes, std::ptrdiff_t compensation,
+                       std::ptrdiff_t plane, int columns);
+    void (*take_planes)(const Real* planes, std::ptrdiff_t compensation, std::ptrdiff_t plane, int columns,
+                        const RowShift&, Outside* row);
     // Smallest and largest of each component; what is no number does not count.
     void (*extent)(const Outside* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]);
 };

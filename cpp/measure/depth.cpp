@@ -2,13 +2,14 @@
 
 #include <limits>
 
-#include "engines/versions.hpp"
+#include "memory/versions.hpp"
 
 namespace clothsim {
 namespace {
 
 template <class Real, int lanes>
-inline __attribute__((always_inline)) double least(const Real* row, const VectorGeometry& g, const double* center) {
+inline __attribute__((always_inline)) double least(const Real* row, const VectorGeometry& g,
+                                                   const double* center) {
     double squares[lanes];
     for (int l = 0; l < lanes; ++l) squares[l] = std::numeric_limits<double>::infinity();
     for (int j = 0; j < g.vectors; ++j) {
@@ -35,7 +36,8 @@ inline __attribute__((always_inline)) double least(const Real* row, const Vector
 }
 
 template <class Real>
-inline __attribute__((always_inline)) double least_of(const Real* row, const VectorGeometry& g, int lanes, const double* center) {
+inline __attribute__((always_inline)) double least_of(const Real* row, const VectorGeometry& g, int lanes,
+                                                      const double* center) {
     switch (lanes) {
         case 16: return least<Real, 16>(row, g, center);
         case 8: return least<Real, 8>(row, g, center);
@@ -44,10 +46,12 @@ inline __attribute__((always_inline)) double least_of(const Real* row, const Vec
     }
 }
 
-CLOTHSIM_VERSIONS double least_single(const float* row, const VectorGeometry& g, int lanes, const double* center) {
+CLOTHSIM_VERSIONS double least_single(const float* row, const VectorGeometry& g, int lanes,
+                                      const double* center) {
     return least_of(row, g, lanes, center);
 }
-CLOTHSIM_VERSIONS double least_double(const double* row, const VectorGeometry& g, int lanes, const double* center) {
+CLOTHSIM_VERSIONS double least_double(const double* row, const VectorGeometry& g, int lanes,
+                                      const double* center) {
     return least_of(row, g, lanes, center);
 }
 

@@ -9,7 +9,8 @@
 namespace clothsim {
 
 Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns) {
-    Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> result(2 * std::int64_t(rows - 1) * (columns - 1), 3);
+    Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> result(
+        2 * std::int64_t(rows - 1) * (columns - 1), 3);
     std::int64_t next = 0;
     for (std::int64_t r = 0; r + 1 < rows; ++r)
         for (std::int64_t c = 0; c + 1 < columns; ++c) {
@@ -49,7 +50,8 @@ Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, cons
     if (area2 > 0) {
         const double weight_b = ap.cross(ac).dot(normal) / area2;
         const double weight_c = ab.cross(ap).dot(normal) / area2;
-        if (weight_b >= 0 && weight_c >= 0 && weight_b + weight_c <= 1) consider(a + weight_b * ab + weight_c * ac);
+        if (weight_b >= 0 && weight_c >= 0 && weight_b + weight_c <= 1)
+            consider(a + weight_b * ab + weight_c * ac);
     }
     return best;
 }

@@ -33,8 +33,8 @@ struct Penetration {
 };
 Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius);
 
-// The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column). Corners
-// run counterclockwise seen from above, so normals of the flat sheet point up (+y).
+// The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column).
+// Corners run counterclockwise seen from above, so normals of the flat sheet point up (+y).
 Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns);
 
 // The point of triangle (a, b, c) that is closest to p.

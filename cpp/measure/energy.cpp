@@ -1,20 +1,21 @@
-// The energy of a state, quick enough to be watched in every run. Columns are summed side by side, so that the sums are the
-// same for every instruction set.
+// The energy of a state, quick enough to be watched in every run. Columns are summed side by side, so that
+// the sums are the same for every instruction set.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <memory>
 #include <numeric>
 
-#include "engines/versions.hpp"
 #include "measure/diagnostics.hpp"
+#include "memory/versions.hpp"
 
 namespace clothsim {
 namespace {
 
 // x, y and z of `count` points, a plane after the other.
 CLOTHSIM_VERSIONS
-void take_apart(const double* __restrict points, std::ptrdiff_t count, double* __restrict x, double* __restrict y, double* __restrict z) {
+void take_apart(const double* __restrict points, std::ptrdiff_t count, double* __restrict x,
+                double* __restrict y, double* __restrict z) {
     for (std::ptrdiff_t i = 0; i < count; ++i) {
         x[i] = points[3 * i];
         y[i] = points[3 * i + 1];
@@ -24,7 +25,8 @@ void take_apart(const double* __restrict points, std::ptrdiff_t count, double* _
 
 // Of the coordinates of a row: squares[j] += m v^2, heights[j] += m x.
 CLOTHSIM_VERSIONS
-void add_points(const double* x, const double* v, const double* mass, int count, double* __restrict squares, double* __restrict heights) {
+void add_points(const double* x, const double* v, const double* mass, int count, double* __restrict squares,
+                double* __restrict heights) {
     for (int j = 0; j < count; ++j) {
         squares[j] += mass[j] * (v[j] * v[j]);
         heights[j] += mass[j] * x[j];
@@ -65,7 +67,8 @@ Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, cons
 
     std::fill_n(squares, 2 * row, 0.0);
     for (std::ptrdiff_t r = 0; r < cloth.rows; ++r) {
-        for (std::ptrdiff_t j = 0; j < row && (r == 0 || !cloth.uniform_mass); ++j) mass[j] = cloth.mass[std::size_t(r * cloth.columns + j / 3)];
+        for (std::ptrdiff_t j = 0; j < row && (r == 0 || !cloth.uniform_mass); ++j)
+            mass[j] = cloth.mass[std::size_t(r * cloth.columns + j / 3)];
         add_points(x.data() + r * row, v.data() + r * row, mass, int(row), squares, heights);
     }
     Energy e{std::accumulate(squares, squares + row, 0.0) / 2, 0, 0};
@@ -74,8 +77,12 @@ Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, cons
     take_apart(x.data(), points, planes, planes + points, planes + 2 * points);
     for (const Neighbour& n : neighbours) {
         const bool counted_once = n.row > 0 || (n.row == 0 && n.column > 0);
-        const Springs springs{points, cloth.columns, std::ptrdiff_t(n.row) * cloth.columns + n.column, cloth.rows - n.row,
-                              cloth.columns - std::abs(n.column), cloth.rest_length(n)};
+        const Springs springs{points,
+                              cloth.columns,
+                              std::ptrdiff_t(n.row) * cloth.columns + n.column,
+                              cloth.rows - n.row,
+                              cloth.columns - std::abs(n.column),
+                              cloth.rest_length(n)};
         if (!cloth.present[n.family] || !counted_once || springs.count <= 0) continue;
         std::fill_n(squares, springs.count, 0.0);
         add_stretches(planes + std::max(0, -n.column), springs, squares);

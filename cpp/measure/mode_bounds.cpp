@@ -51,7 +51,8 @@ double largest_sum_of_springs(const Cloth& cloth, const std::array<double, famil
             double sum = 0;
             for (const Neighbour& n : neighbours) {
                 const int row = r + n.row, column = c + n.column;
-                if (!cloth.present[n.family] || row < 0 || row >= cloth.rows || column < 0 || column >= cloth.columns)
+                if (!cloth.present[n.family] || row < 0 || row >= cloth.rows || column < 0 ||
+                    column >= cloth.columns)
                     continue;
                 sum += coefficient[n.family] * (here + mobility(cloth, row * cloth.columns + column));
             }

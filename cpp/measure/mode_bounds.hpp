@@ -8,7 +8,8 @@
 namespace clothsim {
 
 // Largest eigenvalue of the spring Laplacian per unit mass, from above: coefficient[f] N/m (stiffness) or
-// N s/m (damping) give 1/s^2 or 1/s. It is the smaller of two bounds. Pinned points only count as ends of springs.
+// N s/m (damping) give 1/s^2 or 1/s. It is the smaller of two bounds. Pinned points only count as ends of
+// springs.
 //
 // On an infinite uniform grid a wave (a, b) radians per point meets, with x = cos a, y = cos b,
 //   2 Ks (2 - x - y) + 4 Kh (1 - x y) + 4 Kb (2 - x^2 - y^2)
@@ -18,7 +19,8 @@ namespace clothsim {
 //
 // Where masses differ, or the cloth is narrow, each spring alone may tell more:
 //   k |y_i - y_j|^2 <= k (1/m_i + 1/m_j) (m_i |y_i|^2 + m_j |y_j|^2)
-// (Cauchy-Schwarz), so no eigenvalue is above the largest sum of k (1/m_i + 1/m_j) over the springs of a point.
+// (Cauchy-Schwarz), so no eigenvalue is above the largest sum of k (1/m_i + 1/m_j) over the springs of a
+// point.
 double laplacian_bound(const Cloth& cloth, const std::array<double, family_count>& coefficient);
 
 struct ModeBounds {

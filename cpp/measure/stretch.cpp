@@ -5,8 +5,8 @@
 #include <limits>
 #include <vector>
 
-#include "engines/versions.hpp"
 #include "measure/diagnostics.hpp"
+#include "memory/versions.hpp"
 
 namespace clothsim {
 namespace {

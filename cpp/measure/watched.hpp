@@ -20,7 +20,8 @@ inline void raise(std::atomic<double>& most, double value) {
 
 // A checkpoint holds a copy, so that steps which are taken back leave no trace.
 struct Watched {
-    std::atomic<double> first_contact{std::numeric_limits<double>::infinity()};  // end of the first step that a response changed [s]
+    std::atomic<double> first_contact{
+        std::numeric_limits<double>::infinity()};  // end of the first step that a response changed [s]
     std::atomic<double> point_depth{0};  // of mass points below a sphere's true radius, every step [m]
     double triangle_depth = 0;           // of triangles, at the states sampled [m]
     double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled

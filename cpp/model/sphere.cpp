@@ -26,17 +26,14 @@ Travel reciprocating_travel(const Motion& m, double t) {
 
 // Index of the segment that holds t; the caller has excluded times outside the table.
 std::size_t segment(const Motion& m, double t) {
-    return static_cast<std::size_t>(std::upper_bound(m.times.begin(), m.times.end(), t) -
-                                    m.times.begin()) -
+    return static_cast<std::size_t>(std::upper_bound(m.times.begin(), m.times.end(), t) - m.times.begin()) -
         1;
 }
 
 Vec3 place(const Motion& motion, const Vec3& center, double t) {
     switch (motion.kind) {
-        case Motion::Kind::none:
-            return center;
-        case Motion::Kind::linear:
-            return center + t * motion.velocity;
+        case Motion::Kind::none: return center;
+        case Motion::Kind::linear: return center + t * motion.velocity;
         case Motion::Kind::reciprocate: {
             const Travel travel = reciprocating_travel(motion, t);
             return center + travel.sign * motion.distance * (travel.fraction - 0.5) * motion.direction;
@@ -58,10 +55,8 @@ Vec3 Sphere::center_at(double t) const { return place(motion, center, t) - origi
 
 Vec3 Sphere::velocity_at(double t) const {
     switch (motion.kind) {
-        case Motion::Kind::none:
-            return Vec3::Zero();
-        case Motion::Kind::linear:
-            return motion.velocity;
+        case Motion::Kind::none: return Vec3::Zero();
+        case Motion::Kind::linear: return motion.velocity;
         case Motion::Kind::reciprocate: {
             const Travel travel = reciprocating_travel(motion, t);
             return travel.sign * motion.distance * travel.rate * motion.direction;

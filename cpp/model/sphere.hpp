@@ -10,10 +10,7 @@ namespace clothsim {
 using Vec3 = Eigen::Vector3d;
 
 struct Motion {
-    enum class Kind { none,
-                      linear,
-                      reciprocate,
-                      keyframes };
+    enum class Kind { none, linear, reciprocate, keyframes };
     Kind kind = Kind::none;
     Vec3 velocity = Vec3::Zero();    // linear [m/s]
     Vec3 direction = Vec3::Zero();   // reciprocate, unit vector
@@ -25,9 +22,7 @@ struct Motion {
     std::vector<Vec3> centers;       // keyframes [m]
 };
 
-enum class Response { reflect,
-                      ray,
-                      continuous };
+enum class Response { reflect, ray, continuous };
 inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "continuous"};
 
 struct Sphere {
@@ -37,7 +32,7 @@ struct Sphere {
     double restitution = 1;
     double friction = 0;
     Response response = Response::ray;
-    bool literal = false;  // Kim et al. word for word: absolute velocity, approaching or not
+    bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
     bool faces = false;    // continuous: whole triangles are kept out, not only mass points
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;

@@ -31,7 +31,12 @@ struct ThreadId {
 };
 
 inline ThreadId thread_id(const ThreadGrid& grid, int x, int y) {
-    return {x / group_size, y / group_size, x % group_size, y % group_size, x, y,
+    return {x / group_size,
+            y / group_size,
+            x % group_size,
+            y % group_size,
+            x,
+            y,
             static_cast<std::int64_t>(y) * grid.width + x};
 }
 

@@ -18,7 +18,8 @@ Vec3 direction(const Vec3& p) {
 // |v|, also where v.v would overflow or vanish.
 double speed_of(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// Where a point first meets a sphere within a step, and with what it gets there. From the centre, in the sphere's frame.
+// Where a point first meets a sphere within a step, and with what it gets there. From the centre, in the
+// sphere's frame.
 struct Hit {
     double time;  // part of the way
     Vec3 place, normal;
@@ -29,14 +30,16 @@ struct Hit {
     bool flies;     // longer than a step
 };
 
-// |p + t q|^2 = surface^2 for the first t in [0, 1]. `v`, `gain`: velocity at the free end, and what the step added to it.
+// |p + t q|^2 = surface^2 for the first t in [0, 1]. `v`, `gain`: velocity at the free end, and what the step
+// added to it.
 std::optional<Hit> first_hit(const Sweep& s, const Vec3& p, const Vec3& q, const Vec3& v, const Vec3& gain) {
     if (s.inside(p) || p.dot(q) >= 0) return {};
     const double a = q.squaredNorm(), nearest = (p - p.dot(q) / a * q).norm();
     if (nearest >= s.surface) return {};
     // Half a chord before the nearest place; on the surface already: at once.
     const double half_chord = std::sqrt((s.surface - nearest) * (s.surface + nearest));
-    const double time = p.norm() <= s.surface ? 0 : std::max(0.0, (-p.dot(q) / std::sqrt(a) - half_chord) / std::sqrt(a));
+    const double time =
+        p.norm() <= s.surface ? 0 : std::max(0.0, (-p.dot(q) / std::sqrt(a) - half_chord) / std::sqrt(a));
     if (time > 1) return {};
     Hit hit{};
     hit.time = time;
@@ -52,14 +55,17 @@ std::optional<Hit> first_hit(const Sweep& s, const Vec3& p, const Vec3& q, const
     return hit;
 }
 
-// Energy of the normal motion: as much as the free end lies below the tangent plane is given back on arrival, and paid for the
-// way up to where the mirrored way leads.
+// Energy of the normal motion: as much as the free end lies below the tangent plane is given back on arrival,
+// and paid for the way up to where the mirrored way leads.
 State leave(const FreeStep& step, const Sweep& s, const Hit& hit, const State& end) {
     double normal_speed = std::max(hit.speed, hit.bounce), height = 0;
     if (hit.flies) {
-        const Vec3 plane = end.x + hit.depth * hit.normal, mirrored = plane + s.restitution * hit.depth * hit.normal;
-        const double gained = step.potential(end.x) - step.potential(plane), paid = step.potential(mirrored) - step.potential(plane);
-        const double leaving2 = s.restitution * s.restitution * std::max(hit.speed * hit.speed + 2 * gained / step.mass, 0.0);
+        const Vec3 plane = end.x + hit.depth * hit.normal,
+                   mirrored = plane + s.restitution * hit.depth * hit.normal;
+        const double gained = step.potential(end.x) - step.potential(plane),
+                     paid = step.potential(mirrored) - step.potential(plane);
+        const double leaving2 =
+            s.restitution * s.restitution * std::max(hit.speed * hit.speed + 2 * gained / step.mass, 0.0);
         const double last2 = leaving2 - 2 * paid / step.mass;
         if (last2 >= 0) height = s.restitution * hit.depth;
         normal_speed = std::sqrt(last2 >= 0 ? last2 : leaving2);
@@ -81,7 +87,8 @@ Vec3 on_both(const Sweep& a, const Sweep& b, const Vec3& x) {
     const double distance = between.norm();
     if (distance == 0) return x;
     const Vec3 axis = between / distance;
-    const double along = (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
+    const double along =
+        (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
     const double radius2 = a.surface * a.surface - along * along;
     if (radius2 <= 0) return x;
     Vec3 aside = x - a.end - (x - a.end).dot(axis) * axis;
@@ -90,7 +97,7 @@ Vec3 on_both(const Sweep& a, const Sweep& b, const Vec3& x) {
 }
 
 // Out of every sphere at the end of the step; what began inside goes outwards no faster than it is pushed.
-State settle(const State& before, State end, const std::vector<Sweep>& spheres) {
+State resolve(const State& before, State end, const std::vector<Sweep>& spheres) {
     constexpr int rounds = 100;
     for (int round = 0; round < rounds; ++round) {
         const Sweep* last = nullptr;  // of this round
@@ -119,7 +126,8 @@ State settle(const State& before, State end, const std::vector<Sweep>& spheres) 
 State respond(const Sphere& sphere, double t, const State& point) {
     const Vec3 center = sphere.center_at(t), m = point.x - center;
     if (m.squaredNorm() >= sphere.contact_radius * sphere.contact_radius) return point;
-    const Vec3 moved = sphere.literal ? Vec3(Vec3::Zero()) : sphere.velocity_at(t), relative = point.v - moved;
+    const Vec3 moved = sphere.as_printed ? Vec3(Vec3::Zero()) : sphere.velocity_at(t),
+               relative = point.v - moved;
     State after = point;
     Vec3 n = direction(m);
     if (sphere.response == Response::ray) {
@@ -127,31 +135,41 @@ State respond(const Sphere& sphere, double t, const State& point) {
         if (const double speed = speed_of(relative); speed > 0) {
             const Vec3 back = -relative / speed;
             const double b = m.dot(back), c = m.squaredNorm() - sphere.contact_radius * sphere.contact_radius;
-            if (b < 0 && !sphere.literal) return point;  // leaves by itself
+            if (b < 0 && !sphere.as_printed) return point;  // leaves by itself
             n = direction(m + (-b + std::sqrt(b * b - c)) * back);
         }
         after.x = center + sphere.contact_radius * n;
     }
     // Eq 7 with restitution, and Coulomb's friction.
     const double approach = relative.dot(n);
-    if (approach >= 0 && !sphere.literal) return after;
+    if (approach >= 0 && !sphere.as_printed) return after;
     after.v -= (1 + sphere.restitution) * approach * n;
     const Vec3 tangential = relative - approach * n;
-    const double slip = tangential.norm(), most = sphere.friction * std::abs((1 + sphere.restitution) * approach);
+    const double slip = tangential.norm(),
+                 most = sphere.friction * std::abs((1 + sphere.restitution) * approach);
     if (sphere.friction > 0 && slip > 0) after.v -= std::min(1.0, most / slip) * tangential;
     return after;
 }
 
 Sweep::Sweep(const Sphere& sphere, double t0, double t1, double dt)
-    : start(sphere.center_at(t0)), end(sphere.center_at(t1)), velocity((end - start) / dt), radius(sphere.contact_radius), surface(radius + 4 * std::numeric_limits<double>::epsilon() * (end.cwiseAbs().sum() + radius)), restitution(sphere.restitution), friction(sphere.friction), push(sphere.push_out_speed * dt), dt(dt) {}
+    : start(sphere.center_at(t0)),
+      end(sphere.center_at(t1)),
+      velocity((end - start) / dt),
+      radius(sphere.contact_radius),
+      surface(radius + 4 * std::numeric_limits<double>::epsilon() * (end.cwiseAbs().sum() + radius)),
+      restitution(sphere.restitution),
+      friction(sphere.friction),
+      push(sphere.push_out_speed * dt),
+      dt(dt) {}
 
 bool bounces_off(const FreeStep& step, const Sweep& s) {
     const Vec3 p = step.before.x - s.start;
-    const auto hit = first_hit(s, p, step.after.x - s.end - p, step.after.v - s.velocity, step.after.v - step.before.v);
+    const auto hit =
+        first_hit(s, p, step.after.x - s.end - p, step.after.v - s.velocity, step.after.v - step.before.v);
     return hit && hit->flies;
 }
 
-State meet(const FreeStep& step, const std::vector<Sweep>& spheres) {
+State respond(const FreeStep& step, const std::vector<Sweep>& spheres) {
     constexpr int most_contacts = 16;
     const Vec3 gain = step.after.v - step.before.v;
     State end = step.after;
@@ -167,14 +185,14 @@ State meet(const FreeStep& step, const std::vector<Sweep>& spheres) {
             first = &s;
             soonest = hit;
         }
-        if (!first) return settle(step.before, end, spheres);
+        if (!first) return resolve(step.before, end, spheres);
         end = leave(step, *first, *soonest, end);
         elapsed += soonest->time * (1 - elapsed);
         here = first->start + elapsed * (first->end - first->start) + soonest->place;
-        if (spheres.size() == 1) return settle(step.before, end, spheres);
+        if (spheres.size() == 1) return resolve(step.before, end, spheres);
     }
     end.x = here;  // spheres close on it
-    return settle(step.before, end, spheres);
+    return resolve(step.before, end, spheres);
 }
 
 }  // namespace clothsim::reference

@@ -1,5 +1,5 @@
-// Contact of mass points with spheres for the oracle: the formulae as the paper and docs/contact.md print them, one point at a
-// time, with nothing of the code that they judge.
+// Contact of mass points with spheres for the oracle: the formulae as the paper and docs/contact.md print
+// them, one point at a time, with nothing of the code that they judge.
 #pragma once
 
 #include <functional>
@@ -13,7 +13,8 @@ struct State {
     Vec3 x, v;  // m, m/s
 };
 
-// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere at time t; others stay.
+// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere at time t;
+// others stay.
 State respond(const Sphere& sphere, double t, const State& point);
 
 // The response "continuous". A sphere on its straight way within a step.
@@ -38,6 +39,6 @@ struct FreeStep {
 // Whether the point meets the one sphere and bounces off so fast that it is still in the air a step later.
 bool bounces_off(const FreeStep& step, const Sweep& sphere);
 // Its state after all contacts of the step.
-State meet(const FreeStep& step, const std::vector<Sweep>& spheres);
+State respond(const FreeStep& step, const std::vector<Sweep>& spheres);
 
 }  // namespace clothsim::reference

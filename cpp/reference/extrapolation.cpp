@@ -26,7 +26,8 @@ void accelerations(const System& system, const State& state, Values& a) {
         const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         if (length == 0) continue;  // no direction, no force
         const Real inverse = 1 / length;
-        const Real rate = ((vj[0] - vi[0]) * d[0] + (vj[1] - vi[1]) * d[1] + (vj[2] - vi[2]) * d[2]) * inverse;
+        const Real rate =
+            ((vj[0] - vi[0]) * d[0] + (vj[1] - vi[1]) * d[1] + (vj[2] - vi[2]) * d[2]) * inverse;
         const Real pull = (s.stiffness * (length - s.rest_length) + s.damping * rate) * inverse;
         for (int c = 0; c < 3; ++c) {
             a[3 * s.i + c] += pull * d[c];
@@ -52,9 +53,10 @@ struct Workspace {
     explicit Workspace(std::size_t size) : before(size), here(size), after(size), a(size) {}
 };
 
-// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's smoothing
-// at the end damps the rule's weak instability.
-void midpoint(const System& system, const State& y, const Values& a0, Real H, int n, Workspace& w, State& result) {
+// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's
+// smoothing at the end damps the rule's weak instability.
+void midpoint(const System& system, const State& y, const Values& a0, Real H, int n, Workspace& w,
+              State& result) {
     const Real h = H / n;
     w.before = y;
     move(w.here, y, y.v, a0, h);
@@ -72,8 +74,8 @@ void midpoint(const System& system, const State& y, const Values& a0, Real H, in
     }
 }
 
-// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ...; the last entry becomes
-// the result, and the one before it in its row is what it is compared with.
+// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ...; the last entry
+// becomes the result, and the one before it in its row is what it is compared with.
 void neville(std::vector<State>& table, State& previous) {
     const int columns = int(table.size());
     for (int j = 1; j < columns; ++j) {
@@ -113,8 +115,9 @@ Real difference(const State& a, const State& b, Real H) {
 
 }  // namespace
 
-Extrapolation extrapolate(const System& system, const std::vector<double>& times, const ExtrapolationSettings& settings,
-                          std::vector<double>& x, std::vector<double>& v, const std::function<bool()>& interrupted) {
+Extrapolation extrapolate(const System& system, const std::vector<double>& times,
+                          const ExtrapolationSettings& settings, std::vector<double>& x,
+                          std::vector<double>& v, const std::function<bool()>& interrupted) {
     const int columns = settings.columns;
     const std::size_t size = x.size();
     State y(size), previous(size);

@@ -1,10 +1,11 @@
 // A second opinion on a solution: another method, another arithmetic, another evaluation of the forces.
 //
 // Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and Neville
-// (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9): order
-// 2k for k columns. The step follows the difference of the last two columns. Everything is computed in long
-// double, 64 bits of mantissa, from a list of springs that the caller gives: nothing here comes from the kernels or
-// from the model's table of neighbours, so an error in those, and rounding in double, both show as a difference.
+// (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9):
+// order 2k for k columns. The step follows the difference of the last two columns. Everything is computed in
+// long double, 64 bits of mantissa, from a list of springs that the caller gives: nothing here comes from the
+// kernels or from the model's table of neighbours, so an error in those, and rounding in double, both show as
+// a difference.
 #pragma once
 
 #include <array>
@@ -18,21 +19,19 @@ namespace clothsim::reference {
 
 struct System {
     std::vector<Spring> springs;
-    std::vector<double> mass;          // kg
+    std::vector<double> mass;  // kg
     std::vector<std::uint8_t> pinned;
-    std::array<double, 3> gravity{};   // m/s^2
-    double point_damping = 0;          // N s/m
+    std::array<double, 3> gravity{};  // m/s^2
+    double point_damping = 0;  // N s/m
 };
 
 struct ExtrapolationSettings {
     int columns = 8;
     double tolerance = 1e-17;  // error of a step, of x and of H v, in extents of the cloth
-    int threads = 1;           // columns at the same time; the bits do not depend on it
+    int threads = 1;  // columns at the same time; the bits do not depend on it
 };
 
-enum class ExtrapolationEnd { reached,
-                              step_too_small,
-                              interrupted };
+enum class ExtrapolationEnd { reached, step_too_small, interrupted };
 
 struct Extrapolation {
     ExtrapolationEnd end = ExtrapolationEnd::reached;
@@ -40,9 +39,10 @@ struct Extrapolation {
     std::int64_t steps = 0, rejected = 0, force_evaluations = 0;
 };
 
-// From the state at time 0 to `times` (increasing, > 0). x and v hold 3 numbers a point; the states at `times` are
-// appended to them, rounded to double. `interrupted` is asked before each step.
-Extrapolation extrapolate(const System& system, const std::vector<double>& times, const ExtrapolationSettings& settings,
-                          std::vector<double>& x, std::vector<double>& v, const std::function<bool()>& interrupted);
+// From the state at time 0 to `times` (increasing, > 0). x and v hold 3 numbers a point; the states at
+// `times` are appended to them, rounded to double. `interrupted` is asked before each step.
+Extrapolation extrapolate(const System& system, const std::vector<double>& times,
+                          const ExtrapolationSettings& settings, std::vector<double>& x,
+                          std::vector<double>& v, const std::function<bool()>& interrupted);
 
 }  // namespace clothsim::reference

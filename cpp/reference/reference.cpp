@@ -4,7 +4,8 @@
 
 namespace clothsim::reference {
 
-Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x, const Points& v) {
+Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
+                     const Points& v) {
     const Cloth& cloth = scene.cloth;
     Points force = -cloth.point_damping * v;
     for (const Spring& s : springs) {
@@ -40,8 +41,8 @@ void collide(const Scene& scene, Points& x, Points& v, double t) {
 }
 
 // Continuous contact from (x0, v0) at t0 to the free end (x, v) at t1.
-void meet_spheres(const Scene& scene, const std::vector<Spring>& springs, const Points& x0, const Points& v0, Points& x, Points& v,
-                  double t0, double t1, double dt) {
+void respond_to_spheres(const Scene& scene, const std::vector<Spring>& springs, const Points& x0,
+                        const Points& v0, Points& x, Points& v, double t0, double t1, double dt) {
     std::vector<Sweep> all;
     for (const Sphere& sphere : scene.spheres)
         if (sphere.response == Response::continuous) all.emplace_back(sphere, t0, t1, dt);
@@ -59,8 +60,8 @@ void meet_spheres(const Scene& scene, const std::vector<Spring>& springs, const 
         };
         return FreeStep{{x0.row(i), v0.row(i)}, {x.row(i), v.row(i)}, mass, potential};
     };
-    const auto answer = [&](int i) {
-        const State end = meet(step_of(i), all);
+    const auto respond_to = [&](int i) {
+        const State end = respond(step_of(i), all);
         x.row(i) = end.x;
         v.row(i) = end.v;
     };
@@ -69,9 +70,9 @@ void meet_spheres(const Scene& scene, const std::vector<Spring>& springs, const 
     for (int i = 0; i < scene.cloth.points(); ++i) {
         if (scene.cloth.pinned[i]) continue;
         if (all.size() > 1 || bounces_off(step_of(i), all[0])) last.push_back(i);
-        else answer(i);
+        else respond_to(i);
     }
-    for (const int i : last) answer(i);
+    for (const int i : last) respond_to(i);
 }
 
 void hold_pinned(const Cloth& cloth, Points& v) {
@@ -92,7 +93,7 @@ void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
         x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
         v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
         collide(scene, x, v, t + double(n + 1) * dt);
-        meet_spheres(scene, list, x0, v1, x, v, t + double(n) * dt, t + double(n + 1) * dt, dt);
+        respond_to_spheres(scene, list, x0, v1, x, v, t + double(n) * dt, t + double(n + 1) * dt, dt);
     }
 }
 
@@ -102,8 +103,10 @@ void step_as_printed(const Scene& scene, Points& x, Points& v, double dt, std::i
     for (std::int64_t n = 0; n < steps; ++n) {
         // "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it once more.
         const Points v1 = dt * v, a1 = dt * accelerations(scene, list, x, v);
-        const Points w2 = v + dt / 2 * a1, v2 = dt * w2, a2 = dt * accelerations(scene, list, x + dt / 2 * v1, w2);
-        const Points w3 = v + dt / 2 * a2, v3 = dt * w3, a3 = dt * accelerations(scene, list, x + dt / 2 * v2, w3);
+        const Points w2 = v + dt / 2 * a1, v2 = dt * w2,
+                     a2 = dt * accelerations(scene, list, x + dt / 2 * v1, w2);
+        const Points w3 = v + dt / 2 * a2, v3 = dt * w3,
+                     a3 = dt * accelerations(scene, list, x + dt / 2 * v2, w3);
         const Points w4 = v + dt * a3, v4 = dt * w4, a4 = dt * accelerations(scene, list, x + dt * v3, w4);
         x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
         v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);

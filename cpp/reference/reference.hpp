@@ -1,5 +1,5 @@
-// The oracle: scalar, spring by spring, written to be read beside the paper. Not optimised, and with springs and contact of its
-// own: of the core it knows the scene alone. Spheres keep mass points out here, not faces.
+// The oracle: scalar, spring by spring, written to be read beside the paper. Not optimised, and with springs
+// and contact of its own: of the core it knows the scene alone. Spheres keep mass points out here, not faces.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,8 @@
 namespace clothsim::reference {
 
 // Accelerations of all mass points; 0 for pinned ones.
-Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x, const Points& v);
+Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
+                     const Points& v);
 
 // Classic RK4 steps followed by the collision pass, the first of them from time t. x and v are advanced.
 void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t);

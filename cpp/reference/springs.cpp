@@ -9,10 +9,12 @@ std::vector<Spring> springs(const Cloth& cloth) {
     std::vector<Spring> result;
     const auto join = [&](Family family, int row, int column, int rows, int columns) {
         const int other_row = row + rows, other_column = column + columns;
-        if (!cloth.present[family] || other_row >= cloth.rows || other_column < 0 || other_column >= cloth.columns) return;
+        if (!cloth.present[family] || other_row >= cloth.rows || other_column < 0 ||
+            other_column >= cloth.columns)
+            return;
         result.push_back({row * cloth.columns + column, other_row * cloth.columns + other_column,
-                          std::hypot(rows * cloth.row_spacing, columns * cloth.column_spacing), cloth.stiffness[family],
-                          cloth.spring_damping[family]});
+                          std::hypot(rows * cloth.row_spacing, columns * cloth.column_spacing),
+                          cloth.stiffness[family], cloth.spring_damping[family]});
     };
     for (int row = 0; row < cloth.rows; ++row)
         for (int column = 0; column < cloth.columns; ++column) {

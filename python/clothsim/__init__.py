@@ -18,7 +18,7 @@ from . import typing as typing
 from .sweeps.registration import register as _register_accessor
 from .base.later import provide as _provide
 from .base.on_demand import on_demand as _on_demand
-from .engine.build import build_config
+from .machine.build import build_config
 from .model.cloth import Cloth
 from .errors import (
     ContactError,
@@ -30,7 +30,7 @@ from .errors import (
     UnstableError,
 )
 from .model.mesh import thread_grid, triangles
-from .engine.integration import integrators
+from .methods.integration import integrators
 from .measure.measures import energy, largest_stretch, penetration
 from .stability.limit import max_stable_dt
 from .model.motion import Keyframes, Linear, Reciprocate
@@ -54,23 +54,7 @@ if TYPE_CHECKING:
     from .viewing.picture import Picture, picture
 
 _provide(
-    {
-        "bundle of a run": "clothsim.viewing.notebook:run_bundle",
-        "bundle of a scene": "clothsim.viewing.notebook:scene_bundle",
-        "bundle of a stepper": "clothsim.viewing.notebook:stepper_bundle",
-        "explain": "clothsim.engine.explain:explain",
-        "files of a run": "clothsim.viewing.exports:export",
-        "film of a run": "clothsim.viewing.animation:animate",
-        "frame of a run": "clothsim.viewing.page:run_to_frame",
-        "max_stable_dt": "clothsim.stability.limit:max_stable_dt",
-        "page of a run": "clothsim.viewing.page:run_to_html",
-        "peers": "clothsim.lab.peers.solvers:installed_peers",
-        "picture of a run": "clothsim.viewing.picture:picture_of_run",
-        "refusal of the peers": "clothsim.lab.peers.solvers:refused",
-        "plot of a run": "clothsim.viewing.chart:plot",
-        "run that goes on": "clothsim.run.simulate:resume",
-        "simulation on the GPU": "clothsim.gpu.simulation:Simulation",
-    }
+    {"peers": "clothsim.lab.peers.solvers:installed_peers", "refusal of the peers": "clothsim.lab.peers.solvers:refused"}
 )
 
 __version__ = build_config()["version"]

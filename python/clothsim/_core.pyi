@@ -10,11 +10,11 @@ State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
 most_contacts: int
-settle_rounds: int
+resolve_rounds: int
 slop_epsilons: float
 outer_epsilons: float
 most_threads: int
-points_worth_a_thread: int
+least_points_per_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]
 edge_families: tuple[Family, ...]
 neighbours: tuple[tuple[int, int, Family, int], ...]
@@ -22,7 +22,7 @@ bytes_in_shared_cache: int
 extents_that_are_far: float
 negligible_part: float
 runaway_part: float
-steps_between_looks: int
+steps_between_checks: int
 
 class Cloth:
     def __init__(
@@ -61,7 +61,7 @@ class Sphere:
         radius: float,
         contact_radius: float,
         response: str,
-        literal: bool,
+        as_printed: bool,
         restitution: float,
         friction: float,
         motion: Motion,

@@ -34,7 +34,7 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
 def answered(x, v, sphere, t, radius=RADIUS):
     """Kim et al., eq 7-12 with their errata corrected, restitution and Coulomb friction, per point."""
     center, velocity = sphere.center_at(t), sphere.velocity_at(t)
-    if sphere.literal:
+    if sphere.as_printed:
         velocity = np.zeros(3)
     x, v = x.copy(), v.copy()
     for at in np.ndindex(x.shape[:2]):
@@ -42,7 +42,7 @@ def answered(x, v, sphere, t, radius=RADIUS):
         if np.linalg.norm(m) >= radius:
             continue
         if sphere.response == "ray":
-            if m @ u > 0 and not sphere.literal:
+            if m @ u > 0 and not sphere.as_printed:
                 continue
             # |m - s u| = radius, the root s > 0
             s = max(np.roots([u @ u, -2 * m @ u, m @ m - radius**2]).real)
@@ -50,7 +50,7 @@ def answered(x, v, sphere, t, radius=RADIUS):
             x[at] = center + m
         n = m / np.linalg.norm(m)
         speed = u @ n
-        if speed >= 0 and not sphere.literal:
+        if speed >= 0 and not sphere.as_printed:
             continue
         impulse = (1 + sphere.restitution) * speed
         tangential = u - speed * n
@@ -63,15 +63,15 @@ def answered(x, v, sphere, t, radius=RADIUS):
 SLIDES = [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)]  # restitution, friction
 
 
-@cases(precision=["double"], response=["reflect", "ray"], moving=[False, True], literal=[False, True])
-def test_responses_are_those_of_the_formulas(variant, response, moving, literal):
+@cases(precision=["double"], response=["reflect", "ray"], moving=[False, True], as_printed=[False, True])
+def test_responses_are_those_of_the_formulas(variant, response, moving, as_printed):
     for restitution, friction in SLIDES:
-        check_response(variant, response, moving, literal, restitution, friction)
+        check_response(variant, response, moving, as_printed, restitution, friction)
 
 
-def check_response(variant, response, moving, literal, restitution, friction):
+def check_response(variant, response, moving, as_printed, restitution, friction):
     motion = cs.Linear((1.5, -0.7, 0.4)) if moving else None
-    sphere = ball(response=response, motion=motion, restitution=restitution, friction=friction, literal=literal)
+    sphere = ball(response=response, motion=motion, restitution=restitution, friction=friction, as_printed=as_printed)
     x, v = cloud()
     t = 0.03
     expected = answered(x + DT * v, v, sphere, t + DT)
@@ -143,7 +143,7 @@ def test_a_leaving_point_is_left_alone_unless_literal(response):
     x, v = one_point(*out, ball(response=response))
     np.testing.assert_allclose(v, out[1], atol=1e-15)
     np.testing.assert_allclose(x, out[0], atol=1e-8)
-    _, v = one_point(*out, ball(response=response, literal=True))
+    _, v = one_point(*out, ball(response=response, as_printed=True))
     assert v @ np.array([0, 1, 0]) < 0
 
 
@@ -153,7 +153,7 @@ def test_a_moving_sphere_kicks_a_resting_point(response):
     motion = cs.Linear((0, 3, 0))
     _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion))
     np.testing.assert_allclose(v, (0, 6, 0), atol=1e-12)
-    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion, literal=True))
+    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion, as_printed=True))
     np.testing.assert_allclose(v, (0, 0, 0), atol=1e-12)
 
 
@@ -163,8 +163,8 @@ def test_ray_puts_a_point_on_the_surface_however_slow(variant, speed):
     """No velocity has no ray: the point is projected along the normal. A slow one still has one."""
     position = np.array([0.1, -0.2, 0.15])
     bound = {"double": 1e-12, "single": 1e-7}[variant.precision]
-    for literal in (False, True):
-        sphere = ball(response="ray", literal=literal)
+    for as_printed in (False, True):
+        sphere = ball(response="ray", as_printed=as_printed)
         x, v = one_point(position, -speed * position, sphere, **variant.options)
         assert abs(np.linalg.norm(x) - RADIUS) < bound
         np.testing.assert_allclose(x, RADIUS * position / np.linalg.norm(position), atol=bound)
@@ -234,7 +234,7 @@ MOTIONS = [
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
 def test_the_core_moves_spheres_as_python_does(motion):
     """A point at rest inside lands on the surface of the sphere where it is at the step's end."""
-    sphere = ball(response="ray", literal=True, motion=motion)
+    sphere = ball(response="ray", as_printed=True, motion=motion)
     for t in (0.0, 0.013, 0.02, 0.031, 0.049, 0.08, -0.01):
         center = sphere.center_at(t + DT)
         x = np.tile(center + (0.05, 0.1, -0.02), (2, 2, 1))
@@ -286,14 +286,14 @@ def check_offset(variant, response, offset, reach):
 
 @cases(response=["reflect", "ray"])
 def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relative, response):
-    for literal, motion in itertools.product((False, True), (None, cs.Linear((0.0, 1.5, 0.3)))):
-        check_contact(variant, crumpled, relative, response, literal, motion)
+    for as_printed, motion in itertools.product((False, True), (None, cs.Linear((0.0, 1.5, 0.3)))):
+        check_contact(variant, crumpled, relative, response, as_printed, motion)
 
 
-def check_contact(variant, crumpled, relative, response, literal, motion):
+def check_contact(variant, crumpled, relative, response, as_printed, motion):
     spheres = [
-        cs.Sphere((0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, literal=literal),
-        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, literal=literal),
+        cs.Sphere((0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, as_printed=as_printed),
+        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, as_printed=as_printed),
     ]
     scene, x, v, dt = crumpled(spheres=spheres)
     free = cs.reference_step(scene.replace(spheres=()), x, v, dt, 40)
@@ -327,11 +327,11 @@ def test_reflect_as_printed_lets_points_in_and_corrected_moving_spheres_do_not_s
     """A sphere driven into a resting cloth: relative velocity pushes it ahead, absolute not."""
     x = np.stack(np.broadcast_arrays(*np.ogrid[-1:1:17j, 0:0:1j, -1:1:17j]), axis=-1)[:, 0] * 0.3
     depth = {}
-    for literal in (True, False):
-        sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none", literal=literal)
+    for as_printed in (True, False):
+        sphere = cs.Sphere((0, -0.6, 0), RADIUS, cs.Linear((0, 2, 0)), "reflect", "none", as_printed=as_printed)
         scene = drifting(x, sphere)
         stepper = cs.Stepper(scene, x, 0 * x, t=0.0)
         stepper.advance(300, DT)
-        depth[literal] = cs.penetration(stepper.positions, sphere, stepper.time)["points"]
+        depth[as_printed] = cs.penetration(stepper.positions, sphere, stepper.time)["points"]
     assert depth[True] > 0.3
     assert depth[False] < 2.1 * DT

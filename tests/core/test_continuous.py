@@ -198,8 +198,8 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
 
     assert missed(response="continuous") == 0
     for response in ("ray", "reflect"):
-        for literal, expected in ((False, q**2 / 3), (True, q**2 / 12)):
-            part = missed(response=response, literal=literal)
+        for as_printed, expected in ((False, q**2 / 3), (True, q**2 / 12)):
+            part = missed(response=response, as_printed=as_printed)
             assert abs(part - expected) < 4 * np.sqrt(expected / n)
 
 

@@ -120,7 +120,7 @@ def test_spheres_that_close_squeeze_a_point_out():
     assert stepper.positions[0, 0, 1] > 0.39
 
 
-def test_a_point_that_is_shut_in_is_refused_with_a_clear_word():
+def test_a_point_that_is_trapped_is_refused_with_a_clear_word():
     """Six spheres close around it from all sides."""
     directions = [np.array(d, float) for d in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     spheres = [ball(4.1 * d, 4.0, motion=cs.Linear(tuple(-d))) for d in directions]
@@ -262,7 +262,7 @@ def test_a_continuous_sphere_beside_one_of_the_paper():
         ({"restitution": -0.1}, "restitution must be .*>= 0"),
         ({"friction": -1}, "friction must be .*>= 0"),
         ({"push_out_speed": 0}, "push_out_speed must be a finite number > 0"),
-        ({"literal": True}, "literal must be False with response 'continuous'"),
+        ({"as_printed": True}, "as_printed must be False with response 'continuous'"),
         ({"response": "ray", "offset": "face"}, "offset 'face' needs response 'continuous', got 'ray'"),
         ({"response": "continous"}, "did you mean 'continuous'"),
         ({"offset": "faces"}, "offset must be one of .*'face'"),

@@ -7,11 +7,11 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine import integration
-from clothsim.engine.amplification import amplification, amplification_matrix
-from clothsim.engine.integration import ALIASES
 from clothsim.engine.plan import INTEGRATORS
-from clothsim.engine.region import box_limit
+from clothsim.methods import integration
+from clothsim.methods.amplification import amplification, amplification_matrix
+from clothsim.methods.integration import ALIASES
+from clothsim.methods.region import box_limit
 from variants import NAMED_KERNELS, PRECISIONS, pairs
 
 EXPLICIT = [name for name in INTEGRATORS if cs.integrators()[name].explicit]

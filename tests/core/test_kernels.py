@@ -239,7 +239,7 @@ def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
     scene = scene.replace(cloth=scene.cloth.replace(damping=damping))
     done = {}
     for place in ("registers", "memory"):
-        monkeypatch.setenv("CLOTHSIM_HAND_ON", place)
+        monkeypatch.setenv("CLOTHSIM_FORWARD", place)
         options = {"precision": "single", "kernel": "edge", "threads": threads}
         state = cs.step(scene, x, v, dt, 15, integrator=integrator, **options)
         done[place] = [*state, cs.acceleration(scene, x, v, **options)]
@@ -248,8 +248,8 @@ def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
 
 def test_a_wrong_place_to_hand_on_is_an_error_that_lists_the_right_ones(monkeypatch, crumpled):
     scene, x, v, dt = crumpled()
-    monkeypatch.setenv("CLOTHSIM_HAND_ON", "cache")
-    with pytest.raises(ValueError, match="CLOTHSIM_HAND_ON is 'cache'; accepted: registers, memory"):
+    monkeypatch.setenv("CLOTHSIM_FORWARD", "cache")
+    with pytest.raises(ValueError, match="CLOTHSIM_FORWARD is 'cache'; accepted: registers, memory"):
         cs.step(scene, x, v, dt, 1, kernel="edge")
 
 

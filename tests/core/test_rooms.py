@@ -30,9 +30,9 @@ def test_folders_of_the_core_include_one_way(tmp_path):
     assert tool.upward(CORE) == []
     core = shutil.copytree(CORE, tmp_path / "cpp")
     planted = {
-        "kernels/lanes.hpp": '#include "engines/plan.hpp"',
+        "kernels/lanes.hpp": '#include "memory/plan.hpp"',
         "reference/contact.hpp": '#include "contact/exact.hpp"',
-        "engines/plan.hpp": "#include <pybind11/numpy.h>",
+        "memory/plan.hpp": "#include <pybind11/numpy.h>",
     }
     for name, line in planted.items():
         path = core / name

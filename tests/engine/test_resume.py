@@ -6,7 +6,7 @@ import pickle
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.integration import integrators
+from clothsim.methods.integration import integrators
 
 SCENE = cs.scenes.paper_swing()
 CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)

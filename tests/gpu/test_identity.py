@@ -49,9 +49,9 @@ def rough_ball():
 
 
 def literal_balls():
-    """In the literal reading a response looks at the point's own velocity, not the relative one."""
+    """As printed, a response looks at the point's own velocity, not the relative one."""
     scene = cs.scenes.paper_moving("reflect", phase=0.15)
-    ball = scene.spheres[0].replace(literal=True)
+    ball = scene.spheres[0].replace(as_printed=True)
     return scene.replace(spheres=(ball, ball.replace(response="ray", offset="none")))
 
 
@@ -59,10 +59,10 @@ SCENES = {
     "swing": swing,
     "reflect": lambda: cs.scenes.paper_static("reflect"),
     "ray": lambda: cs.scenes.paper_static("ray"),
-    "reflect literal": lambda: cs.scenes.paper_static("reflect", literal=True, offset="none"),
-    "ray literal": lambda: cs.scenes.paper_static("ray", literal=True, offset=0.01),
+    "reflect as_printed": lambda: cs.scenes.paper_static("reflect", as_printed=True, offset="none"),
+    "ray as_printed": lambda: cs.scenes.paper_static("ray", as_printed=True, offset=0.01),
     "moving, rough": rough_ball,
-    "moving, literal": literal_balls,
+    "moving, as_printed": literal_balls,
 }
 CASES = [(name, "single") for name in SCENES] + [("ray", "double"), ("moving, rough", "double")]
 
@@ -74,7 +74,7 @@ def test_the_same_bits_as_the_core_from_before_the_contact_on(name, precision, e
     if not (exact and device.float64):
         pytest.skip(f"{device.adapter.name} does not round as the core does")
     scene, dt = SCENES[name](), 4e-4
-    if name == "ray literal":
+    if name == "ray as_printed":
         dt = 2.5e-4
     fallen = core(scene, precision)
     fallen.advance(700 if scene.spheres else 0, dt)  # the adapter, which may be a CPU, need not do that too

@@ -59,15 +59,15 @@ def test_paper_scenes_take_table_2(make):
 def test_paper_static_sphere():
     (sphere,) = scenes.paper_static().spheres
     assert (sphere.center, sphere.radius, sphere.motion) == ((0.5, -0.5, 0.5), 0.25, None)
-    assert (sphere.response, sphere.offset, sphere.literal) == ("ray", "edge", False)
-    (sphere,) = scenes.paper_static("reflect", offset="none", literal=True).spheres
-    assert (sphere.response, sphere.offset, sphere.literal) == ("reflect", "none", True)
+    assert (sphere.response, sphere.offset, sphere.as_printed) == ("ray", "edge", False)
+    (sphere,) = scenes.paper_static("reflect", offset="none", as_printed=True).spheres
+    assert (sphere.response, sphere.offset, sphere.as_printed) == ("reflect", "none", True)
 
 
 def test_paper_moving_sphere_travels_one_metre_about_the_hanging_cloth():
-    scene = scenes.paper_moving("reflect", offset=0.01, literal=True, phase=0.0)
+    scene = scenes.paper_moving("reflect", offset=0.01, as_printed=True, phase=0.0)
     (sphere,) = scene.spheres
-    assert (sphere.response, sphere.offset, sphere.literal) == ("reflect", 0.01, True)
+    assert (sphere.response, sphere.offset, sphere.as_printed) == ("reflect", 0.01, True)
     path = sphere.center_at(np.linspace(0.0, 4.2, 10_001))
     assert (path[:, 1] == -0.5).all() and (path[:, 2] == 0.5).all()
     assert path[0].tolist() == [-0.5, -0.5, 0.5]

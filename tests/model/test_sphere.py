@@ -66,7 +66,7 @@ def test_center_and_velocity():
 
 VARIANTS = [
     {},
-    {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "literal": True},
+    {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "as_printed": True},
     {"motion": Reciprocate((1, 0, 0)), "response": "reflect", "offset": "none"},
     {"motion": Keyframes([0, 1], np.eye(2, 3)), "restitution": 0.5, "friction": 0.3},
 ]
@@ -101,7 +101,7 @@ REFUSED = [
     ({"restitution": 1.1}, ValueError, "restitution.*<= 1, got 1.1"),
     ({"restitution": -0.1}, ValueError, "restitution.*>= 0"),
     ({"friction": -1}, ValueError, "friction.*>= 0, got -1"),
-    ({"literal": 1}, TypeError, "literal must be True or False, got 1"),
+    ({"as_printed": 1}, TypeError, "as_printed must be True or False, got 1"),
 ]
 
 

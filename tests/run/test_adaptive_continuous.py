@@ -75,7 +75,7 @@ def test_frames_are_ends_of_steps():
     assert abs(a - b) < 0.05 * abs(scale)
 
 
-def test_a_point_shut_in_is_an_error_at_the_step_before():
+def test_a_point_trapped_is_an_error_at_the_step_before():
     """Six spheres close around it from all sides."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]

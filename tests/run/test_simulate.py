@@ -83,8 +83,8 @@ def test_spheres_move_with_the_time_of_the_run():
     target = sphere.center_at(0.0105)
     x = np.broadcast_to(target + (0.01, 0.02, 0.0), (32, 32, 3))
     cloth = scene.cloth.replace(stiffness=0.0, damping=0.0, pins=())
-    literal = scene.replace(cloth=cloth, position=x, spheres=sphere.replace(literal=True))
-    run = cs.simulate(literal, 0.0105, dt=1e-3)
+    as_printed = scene.replace(cloth=cloth, position=x, spheres=sphere.replace(as_printed=True))
+    run = cs.simulate(as_printed, 0.0105, dt=1e-3)
     distance = np.linalg.norm(run.x[-1] - target, axis=-1)
     # Projected at every step: on the surface of where the sphere is at the very end, or outside.
     reach = sphere.contact_radius(cloth)

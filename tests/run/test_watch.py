@@ -17,7 +17,7 @@ def ball(**changes):
 
 SCENES = {
     "reflect": ball(response="reflect", motion=PAST),
-    "as printed": ball(response="reflect", motion=PAST, literal=True, offset="none"),
+    "as printed": ball(response="reflect", motion=PAST, as_printed=True, offset="none"),
     "ray": ball(motion=PAST),
     "continuous": ball(response="continuous", motion=PAST),
     "face": ball(response="continuous", offset="face", motion=PAST),
@@ -118,7 +118,7 @@ def test_the_papers_failing_case_is_reported():
 
     How deep the deepest point comes depends on rounding. It is near the centre of the sphere.
     """
-    run = cs.simulate(cs.scenes.paper_moving("reflect", literal=True), 5.0, dt=5e-4)
+    run = cs.simulate(cs.scenes.paper_moving("reflect", as_printed=True), 5.0, dt=5e-4)
     assert len(run.t) == 2
     depth = run.report["penetration"]
     assert 0.2 < depth["points"] <= depth["triangles"] <= 0.25

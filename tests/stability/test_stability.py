@@ -5,8 +5,8 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.amplification import amplification_matrix
-from clothsim.engine.region import box_limit, mode_limit
+from clothsim.methods.amplification import amplification_matrix
+from clothsim.methods.region import box_limit, mode_limit
 from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
 from clothsim.stability.trial import is_stable
 from tables import each

@@ -87,7 +87,7 @@ def test_a_member_that_diverges_is_marked(scene, dt, first):
     assert int(result.isel(dt=0).status) == 3 and "len" in str(result.isel(dt=0).message.values)
 
 
-def test_a_point_that_spheres_shut_in_harms_its_member_alone():
+def test_a_point_that_spheres_trapped_harms_its_member_alone():
     def scene(speed):
         """Six large spheres close on a mass point from all sides."""
         sides = np.vstack([np.eye(3), -np.eye(3)])

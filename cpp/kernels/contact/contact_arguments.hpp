@@ -9,8 +9,8 @@
 
 namespace clothsim {
 
-// A layout seen as rows of vectors: component k of vector j of row i lies at i * row + j * vector + k * component.
-// Both engines' layouts have this form.
+// A layout seen as rows of vectors: component k of vector j of row i lies at i * row + j * vector + k *
+// component. Both engines' layouts have this form.
 struct VectorGeometry {
     std::ptrdiff_t row, vector, component;
     std::ptrdiff_t compensation;  // from a value to what rounding took from it; 0: not compensated
@@ -23,13 +23,13 @@ struct ContactArguments {
     Real* state;
     Real* before;               // the state at the start of the step, in the same layout
     const std::uint64_t* free;  // a bit a lane, a value a vector, row by row: 0 for pinned and padding points
-    std::uint8_t* open;         // a value a vector, row by row: marks of contact_marks.hpp
+    std::uint8_t* open;  // a value a vector, row by row: marks of contact_marks.hpp
     const SweptSphere* spheres;
     int sphere_count;
     bool copy;  // whether vectors that are done here go to `before` at once
     // Points that are not answered here: those whose bounce flies; all that are near if there are several
     // spheres; pinned points in a sphere.
-    void (*left_over)(void* context, int row, int vector, std::uint64_t lanes);
+    void (*unresolved)(void* context, int row, int vector, std::uint64_t lanes);
     void* context;
 };
 

@@ -1,14 +1,15 @@
-// Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step, and
-// the answer to those that do: kernels/contact/contact_resting.hpp to the many that lie on it, kernels/contact/continuous.hpp to the
-// others.
+// Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step,
+// and the answer to those that do: kernels/contact/contact_resting.hpp to the many that lie on it,
+// kernels/contact/continuous.hpp to the others.
 //
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
 // This is looked at in Real, and so that rounding never hides a point: of one that has to be answered even
-// m^2 <= R^2 + q^2 holds, as it came to R or nearer, at a right angle to its way or at its end. With m and q wrong by
-// up to d, R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. What is dropped or rounded is a
-// place or a way of no more than |c1| + |c1 - c0| + R + |q|; the part of |q| is covered by the factor 1 + 1/k.
+// m^2 <= R^2 + q^2 holds, as it came to R or nearer, at a right angle to its way or at its end. With m and q
+// wrong by up to d, R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. What is
+// dropped or rounded is a place or a way of no more than |c1| + |c1 - c0| + R + |q|; the part of |q| is
+// covered by the factor 1 + 1/k.
 //
 // The state of vectors that are done is copied for the next step on the way.
 #pragma once
@@ -68,17 +69,18 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `answered`; the lanes that are left over.
+// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `answered`; the lanes
+// that are left over.
 template <class Arch, class Real, int W>
-__attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>& a, int row, int vector,
-                                                    std::uint64_t lanes, std::uint64_t& answered_lanes) {
+__attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
+                                                       std::uint64_t lanes, std::uint64_t& responded_lanes) {
     using D = xsimd::batch<double, Arch>;
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
     const std::ptrdiff_t first = row * g.row + vector * g.vector;
     const std::uint64_t free = a.free[std::ptrdiff_t(row) * g.vectors + vector];
     constexpr std::uint64_t part = (std::uint64_t(1) << Memory::N) - 1;
-    std::uint64_t left_over = 0;
+    std::uint64_t unresolved = 0;
     for (int l = 0; l < W; l += Memory::N) {
         if ((lanes >> l & part) == 0) continue;
         Real* const state = a.state + first + l;
@@ -90,19 +92,19 @@ __attribute__((noinline)) std::uint64_t meet_vector(const ContactArguments<Real>
             x[k] = Memory::read(state + k * g.component, g.compensation);
             v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
         });
-        const Meeting<D> m = meet(a.spheres[0], x0, v0, x, v);
+        const VectorResponse<D> m = respond(a.spheres[0], x0, v0, x, v);
         const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
-        left_over |= std::uint64_t((asked & (m.in_the_air | (m.answered & !moves))).mask()) << l;
-        const auto answered = asked & m.answered & moves;
-        if (xsimd::none(answered)) continue;
-        answered_lanes |= std::uint64_t(answered.mask()) << l;
-        const D chosen = xsimd::select(answered, D(1.0), D(0.0));
+        unresolved |= std::uint64_t((asked & (m.in_the_air | (m.responded & !moves))).mask()) << l;
+        const auto responded = asked & m.responded & moves;
+        if (xsimd::none(responded)) continue;
+        responded_lanes |= std::uint64_t(responded.mask()) << l;
+        const D chosen = xsimd::select(responded, D(1.0), D(0.0));
         each<3>([&](auto k) __attribute__((always_inline)) {
             Memory::write(state + k * g.component, g.compensation, x[k], chosen);
             Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
         });
     }
-    return left_over;
+    return unresolved;
 }
 
 template <class Arch, class Real, Arithmetic arithmetic>
@@ -125,17 +127,20 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
                 const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
-                std::uint64_t left_over = near.mask(), answered = 0;
-                if (left_over && a.sphere_count == 1) {
+                std::uint64_t unresolved = near.mask(), responded = 0;
+                if (unresolved && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
-                        left_over = resting.answer(g, a.state + at, a.before + at, near,
-                                                   lanes_of<Lanes<Real, Arch>>(a.free[index]), answered);
-                    if (left_over) left_over = meet_vector<Arch, Real, W>(a, row, vector, left_over, answered);
+                        unresolved = resting.respond(g, a.state + at, a.before + at, near,
+                                                     lanes_of<Lanes<Real, Arch>>(a.free[index]), responded);
+                    if (unresolved)
+                        unresolved = respond_vector<Arch, Real, W>(a, row, vector, unresolved, responded);
                 }
-                if (left_over) a.left_over(a.context, row, vector, left_over);
+                if (unresolved) a.unresolved(a.context, row, vector, unresolved);
                 std::uint8_t& open = a.open[index];
-                open = std::uint8_t((left_over ? vector_left_over : 0) | (answered ? vector_answered : 0) | (first > 0 ? open : 0));
-                if (__builtin_expect(a.copy && !(open & vector_left_over) && first + count == a.sphere_count, 1))
+                open = std::uint8_t((unresolved ? vector_unresolved : 0) |
+                                    (responded ? vector_responded : 0) | (first > 0 ? open : 0));
+                if (__builtin_expect(a.copy && !(open & vector_unresolved) && first + count == a.sphere_count,
+                                     1))
                     copy_vector<V>(a.state + at, a.before + at, g);
             }
     }

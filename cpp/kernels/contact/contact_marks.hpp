@@ -6,6 +6,6 @@
 namespace clothsim {
 
 // The vector still has to go to `before`; the kernel has answered one of its points.
-inline constexpr std::uint8_t vector_left_over = 1, vector_answered = 2;
+inline constexpr std::uint8_t vector_unresolved = 1, vector_responded = 2;
 
 }  // namespace clothsim

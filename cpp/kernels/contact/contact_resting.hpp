@@ -1,14 +1,16 @@
-// The usual case of continuous contact, at the full width of the lanes: points that lie on the sphere when the step
-// begins and are pressed against it. They meet it at time 0, so that nothing is left of kernels/contact/continuous.hpp but
+// The usual case of continuous contact, at the full width of the lanes: points that lie on the sphere when
+// the step begins and are pressed against it. They meet it at time 0, so that nothing is left of
+// kernels/contact/continuous.hpp but
 //
 //     n = p0 / |p0|      x = x1 - lost q - kept (q.n) n      v = v1 - lost u - kept (u.n) n + u' n
 //
-// with `lost` the part of the tangential motion that friction takes and kept = 1 - lost. The change, which is small, is
-// added to the compensated state as a stage of the integrator is. "On the sphere" is within a quarter of the slop.
+// with `lost` the part of the tangential motion that friction takes and kept = 1 - lost. The change, which is
+// small, is added to the compensated state as a stage of the integrator is. "On the sphere" is within a
+// quarter of the slop.
 //
-// Whether a point is such a one, and whether another keeps clear of the sphere in this step, is decided in double
-// whatever Real is. What is left over goes to kernels/contact/continuous.hpp: points that come from further away, were
-// inside, bounce, or go far in a step.
+// Whether a point is such a one, and whether another keeps clear of the sphere in this step, is decided in
+// double whatever Real is. What is left over goes to kernels/contact/continuous.hpp: points that come from
+// further away, were inside, bounce, or go far in a step.
 //
 // Its arithmetic is fused, so the strict class does without.
 #pragma once
@@ -39,7 +41,8 @@ class OnSphere {
 
 public:
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        const double surface2 = s.surface * s.surface, low = s.surface - s.slop / 4, high = s.surface + s.slop / 4;
+        const double surface2 = s.surface * s.surface, low = s.surface - s.slop / 4,
+                     high = s.surface + s.slop / 4;
         for (int k = 0; k < 3; ++k) {
             center_[k].set(s.start[k]);
             way_[k].set(s.end[k] - s.start[k]);
@@ -60,15 +63,17 @@ public:
         rough_ = s.friction > 0;
     }
 
-    // Answers those of the lanes `near` that are such points, and adds them to `answered`; of the others, those that have to
-    // be looked at.
-    CLOTHSIM_INLINE std::uint64_t answer(const VectorGeometry& g, Real* state, const Real* before, const Mask& near,
-                                         const Mask& moves, std::uint64_t& answered) const {
-        alignas(64) Real pq[V::size];  // in double down to here: its sign and size hang on digits that Real lacks
+    // Responses those of the lanes `near` that are such points, and adds them to `answered`; of the others,
+    // those that have to be looked at.
+    CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
+                                          const Mask& near, const Mask& moves,
+                                          std::uint64_t& responded) const {
+        alignas(64)
+            Real pq[V::size];  // in double down to here: its sign and size hang on digits that Real lacks
         const Decision decided = decide(g, state, before, pq);
         Mask touches = near & moves & lanes_of<V>(decided.touching);
-        const std::uint64_t left_over = near.mask() & ~(touches.mask() | decided.clear);
-        if (xsimd::none(touches)) return left_over;
+        const std::uint64_t unresolved = near.mask() & ~(touches.mask() | decided.clear);
+        if (xsimd::none(touches)) return unresolved;
 
         const V zero(Real(0)), one(Real(1));
         V p[3], q[3];
@@ -90,7 +95,8 @@ public:
         each<3>([&](auto k) __attribute__((always_inline)) {
             n[k] = p[k] * inverse;
             u[k] = load(state + (k + 3) * g.component) - velocity_[k].value;
-            if constexpr (compensated) u[k] += load(state + (k + 3) * g.component + g.compensation) - velocity_[k].rest;
+            if constexpr (compensated)
+                u[k] += load(state + (k + 3) * g.component + g.compensation) - velocity_[k].rest;
         });
         const V speed = inner(u, n);
         V leaving = xsimd::max(speed, zero);
@@ -114,28 +120,33 @@ public:
         V lost = zero;  // part of the tangential motion that friction takes
         if (rough_) {
             V tangential[3];
-            each<3>([&](auto k) __attribute__((always_inline)) { tangential[k] = xsimd::fnma(speed, n[k], u[k]); });
+            each<3>([&](auto k)
+                        __attribute__((always_inline)) { tangential[k] = xsimd::fnma(speed, n[k], u[k]); });
             const V slip2 = inner(tangential, tangential), most = friction_ * (leaving - speed);
             const Mask slides = touches & (slip2 > most * most);
             lost = one;
             if (xsimd::any(slides)) lost = xsimd::select(slides, most / xsimd::sqrt(slip2), one);
         }
-        // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding counts.
-        const V kept = one - lost, normal_change = kept * normal_way, normal_gain = xsimd::fnma(kept, speed, leaving);
+        // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding
+        // counts.
+        const V kept = one - lost, normal_change = kept * normal_way,
+                normal_gain = xsimd::fnma(kept, speed, leaving);
         each<3>([&](auto k) __attribute__((always_inline)) {
             add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
             add(g, state + (k + 3) * g.component, xsimd::fnma(lost, u[k], normal_gain * n[k]), touches);
         });
-        answered |= touches.mask();
-        return left_over | in_the_air;
+        responded |= touches.mask();
+        return unresolved | in_the_air;
     }
 
 private:
-    // Lanes of points on the sphere and pressed against it; of points outside that do not meet it in this step.
+    // Lanes of points on the sphere and pressed against it; of points outside that do not meet it in this
+    // step.
     struct Decision {
         std::uint64_t touching, clear;
     };
-    CLOTHSIM_INLINE Decision decide(const VectorGeometry& g, const Real* state, const Real* before, Real* pq) const {
+    CLOTHSIM_INLINE Decision decide(const VectorGeometry& g, const Real* state, const Real* before,
+                                    Real* pq) const {
         const D zero(0.0);
         Decision decided{0, 0};
         each<int(V::size) / Memory::N>([&](auto part) __attribute__((always_inline)) {
@@ -164,7 +175,8 @@ private:
     static CLOTHSIM_INLINE T inner(const T (&a)[3], const T (&b)[3]) {
         return xsimd::fma(a[2], b[2], xsimd::fma(a[1], b[1], a[0] * b[0]));
     }
-    static CLOTHSIM_INLINE void add(const VectorGeometry& g, Real* place, const V& change, const Mask& chosen) {
+    static CLOTHSIM_INLINE void add(const VectorGeometry& g, Real* place, const V& change,
+                                    const Mask& chosen) {
         const V old = load(place);
         if constexpr (compensated) {
             const V rest = load(place + g.compensation);

@@ -1,5 +1,5 @@
-// State of either precision read and written as vectors of doubles: what continuous contact decides, it decides in
-// double. Per-instruction-set files only.
+// State of either precision read and written as vectors of doubles: what continuous contact decides, it
+// decides in double. Per-instruction-set files only.
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,7 @@
 // Continuous contact of a mass point with a sphere: when within a step they meet, and what follows.
 //
-// Everything is in the sphere's frame and in double. Within a step the point goes straight from where the step
-// began to where the free step ended, the sphere straight between its two places, so that
+// Everything is in the sphere's frame and in double. Within a step the point goes straight from where the
+// step began to where the free step ended, the sphere straight between its two places, so that
 //
 //     p(t) = p0 + t q,   t = 0..1            |p(t)| = surface          (surface: contact radius + slop)
 //
@@ -9,8 +9,8 @@
 //
 //     t = c / (-b + sqrt(a (surface^2 - m.m)))
 //
-// which cancels neither for a point at the surface (c small) nor for one that grazes after a long way (b^2 and
-// a c nearly equal: m is formed first).
+// which cancels neither for a point at the surface (c small) nor for one that grazes after a long way (b^2
+// and a c nearly equal: m is formed first).
 //
 // At t the normal n is fixed. Of the rest of the way the part along -n, of length `depth`, is taken back: the
 // point ends in the tangent plane. What speed it had there follows from energy, as its free end lies `depth`
@@ -22,8 +22,8 @@
 // A bounce that flies for longer than a step goes on to where the mirrored way leads, and its energy is
 // balanced exactly, springs included: that is `answer` in contact/exact.hpp.
 //
-// Written for a number type D that is a double or a SIMD vector of doubles: branches only skip what no lane needs. In
-// an anonymous namespace because files of several instruction sets include it.
+// Written for a number type D that is a double or a SIMD vector of doubles: branches only skip what no lane
+// needs. In an anonymous namespace because files of several instruction sets include it.
 #pragma once
 
 namespace clothsim {
@@ -31,10 +31,10 @@ namespace clothsim {
 // A sphere over one step, prepared for many points.
 struct SweptSphere {
     double start[3], end[3];  // centre [m]
-    double velocity[3];       // (end - start) / dt [m/s]
-    double radius;            // below it a point is inside: the contact radius [m]
-    double surface;           // on to which points are put, a few rounding errors further out [m]
-    double slop;              // surface - radius
+    double velocity[3];  // (end - start) / dt [m/s]
+    double radius;  // below it a point is inside: the contact radius [m]
+    double surface;  // on to which points are put, a few rounding errors further out [m]
+    double slop;  // surface - radius
     double restitution, friction;
     double push;  // how far a point that was inside is pushed outwards in a step, at most [m]
     double dt;
@@ -55,37 +55,50 @@ struct Number {
 template <class D>
 using MaskOf = typename Number<D>::Mask;
 template <class D>
-CLOTHSIM_LANE D pick(const MaskOf<D>& c, const D& a, const D& b) { return Number<D>::select(c, a, b); }
+CLOTHSIM_LANE D pick(const MaskOf<D>& c, const D& a, const D& b) {
+    return Number<D>::select(c, a, b);
+}
 template <class D>
-CLOTHSIM_LANE bool any(const MaskOf<D>& c) { return Number<D>::any(c); }
+CLOTHSIM_LANE bool any(const MaskOf<D>& c) {
+    return Number<D>::any(c);
+}
 template <class D>
-CLOTHSIM_LANE D root(const D& a) { return Number<D>::root(a); }
+CLOTHSIM_LANE D root(const D& a) {
+    return Number<D>::root(a);
+}
 template <class D>
-CLOTHSIM_LANE D larger(const D& a, const D& b) { return pick<D>(a > b, a, b); }
+CLOTHSIM_LANE D larger(const D& a, const D& b) {
+    return pick<D>(a > b, a, b);
+}
 template <class D>
-CLOTHSIM_LANE D smaller(const D& a, const D& b) { return pick<D>(a < b, a, b); }
+CLOTHSIM_LANE D smaller(const D& a, const D& b) {
+    return pick<D>(a < b, a, b);
+}
 template <class D>
-CLOTHSIM_LANE D dot3(const D a[3], const D b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+CLOTHSIM_LANE D dot3(const D a[3], const D b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 // Where a point meets the sphere within a step.
 template <class D>
 struct Touch {
-    MaskOf<D> hit;     // within the step
+    MaskOf<D> hit;  // within the step
     MaskOf<D> inside;  // at the start, by more than rounding
-    D time;            // of the hit, part of the way that was left
+    D time;  // of the hit, part of the way that was left
     D normal[3];
     D place[3];  // of the hit, from the centre [m]
-    D depth;     // how far the rest of the way leads below the tangent plane [m]
+    D depth;  // how far the rest of the way leads below the tangent plane [m]
     D along[3];  // the rest of the way along the tangent plane [m]
-    D speed;     // normal speed at the free end [m/s], negative: towards the sphere
-    D press;     // mean acceleration towards the sphere [m/s^2]
-    D bounce;    // normal speed after the contact [m/s], before anything presses again
+    D speed;  // normal speed at the free end [m/s], negative: towards the sphere
+    D press;  // mean acceleration towards the sphere [m/s^2]
+    D bounce;  // normal speed after the contact [m/s], before anything presses again
 };
 
-// p0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the velocity.
-// All relative to the sphere.
+// p0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the
+// velocity. All relative to the sphere.
 template <class D>
-CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], const D v[3], const D gain[3]) {
+CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], const D v[3],
+                             const D gain[3]) {
     Touch<D> r;
     const D zero(0), one(1), surface2(s.surface * s.surface);
     const double innermost = s.surface - 2 * s.slop;
@@ -114,18 +127,18 @@ CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], 
     return r;
 }
 
-// Whether a bounce is still in the air when the step after it begins. The others are over before anybody could
-// see them: the point stays at the surface and keeps the speed.
+// Whether a bounce is still in the air when the step after it begins. The others are over before anybody
+// could see them: the point stays at the surface and keeps the speed.
 template <class D>
 CLOTHSIM_LANE MaskOf<D> flies(const SweptSphere& s, const Touch<D>& t) {
     return t.hit & (t.bounce > D(0)) & (D(2) * t.bounce > t.press * D(s.dt));
 }
 
-// Position (from the centre) and velocity (relative; before: at the free end) after a contact, `height` above the
-// tangent plane. Coulomb: the tangential change is at most friction times the normal one.
+// Position (from the centre) and velocity (relative; before: at the free end) after a contact, `height` above
+// the tangent plane. Coulomb: the tangential change is at most friction times the normal one.
 template <class D>
-CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& height, const D& normal_speed, D p[3],
-                         D v[3]) {
+CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& height, const D& normal_speed,
+                         D p[3], D v[3]) {
     const D zero(0), one(1);
     D tangential[3];
     for (int k = 0; k < 3; ++k) tangential[k] = v[k] - t.speed * t.normal[k];
@@ -177,14 +190,14 @@ CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& start_distance, 
 
 // What became of a point in the pass over many.
 template <class D>
-struct Meeting {
-    MaskOf<D> answered, in_the_air;
+struct VectorResponse {
+    MaskOf<D> responded, in_the_air;
 };
 
 // The common case of a whole step for one point: x0, v0 before it, x, v after the free step, replaced by the
 // answer unless the point bounces off and flies.
 template <class D>
-CLOTHSIM_LANE Meeting<D> meet(const SweptSphere& s, const D x0[3], const D v0[3], D x[3], D v[3]) {
+CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const D x0[3], const D v0[3], D x[3], D v[3]) {
     D p0[3], p1[3], q[3], relative[3], gain[3];
     for (int k = 0; k < 3; ++k) {
         p0[k] = x0[k] - D(s.start[k]);
@@ -219,12 +232,12 @@ CLOTHSIM_LANE Meeting<D> meet(const SweptSphere& s, const D x0[3], const D v0[3]
     // Rounding: whoever was outside ends outside.
     const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, D(s.surface), D(s.surface - s.slop / 2)));
     const MaskOf<D> lifted = lift(p, limit, D(s.surface));
-    const MaskOf<D> answered = (t.hit | pushed | lifted) & !in_the_air;
+    const MaskOf<D> responded = (t.hit | pushed | lifted) & !in_the_air;
     for (int k = 0; k < 3; ++k) {
-        x[k] = pick<D>(answered, D(s.end[k]) + p[k], x[k]);
-        v[k] = pick<D>(answered, D(s.velocity[k]) + u[k], v[k]);
+        x[k] = pick<D>(responded, D(s.end[k]) + p[k], x[k]);
+        v[k] = pick<D>(responded, D(s.velocity[k]) + u[k], v[k]);
     }
-    return {answered, in_the_air};
+    return {responded, in_the_air};
 }
 
 }  // namespace

@@ -8,28 +8,31 @@
 
 namespace clothsim {
 
-// Coefficients of one vector of mass points: for every kind of spring that starts in a point `stiffness`, `tension` and
-// `damping`, a lane each; all 0 in a lane whose point has no such spring. Scaled so that with r = root_scale / l
+// Coefficients of one vector of mass points: for every kind of spring that starts in a point `stiffness`,
+// `tension` and `damping`, a lane each; all 0 in a lane whose point has no such spring. Scaled so that with r
+// = root_scale / l
 //   force / mass = unit (r (damping (w.d) r - tension) + stiffness) d
-// The first class has every spring in every lane. In double `stiffness` is rounded to what tension times r is at
-// rest (see exact_at_rest).
+// The first class has every spring in every lane. In double `stiffness` is rounded to what tension times r is
+// at rest (see exact_at_rest).
 struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };
 
-// A sphere, and a plane across an axis beside it: a row that is altogether beyond the plane is not looked at further.
+// A sphere, and a plane across an axis beside it: a row that is altogether beyond the plane is not looked at
+// further.
 template <class Real>
 struct SphereOutline {
     Real center[3];
     Real radius_squared;
-    int axis;    // -1: no plane
+    int axis;  // -1: no plane
     bool above;  // whether the rows are expected above it
     Real plane;
     bool crossed;  // set by the kernel when a row is not beyond the plane
 };
 
-// A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors. In single as many records
-// of their compensation stand behind those of the state, so that what all stages look at is one stream of memory.
+// A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors. In single
+// as many records of their compensation stand behind those of the state, so that what all stages look at is
+// one stream of memory.
 struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n
     static constexpr int count = 6;
 };
@@ -42,32 +45,33 @@ struct EdgeRowPointers {
     Real* state;
     Real* work;
     const Real* inverse_mass;  // null: uniform
-    const Real* free;          // 0 for pinned and padding points, else 1; null: there are none
+    const Real* free;  // 0 for pinned and padding points, else 1; null: there are none
 };
 
 // One stage over a band of rows.
 template <class Real>
 struct EdgeArguments : StepConstants<Real> {
-    int vectors;                  // per row, at least 2
+    int vectors;  // per row, at least 2
     std::ptrdiff_t compensation;  // from a value of the state to what rounding took from it
     Stage stage;
     Features features;
-    const EdgeRowPointers<Real>* rows;      // of the band, in the order of the sweep
-    const Real* coefficients;               // [class][SpringKind][EdgeCoefficientIndex][lane]
+    const EdgeRowPointers<Real>* rows;  // of the band, in the order of the sweep
+    const Real* coefficients;  // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
-    const Real* reach;                      // [vector][columns - 1][lane]: all bits where so many columns follow, else none
-    bool complete;                          // rows end with a whole vector
-    bool hand_on_in_registers;              // from row to row, where both ways are compiled
-    // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what the
-    // current row has received and what it hands to the next one (they take turns), and to the row after that.
+    const Real* reach;  // [vector][columns - 1][lane]: all bits where so many columns follow, else none
+    bool complete;  // rows end with a whole vector
+    bool forward_in_registers;  // from row to row, where both ways are compiled
+    // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what
+    // the current row has received and what it hands to the next one (they take turns), and to the row after
+    // that.
     Real* received[2];
     Real* received_2;
     // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
     int pending;
     const Real* pending_source;
     Real* force;  // on the pending row
-    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) from the start of each record of the state on are
-    // fetched from memory while a row is worked on. 0: none.
+    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) from the start of each record of
+    // the state on are fetched from memory while a row is worked on. 0: none.
     int ahead;
     std::ptrdiff_t ahead_begin, ahead_end;
     int row_count;
@@ -77,7 +81,8 @@ struct EdgeArguments : StepConstants<Real> {
     void* context;
 };
 
-// Where a stage looks for a row: its own records and those of the two rows further on; null where the cloth ends.
+// Where a stage looks for a row: its own records and those of the two rows further on; null where the cloth
+// ends.
 template <class Real>
 struct EdgeSources {
     const Real* here;

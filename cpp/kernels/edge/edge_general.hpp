@@ -1,5 +1,6 @@
-// The edge kernel for every cloth and every row: a loop that asks which springs a row has, and for each vector how many lanes have
-// them. It sums as edge_row.hpp does, so that the bits are the same; what is not there is 0.
+// The edge kernel for every cloth and every row: a loop that asks which springs a row has, and for each
+// vector how many lanes have them. It sums as edge_row.hpp does, so that the bits are the same; what is not
+// there is 0.
 #pragma once
 
 #include <utility>
@@ -22,9 +23,10 @@ CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Rea
 }
 
 template <class V, class Real, bool damped>
-__attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source, bool own, const PendingRow<Real>& pending,
-                                       const Real* ahead) {
-    constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W, class_size = spring_kind_count * kind_size;
+__attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
+                                       bool own, const PendingRow<Real>& pending, const Real* ahead) {
+    constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W,
+                  class_size = spring_kind_count * kind_size;
     const Legs legs = legs_of_row(e.features, source, own);
     const auto has = [legs](Leg leg) __attribute__((always_inline)) { return (legs >> leg & 1) != 0; };
     const std::ptrdiff_t stride = source_stride<V>(e.stage), past = std::ptrdiff_t(e.vectors) * 3 * W;
@@ -34,7 +36,9 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
         else return {load3<V>(p, W), {}};
     };
     // Behind the last vector stands the first, a lane on.
-    const auto place_of = [&](int k) __attribute__((always_inline)) { return k < m ? k * stride : (k - m) * stride + 1; };
+    const auto place_of = [&](int k) __attribute__((always_inline)) {
+        return k < m ? k * stride : (k - m) * stride + 1;
+    };
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
     Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
     Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
@@ -46,7 +50,8 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
         const auto pull = [&](Leg leg, const Points<V>& from, const Real* to) __attribute__((always_inline)) {
             Spring<V> spring = stretch<damped>(from, to, constants);
             root(spring, constants);
-            return force<damped, Springs::by_coefficient>(spring, coefficients + kind_of_leg[leg] * kind_size);
+            return force<damped, Springs::by_coefficient>(spring,
+                                                          coefficients + kind_of_leg[leg] * kind_size);
         };
         const Points<V> point = points(source.here + at);
         if (pending.there) finish_any<V, Real>(e, pending, k);
@@ -58,7 +63,8 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
             rises = pull(rising, points(source.here + next), source.below + at);
         }
         if (source.below) {
-            const Vector3<V> straight = e.features.family[bend] ? drop + load3<V>(e.received_2 + vector, W) : drop;
+            const Vector3<V> straight =
+                e.features.family[bend] ? drop + load3<V>(e.received_2 + vector, W) : drop;
             store3(e.received[1] + vector, W, straight + (fell + rises));
         }
         if (has(down_2)) {
@@ -91,7 +97,8 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
 }
 
 template <class V, class Real>
-CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& source, bool own, const Real* ahead = nullptr) {
+CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& source, bool own,
+                             const Real* ahead = nullptr) {
     const PendingRow<Real> pending = own ? pending_row(e) : PendingRow<Real>{};
     if (e.features.spring_damping) sum_row<V, Real, true>(e, source, own, pending, ahead);
     else sum_row<V, Real, false>(e, source, own, pending, ahead);
@@ -103,7 +110,9 @@ template <class Arch, class Real>
 void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
     const bool of_state = source_is_state(e.stage);
-    const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
+    const auto source = [&](int row) -> const Real* {
+        return of_state ? e.rows[row].state : e.rows[row].work;
+    };
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
         sum_row<V>(e, sources, true, row_ahead(e, row));
@@ -121,11 +130,12 @@ void edge_last_row_of_any(EdgeArguments<Real>& e, int row, const EdgeSources<Rea
 
 // What the two rows before a band hand on to its first two.
 template <class Arch, class Real>
-void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const EdgeSources<Real>& before) {
+void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
+                      const EdgeSources<Real>& before) {
     using V = Lanes<Real, Arch>;
     if (e.features.family[bend]) {
-        if (e.features.spring_damping) hand_down_2<V, Real, true>(e, before_2);
-        else hand_down_2<V, Real, false>(e, before_2);
+        if (e.features.spring_damping) send_down_2<V, Real, true>(e, before_2);
+        else send_down_2<V, Real, false>(e, before_2);
     }
     sum_row<V>(e, before, false);
 }

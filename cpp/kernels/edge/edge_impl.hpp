@@ -1,21 +1,21 @@
 // The edge kernel: every spring once, for speed.
 //
-// Layout ("row-lifted"). With m vectors of W lanes a row, vector k, lane l holds column l m + k:
+// Layout ("lane-transposed"). With m vectors of W lanes a row, vector k, lane l holds column l m + k:
 //
 //     lane          0      1      2             the right-hand neighbour of a whole vector is the next
 //     vector 0    0      m     2m     ...       vector, an aligned load without a shuffle; only behind
 //     vector 1    1     m+1   2m+1    ...       the last vector stands vector 0 again, one lane further.
 //     ...
 //
-// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory. What
-// compensation keeps is another, behind it.
+// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
+// What compensation keeps is another, behind it.
 //
 // A sweep goes from row to row. A row adds the force of each of its springs to its own points and hands the
 // opposite force on: within the row in registers, to the next row in `received`, to the row after it in
-// `received_2`; what passes the row's end belongs to its first vectors, a lane further, and reaches them last.
-// A row's forces are complete at its end; its Runge-Kutta stage is finished vector by vector while the next row's
-// springs are summed, between operations that wait for each other (or sooner, edge_two_vectors.hpp). Nothing
-// needs the row's old stage state any more: the new one replaces it.
+// `received_2`; what passes the row's end belongs to its first vectors, a lane further, and reaches them
+// last. A row's forces are complete at its end; its Runge-Kutta stage is finished vector by vector while the
+// next row's springs are summed, between operations that wait for each other (or sooner,
+// edge_two_vectors.hpp). Nothing needs the row's old stage state any more: the new one replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //
@@ -26,8 +26,9 @@
 // which gives the same bits either way, and `edge_halo` repeats what the two rows before a band hand on. So
 // do any number of threads.
 //
-// Two loops do so: edge_row.hpp, compiled in versions for sets of families and stages, serves the rows of cloths with structural
-// springs; edge_general.hpp all other cloths, rows at the borders, and instruction sets without versions.
+// Two loops do so: edge_row.hpp, compiled in versions for sets of families and stages, serves the rows of
+// cloths with structural springs; edge_general.hpp all other cloths, rows at the borders, and instruction
+// sets without versions.
 #pragma once
 
 #include <utility>
@@ -43,27 +44,31 @@ namespace {
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
     const bool of_state = source_is_state(stage == any_stage ? e.stage : stage);
-    const auto source = [&](int row) -> const Real* { return of_state ? e.rows[row].state : e.rows[row].work; };
+    const auto source = [&](int row) -> const Real* {
+        return of_state ? e.rows[row].state : e.rows[row].work;
+    };
     const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
     Real* received = e.received[0];
-    Real* hand_down = e.received[1];
+    Real* sent_down = e.received[1];
     const int first_finished = e.pending < 0 ? begin : e.pending;
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        edge_row<Arch, Real, set, stage, fixed, along>(e, sources, received, hand_down, pending_row(e), reach, row_ahead(e, row));
-        std::swap(received, hand_down);
+        edge_row<Arch, Real, set, stage, fixed, along>(e, sources, received, sent_down, pending_row(e), reach,
+                                                       row_ahead(e, row));
+        std::swap(received, sent_down);
         e.pending = row;
         e.pending_source = sources.here;
     }
     e.received[0] = received;
-    e.received[1] = hand_down;
+    e.received[1] = sent_down;
     end_rows<Lanes<Real, Arch>>(e, first_finished, end - 1);
 }
 
-// Rows of the paper's 32 columns are written out vector by vector where four vectors hold them, with mask registers those that
-// end with padding too.
+// Rows of the paper's 32 columns are written out vector by vector where four vectors hold them, with mask
+// registers those that end with padding too.
 template <class Arch, class Real>
-inline constexpr int vectors_written_out = 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
+inline constexpr int vectors_written_out =
+    32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
 
 template <class Arch, class Real, EdgeSet set, Stage stage>
 CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
@@ -71,18 +76,21 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     if constexpr (fixed > 0 && set.shear && stage != Stage::evaluate)
         if (e.ahead == 0 && e.vectors == fixed && (e.complete || masks_in_registers)) {
             if constexpr (fixed == 2 && !set.bend)
-                if (e.hand_on_in_registers) return edge_rows_of_two<Arch, Real, set.damped, stage>(e, begin, end);
+                if (e.forward_in_registers)
+                    return edge_rows_of_two<Arch, Real, set.damped, stage>(e, begin, end);
             // With mask registers, to ask which lanes have a spring costs nothing.
-            return edge_rows_of<Arch, Real, set, stage, fixed, masks_in_registers ? Springs::some : Springs::all>(e, begin, end);
+            return edge_rows_of<Arch, Real, set, stage, fixed,
+                                masks_in_registers ? Springs::some : Springs::all>(e, begin, end);
         }
     if constexpr (!masks_in_registers && stage != Stage::evaluate)
         if (e.complete) return edge_rows_of<Arch, Real, set, stage, 0, Springs::all>(e, begin, end);
-    // Where masks cost something, rows with padding and bare evaluations are rare: one copy of the code serves every stage.
+    // Where masks cost something, rows with padding and bare evaluations are rare: one copy of the code
+    // serves every stage.
     edge_rows_of<Arch, Real, set, masks_in_registers ? stage : any_stage, 0, Springs::some>(e, begin, end);
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its stage takes nine
-// tenths of the time of code that asks.
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its
+// stage takes nine tenths of the time of code that asks.
 template <class Arch, class Real, EdgeSet set>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     switch (e.stage) {
@@ -94,12 +102,14 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     }
 }
 
-// A single row in any stage: few of them run one after the other, so that code which knows its stage would not be in the cache.
+// A single row in any stage: few of them run one after the other, so that code which knows its stage would
+// not be in the cache.
 template <class Arch, class Real, EdgeSet set, Row which>
 CLOTHSIM_INLINE void edge_row_alone(EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
     const Reach<Lanes<Real, Arch>, 0> reach(e.reach);
     const PendingRow<Real> pending = which == Row::halo ? PendingRow<Real>{} : pending_row(e);
-    edge_row<Arch, Real, set, any_stage, 0, Springs::some, which>(e, source, e.received[0], e.received[1], pending, reach);
+    edge_row<Arch, Real, set, any_stage, 0, Springs::some, which>(e, source, e.received[0], e.received[1],
+                                                                  pending, reach);
     std::swap(e.received[0], e.received[1]);
 }
 
@@ -114,7 +124,7 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
 // What the two rows before a band hand on to its first two.
 template <class Arch, class Real, EdgeSet set>
 void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const EdgeSources<Real>& before) {
-    if constexpr (set.bend) hand_down_2<Lanes<Real, Arch>, Real, set.damped>(e, before_2);
+    if constexpr (set.bend) send_down_2<Lanes<Real, Arch>, Real, set.damped>(e, before_2);
     edge_row_alone<Arch, Real, set, Row::halo>(e, before);
 }
 

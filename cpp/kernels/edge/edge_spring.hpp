@@ -25,7 +25,8 @@ struct Points {
     Vector3<V> x, v;
 };
 
-// A vector of springs on its way to a force, in the steps `stretch`, `root` and `force`, which wait for each other.
+// A vector of springs on its way to a force, in the steps `stretch`, `root` and `force`, which wait for each
+// other.
 template <class V>
 struct Spring {
     Vector3<V> d;  // difference of positions
@@ -56,11 +57,9 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
     s.root = scaled_reciprocal_root(s.root, constants.newton);
 }
 
-// Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In the first two all families
-// are damped alike or not at all: the damping constant is in the unit of acceleration.
-enum class Springs { all,
-                     some,
-                     by_coefficient };
+// Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In the first
+// two all families are damped alike or not at all: the damping constant is in the unit of acceleration.
+enum class Springs { all, some, by_coefficient };
 
 // On the points at b; an acceleration where all points have one mass.
 template <bool damped, Springs springs, class V, class Real>
@@ -71,7 +70,8 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, S
     V scale;
     if constexpr (damped) {
         scale = s.rate;
-        if constexpr (springs == Springs::by_coefficient) scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
+        if constexpr (springs == Springs::by_coefficient)
+            scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
         scale = xsimd::fms(scale, s.root, tension);
         scale = exact_at_rest<Real> ? scale * s.root + stiffness : xsimd::fma(scale, s.root, stiffness);
     } else {
@@ -81,8 +81,8 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, S
     return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
 
-// The lanes of a row's vectors from which a spring leads one or two columns on: not of the last points, nor of padding. With
-// `fixed` vectors they are looked up once.
+// The lanes of a row's vectors from which a spring leads one or two columns on: not of the last points, nor
+// of padding. With `fixed` vectors they are looked up once.
 template <class V, int fixed>
 class Reach {
 public:

@@ -1,7 +1,8 @@
-// The edge kernel's rows of two vectors with structural and shear springs: what one row hands on to the next stays in
-// registers, for which second neighbours would leave too few. The sums are those of `edge_row`, and so are the bits; but
-// the springs past the row's end come first, so that the stage of the first vector is finished in its own row. For processors
-// that take a vector in two halves; one that takes it at once is faster with `edge_row` (hands_on_in_registers).
+// The edge kernel's rows of two vectors with structural and shear springs: what one row hands on to the next
+// stays in registers, for which second neighbours would leave too few. The sums are those of `edge_row`, and
+// so are the bits; but the springs past the row's end come first, so that the stage of the first vector is
+// finished in its own row. For processors that take a vector in two halves; one that takes it at once is
+// faster with `edge_row` (forwards_in_registers).
 #pragma once
 
 #include "kernels/edge/edge_update.hpp"
@@ -20,7 +21,8 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     const auto source = [&](int row) __attribute__((always_inline)) -> const Real* {
         return source_is_state(stage) ? e.rows[row].state : e.rows[row].work;
     };
-    // What is loaded is not worth a register until it is looked at again. The compiler would keep it, and store sums instead.
+    // What is loaded is not worth a register until it is looked at again. The compiler would keep it, and
+    // store sums instead.
     const auto points = [](const Real* p) __attribute__((always_inline)) -> Points<V> {
         asm volatile("" : "+r"(p));
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
@@ -32,12 +34,13 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     };
     const Reach<V, 2> reach(e.reach);
     // Of the springs that start in one of the two vectors.
-    const auto end_spring = [&]<int vector, SpringKind kind>(const Spring<V>& spring) __attribute__((always_inline)) {
-        const Real* coefficients = e.coefficients + kind * (EdgeCoefficientIndex::count * W);
-        asm volatile("" : "+r"(coefficients));
-        if constexpr (kind == to_below) return force<damped, Springs::all>(spring, coefficients);
-        else return force<damped, Springs::some>(spring, coefficients, reach(vector, 1));
-    };
+    const auto end_spring =
+        [&]<int vector, SpringKind kind>(const Spring<V>& spring) __attribute__((always_inline)) {
+            const Real* coefficients = e.coefficients + kind * (EdgeCoefficientIndex::count * W);
+            asm volatile("" : "+r"(coefficients));
+            if constexpr (kind == to_below) return force<damped, Springs::all>(spring, coefficients);
+            else return force<damped, Springs::some>(spring, coefficients, reach(vector, 1));
+        };
 
     edge_finish<Arch, Real>(e);
     // Received by the row from the one before: its two vectors, and past its end.

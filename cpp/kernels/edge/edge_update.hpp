@@ -1,4 +1,5 @@
-// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres it may have met.
+// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres it may have
+// met.
 #pragma once
 
 #include "kernels/edge/edge_spring.hpp"
@@ -31,9 +32,11 @@ CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
     return row_to_finish(e, e.pending, e.pending_source);
 }
 
-// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not known here.
+// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not
+// known here.
 template <class V, class Real, Stage stage, int fixed>
-CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k, const Vector3<V>& force) {
+CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k,
+                                  const Vector3<V>& force) {
     constexpr int W = int(V::size);
     constexpr bool compensated = sizeof(Real) == 4;
     const Real* const source = row.source + k * source_stride<V>(stage);
@@ -45,7 +48,8 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     V acceleration[3] = {force.x, force.y, force.z};
     if (__builtin_expect(e.point_damping != 0, 0))
         each<3>(CLOTHSIM_EACH(j) {
-            acceleration[j] = xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+            acceleration[j] =
+                xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
         });
     if (__builtin_expect(row.inverse_mass != nullptr, 0)) {
         const V inverse_mass = V::load_aligned(row.inverse_mass + k * W);
@@ -68,7 +72,8 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
         } else if constexpr (stage == Stage::fourth) {
             add_increment<compensated>(v, v + compensation, h_6 * (V::load_aligned(sum) + a));
         } else {
-            const V v0 = V::load_aligned(v), vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
+            const V v0 = V::load_aligned(v),
+                    vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
             xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
             xsimd::fma(step_a, a, v0).store_aligned(work + (3 + j) * W);
             if constexpr (stage == Stage::first) a.store_aligned(first);
@@ -100,12 +105,15 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
 template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
     if constexpr (stage == any_stage) return finish_any<V, Real>(e, row, k);
-    else finish_stage<V, Real, stage, fixed>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+    else
+        finish_stage<V, Real, stage, fixed>(e, row, k,
+                                            load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
 }
 
 // Whether all points of a row are beyond the sphere's plane; padding is above every plane.
 template <class V, class Real>
-CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride, const SphereOutline<Real>& sphere) {
+CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride,
+                                  const SphereOutline<Real>& sphere) {
     if (sphere.axis < 0) return false;
     const Real* const x = row + sphere.axis * int(V::size);
     V nearest = V::load_unaligned(x);
@@ -136,20 +144,21 @@ __attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int be
     }
 }
 
-// What is left to do when the vectors of rows [begin, end) are finished. Not row by row: the answer to a contact is a call,
-// for which each row would save what it keeps in registers.
+// What is left to do when the vectors of rows [begin, end) are finished. Not row by row: the answer to a
+// contact is a call, for which each row would save what it keeps in registers.
 template <class V, class Real>
 CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) {
     if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
 }
 
-// Ask for the share of a row ahead that belongs to a vector. In one go the requests would wait for each other, and the
-// arithmetic with them.
+// Ask for the share of a row ahead that belongs to a vector. In one go the requests would wait for each
+// other, and the arithmetic with them.
 template <class V, class Real>
 CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
     constexpr int line = 64 / int(sizeof(Real));
     const Real* const record = ahead + k * (StateRecord::count * int(V::size));
-    for (std::ptrdiff_t i = e.ahead_begin; i < e.ahead_end; i += line) __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
+    for (std::ptrdiff_t i = e.ahead_begin; i < e.ahead_end; i += line)
+        __builtin_prefetch(record + i, 0, 2);  // to the second-level cache
 }
 
 template <class Real>
@@ -159,7 +168,7 @@ CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
 
 // What the first of the two rows before a band hands on: springs that lead two rows on.
 template <class V, class Real, bool damped>
-CLOTHSIM_INLINE void hand_down_2(const EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
+CLOTHSIM_INLINE void send_down_2(const EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
     constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W;
     const std::ptrdiff_t stride = source_stride<V>(e.stage);
     const SpringConstants<V> constants{};
@@ -169,7 +178,8 @@ CLOTHSIM_INLINE void hand_down_2(const EdgeArguments<Real>& e, const EdgeSources
         if constexpr (damped) points.v = load3<V>(p + 3 * W, W);
         Spring<V> spring = stretch<damped>(points, source.below_2 + k * stride, constants);
         root(spring, constants);
-        const Real* const coefficients = e.coefficients + (e.coefficient_class[k] * spring_kind_count + to_below_2) * kind_size;
+        const Real* const coefficients =
+            e.coefficients + (e.coefficient_class[k] * spring_kind_count + to_below_2) * kind_size;
         store3(e.received_2 + k * 3 * W, W, force<damped, Springs::by_coefficient>(spring, coefficients));
     }
 }

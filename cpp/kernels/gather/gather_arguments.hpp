@@ -16,21 +16,18 @@ namespace clothsim {
 //   x' = x + h v + h^2/6 (a1 + a2 + a3)
 //   v' = v + h/6 (a1 + 2 (a2 + a3) + a4)
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
-enum class Stage : int { first,
-                         second,
-                         third,
-                         fourth,
-                         evaluate };
+enum class Stage : int { first, second, third, fourth, evaluate };
 
-// Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply and
-// subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of a family by
-// the rounding of one: nothing in double, but as much as all other errors of a run together in single.
+// Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply
+// and subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of
+// a family by the rounding of one: nothing in double, but as much as all other errors of a run together in
+// single.
 template <class Real>
 inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
-// What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of their own, in
-// which the damping constant is 1 where all families are damped alike: that saves a product for each spring. Gravity and
-// damping per point are in that unit; what accelerations are multiplied by holds it.
+// What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of
+// their own, in which the damping constant is 1 where all families are damped alike: that saves a product for
+// each spring. Gravity and damping per point are in that unit; what accelerations are multiplied by holds it.
 template <class Real>
 struct StepConstants {
     Real unit;  // m / s^2
@@ -40,8 +37,8 @@ struct StepConstants {
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
-// Scaled by 1/mass where the mass is uniform, and by 1/unit. `rest` is the rest length L; in the fused class it is
-// the tension K L / root_scale, and damping is divided by root_scale twice.
+// Scaled by 1/mass where the mass is uniform, and by 1/unit. `rest` is the rest length L; in the fused class
+// it is the tension K L / root_scale, and damping is divided by root_scale twice.
 template <class Real>
 struct SpringCoefficients {
     Real stiffness, rest, damping;
@@ -50,7 +47,9 @@ struct SpringCoefficients {
 // Of a vector of points in a row the lanes whose point has a neighbour so many columns on.
 struct LanesWithNeighbour {
     std::uint16_t bits[2 * stencil_reach] = {};
-    static constexpr int index(int column) { return column < 0 ? column + stencil_reach : column + stencil_reach - 1; }
+    static constexpr int index(int column) {
+        return column < 0 ? column + stencil_reach : column + stencil_reach - 1;
+    }
 };
 
 template <class Real>

@@ -9,9 +9,10 @@
 //
 // and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
 //
-// Rows are padded with far, finite points, so that a lane may look at a neighbour that its point does not have, and takes no
-// force from it. Neighbours of a family that the cloth lacks are skipped, and so are those above or below it: a bit a neighbour
-// says which, the same for a whole row, so that the processor predicts the branches.
+// Rows are padded with far, finite points, so that a lane may look at a neighbour that its point does not
+// have, and takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so are those
+// above or below it: a bit a neighbour says which, the same for a whole row, so that the processor predicts
+// the branches.
 #pragma once
 
 #include "kernels/kernel_table.hpp"
@@ -34,7 +35,8 @@ struct SpringLanes {
 struct Planes {
     std::ptrdiff_t one, three, five;
     explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane) : one(plane), three(3 * plane), five(5 * plane) {
-        // The compiler would make a pointer of each row and component, which are more than there are registers.
+        // The compiler would make a pointer of each row and component, which are more than there are
+        // registers.
         asm("" : "+r"(one), "+r"(three), "+r"(five));
     }
 };
@@ -46,13 +48,15 @@ CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
 
 template <class V, class Real>
 CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
-    return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one), V::load_unaligned(p + planes.five)};
+    return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one),
+            V::load_unaligned(p + planes.five)};
 }
 
 // `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
 template <Arithmetic A, bool damped, bool all, class V, class Real>
-CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* other,
-                                const Planes& planes, const SpringLanes<V>& spring, std::uint64_t there) {
+CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
+                                const Real* other, const Planes& planes, const SpringLanes<V>& spring,
+                                std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
     // First what the most operations wait for.
     V l, r;
@@ -94,62 +98,70 @@ CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, in
 }
 
 template <Arithmetic A, bool damped, class V, class Real>
-CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v, const Real* point, const Planes& planes,
-                                 const SpringLanes<V> (&springs)[spring_kind_count], const LanesWithNeighbour& lanes, unsigned present,
-                                 std::ptrdiff_t stride) {
+CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
+                                 const Real* point, const Planes& planes,
+                                 const SpringLanes<V> (&springs)[spring_kind_count],
+                                 const LanesWithNeighbour& lanes, unsigned present, std::ptrdiff_t stride) {
     each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
         constexpr MirroredNeighbour neighbour = neighbours[n];
         if (!(present >> n & 1)) return;
         constexpr bool all = neighbour.column == 0;
         const std::uint64_t there = all ? 0 : lanes.bits[LanesWithNeighbour::index(neighbour.column)];
-        add_spring<A, damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes, springs[neighbour.kind], there);
+        add_spring<A, damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes,
+                                   springs[neighbour.kind], there);
     });
 }
 
 template <Arithmetic A, class V, class Real>
-CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes, const V (&v_here)[3],
-                                  const V (&a)[3]) {
+CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes,
+                                  const V (&v_here)[3], const V (&a)[3]) {
     const auto each_component = [&](auto finish) __attribute__((always_inline)) {
         each<3>([&](auto k) __attribute__((always_inline)) {
             const std::ptrdiff_t at = point + k * planes.one;
             finish(at, g.state + at, g.state + at + planes.three, v_here[k], a[k]);
         });
     };
-    const auto advance = [&](std::ptrdiff_t at, const Real* x, const Real* v, V v_here, V a, V step, V step_a) __attribute__((always_inline)) {
+    const auto advance = [&](std::ptrdiff_t at, const Real* x, const Real* v, V v_here, V a, V step,
+                             V step_a) __attribute__((always_inline)) {
         multiply_add<A>(step, v_here, V::load_unaligned(x)).store_unaligned(g.target + at);
         multiply_add<A>(step_a, a, V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
     };
     switch (g.stage) {
         case Stage::evaluate:
-            return each_component([&](std::ptrdiff_t at, Real*, Real*, V, V a) __attribute__((always_inline)) {
-                (a * V(g.unit)).store_unaligned(g.first_acceleration + at);
-            });
+            return each_component([&](std::ptrdiff_t at, Real*, Real*, V, V a)
+                                      __attribute__((always_inline)) {
+                                          (a * V(g.unit)).store_unaligned(g.first_acceleration + at);
+                                      });
         case Stage::first:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
-                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
-                a.store_unaligned(g.first_acceleration + at);
-            });
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
+                                      __attribute__((always_inline)) {
+                                          advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                                          a.store_unaligned(g.first_acceleration + at);
+                                      });
         case Stage::second:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
-                advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
-                a.store_unaligned(g.acceleration_sum + at);
-            });
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
+                                      __attribute__((always_inline)) {
+                                          advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
+                                          a.store_unaligned(g.acceleration_sum + at);
+                                      });
         case Stage::third:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a) __attribute__((always_inline)) {
-                advance(at, x, v, v_here, a, V(g.h), V(g.h_a));
-                Real* const sum = g.acceleration_sum + at;
-                (V::load_unaligned(sum) + a).store_unaligned(sum);
-            });
+            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
+                                      __attribute__((always_inline)) {
+                                          advance(at, x, v, v_here, a, V(g.h), V(g.h_a));
+                                          Real* const sum = g.acceleration_sum + at;
+                                          (V::load_unaligned(sum) + a).store_unaligned(sum);
+                                      });
         case Stage::fourth:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V, V a) __attribute__((always_inline)) {
-                const V first = V::load_unaligned(g.first_acceleration + at);
-                const V middle = V::load_unaligned(g.acceleration_sum + at);
-                const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
-                const V dv = V(g.h_6) * ((first + a) + (middle + middle));
-                constexpr bool compensated = sizeof(Real) == 4;
-                add_increment<compensated>(x, g.compensation + at, dx);
-                add_increment<compensated>(v, g.compensation + at + planes.three, dv);
-            });
+            return each_component(
+                [&](std::ptrdiff_t at, Real* x, Real* v, V, V a) __attribute__((always_inline)) {
+                    const V first = V::load_unaligned(g.first_acceleration + at);
+                    const V middle = V::load_unaligned(g.acceleration_sum + at);
+                    const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
+                    const V dv = V(g.h_6) * ((first + a) + (middle + middle));
+                    constexpr bool compensated = sizeof(Real) == 4;
+                    add_increment<compensated>(x, g.compensation + at, dx);
+                    add_increment<compensated>(v, g.compensation + at + planes.three, dv);
+                });
     }
 }
 
@@ -181,13 +193,15 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
         const unsigned present = neighbours_of_row(g.features, row, g.rows);
         for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
             std::ptrdiff_t at = row * stride + column;
-            // The compiler would keep a pointer of its own to each row and array, which are more than there are registers.
+            // The compiler would keep a pointer of its own to each row and array, which are more than there
+            // are registers.
             asm("" : "+r"(at));
             const Real* const point = g.source + at;
             if (__builtin_expect(g.from_memory, 0)) fetch_next_row(g, at);
             const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
-            add_springs<A, damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present, stride);
+            add_springs<A, damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
+                                   stride);
             if (__builtin_expect(g.point_damping != 0, 0)) {
                 const V c(g.point_damping);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
@@ -199,7 +213,8 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
             if (__builtin_expect(g.row_has_fixed[row], 0)) {
                 const auto moves = V::load_unaligned(g.free + at) != zero;
-                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero), xsimd::select(moves, a.z, zero)};
+                a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero),
+                     xsimd::select(moves, a.z, zero)};
             }
             finish_stage<A>(g, at, planes, {v.x, v.y, v.z}, {a.x, a.y, a.z});
         }

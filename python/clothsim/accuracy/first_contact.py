@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ..engine.bound import stable_dt
 from ..engine.stepper import Stepper
+from ..methods.bound import stable_dt
 from ..model.scene import Scene
 
 # Of the time in which the cloth's size is crossed: how far apart the looks are at most.

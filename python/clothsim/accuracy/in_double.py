@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.bound import stable_dt
 from ..engine.stepper import SilentStepper
+from ..methods.bound import stable_dt
 from ..model.scene import Scene
 
 Floats = npt.NDArray[np.float64]

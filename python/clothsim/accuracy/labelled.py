@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.build import build_config
+from ..machine.build import build_config
 from .measured import Bench, Measured
 from .methods import OWN, Method
 

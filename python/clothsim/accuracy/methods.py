@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..engine.bound import stable_dt
-from ..engine.integration import integrator_name, integrators
 from ..engine.plan import PRECISIONS
+from ..methods.bound import stable_dt
+from ..methods.integration import integrator_name, integrators
 from ..model.scene import Scene
 from ..run.fixed_steps import size_of
 from ..run.simulate import simulate

@@ -14,8 +14,8 @@ from ..base import check
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
 from ..base.table import aligned
-from ..engine.integration import integrator_name
 from ..errors import UnstableError
+from ..methods.integration import integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Integrator, Precision

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..base.table import aligned
+from ..methods.integration import UPDATES, Integrator, integrators
+from ..methods.limiting import limiting_term
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
-from .integration import UPDATES, Integrator, integrators
-from .limiting import limiting_term
 from .plan import check_options, choose_kernel, choose_threads, core_plan, point_radius
 
 # Floating-point operations, a root and a division counted as one each.
@@ -120,7 +120,7 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (literal)' if s.literal else ''}, contact radius "
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, contact radius "
                 f"{point_radius(s, cloth):.6g} m{', triangles' if s.offset == 'face' else ''}"
                 for s in scene.spheres
             ),

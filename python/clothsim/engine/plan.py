@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _core
 from ..base import check
+from ..methods.integration import integrator_name, integrators
 from ..model.as_core import core_cloth
 from ..model.motion import Keyframes, Linear, Reciprocate
 from ..typing import Backend, Kernel, Precision
-from .integration import integrator_name, integrators
 
 if TYPE_CHECKING:
     from ..model.cloth import Cloth
@@ -62,7 +62,7 @@ def choose_threads(threads: int | None, shape: tuple[int, int], members: int = 1
         return check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
     rows, columns = shape
     if members > 1:  # a thread each, or the whole team for those left over
-        parts = max(members, rows * columns // _core.points_worth_a_thread)
+        parts = max(members, rows * columns // _core.least_points_per_thread)
     else:
         parts = max(1, rows * columns // _POINTS_WORTH_A_THREAD)
     return min(_core.available_threads(), parts)
@@ -99,7 +99,7 @@ def core_plan(
                 radius=sphere.radius,
                 contact_radius=point_radius(sphere, scene.cloth),
                 response=sphere.response,
-                literal=sphere.literal,
+                as_printed=sphere.as_printed,
                 restitution=sphere.restitution,
                 friction=sphere.friction,
                 motion=_core_motion(sphere),

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..base import files as _files
+from ..machine.build import build_config
 from ..model.scene import Scene
-from .build import build_config
 
 SCHEMA = 1
 OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")

@@ -12,14 +12,13 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..base.clocks import seconds_per_step
-from ..base.later import later
 from ..errors import ContactError, ContactWarning, LongRunWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
+from ..methods.bound import guaranteed_dt
+from ..methods.integration import integrators, warn_of_order
+from ..methods.limiting import limiting_term
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .arrays import FloatArray, checked_state, scenes_of, start_time
-from .bound import guaranteed_dt
-from .integration import integrators, warn_of_order
-from .limiting import limiting_term
 from .plan import check_backend, check_options, choose_kernel, choose_threads, core_plan, point_radius
 
 MANY_STEPS = 1_000_000
@@ -173,7 +172,9 @@ class State:
         self.core = _core.Simulation(plans, t, self.threads)
 
     def _use_gpu(self, t: float, precision: str, strict: bool) -> None:
-        simulation = later("simulation on the GPU")(self.scenes, t, precision, strict)
+        from ..gpu.simulation import Simulation
+
+        simulation = Simulation(self.scenes, t, precision, strict)
         self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         self.threads, self.kernel = 1, "gather"
         self.instruction_set = str(simulation.adapter)
@@ -238,8 +239,10 @@ class State:
         x, v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(x, v)
         state = (x[member], v[member]) if self.batched else (x, v)
+        from ..stability.limit import max_stable_dt
+
         try:
-            limit = later("max_stable_dt")(self.scenes[member], self.integrator, *state)
+            limit = max_stable_dt(self.scenes[member], self.integrator, *state)
         except ValueError:  # points too near for a direction; no reason to end the run
             limit = self.max_stable_dt[member]
         which = member if self.batched else None
@@ -283,7 +286,7 @@ class State:
         self.core.store(x, v)
         member = outcome["member"]
         scene = self.scenes[member]
-        if outcome["shut_in"]:
+        if outcome["trapped"]:
             raise ContactError(
                 step=self.steps_before + outcome["step"],
                 time=outcome["time"],

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from ..base.later import later
 from ..base.record import frozen
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Kernel
 from .arrays import FloatArray
 from .state import State
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
 
 
 class StepperView:
@@ -111,8 +113,9 @@ class StepperView:
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines and a picture of the state, for a notebook. For a batch, the picture shows the first member."""
-        bundle: dict[str, Any] = later("bundle of a stepper")(self)
-        return bundle
+        from ..viewing.notebook import stepper_bundle
+
+        return stepper_bundle(cast("Stepper", self))
 
     def __repr__(self) -> str:
         return f"<{'; '.join(self._lines())}>"

@@ -27,7 +27,7 @@ class Told:
     Attributes
     ----------
     bad : dict or None
-        "member", "point" and "shut_in" of the first member in trouble.
+        "member", "point" and "trapped" of the first member in trouble.
     pinned_inside : (int, int) or None
         Member and pinned point that a sphere has run into.
     """

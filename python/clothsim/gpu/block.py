@@ -16,7 +16,7 @@ from .device import Device, translated
 from .shader import RESPONSES, Features, pipelines
 
 NONE_BAD = 0xFFFFFFFF
-_BAD, _PINNED_INSIDE, _SHUT_IN, _CONTACTS = range(4)  # what `results` tells of a member
+_BAD, _PINNED_INSIDE, _TRAPPED, _CONTACTS = range(4)  # what `results` tells of a member
 
 
 def workgroups(shape: tuple[int, int], members: int = 1) -> tuple[int, int, int]:
@@ -249,11 +249,11 @@ class Block:
         tables = results.reshape(4, len(self.members))
         self.contacts = tables[_CONTACTS].astype(np.int64)
         bad = None
-        trouble = np.minimum(tables[_BAD], tables[_SHUT_IN])
+        trouble = np.minimum(tables[_BAD], tables[_TRAPPED])
         for k in np.flatnonzero(trouble != NONE_BAD)[:1]:
-            shut_in = bool(tables[_BAD, k] == NONE_BAD)
-            point = tables[_SHUT_IN if shut_in else _BAD, k]
-            bad = {"member": self.members[k], "point": int(point), "shut_in": shut_in}
+            trapped = bool(tables[_BAD, k] == NONE_BAD)
+            point = tables[_TRAPPED if trapped else _BAD, k]
+            bad = {"member": self.members[k], "point": int(point), "trapped": trapped}
         pinned = None
         for k in np.flatnonzero(tables[_PINNED_INSIDE] != NONE_BAD)[:1]:
             pinned = self.members[k], int(tables[_PINNED_INSIDE, k])

@@ -27,7 +27,7 @@ _SHARED = {
     "first_weight": FIRST_WEIGHT,
     "contact_size": CONTACT_SIZE,
     "most_contacts": _core.most_contacts,
-    "settle_rounds": _core.settle_rounds,
+    "settle_rounds": _core.resolve_rounds,
 }
 """Numbers that the shader shares with the core or with the host."""
 

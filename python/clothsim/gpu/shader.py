@@ -22,7 +22,7 @@ class SphereFeatures:
     """Features of a sphere's response."""
 
     response: str
-    literal: bool
+    as_printed: bool
     rough: bool
 
 
@@ -48,7 +48,7 @@ class Features:
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
-            spheres=tuple(SphereFeatures(s.response, s.literal, s.friction > 0) for s in scene.spheres),
+            spheres=tuple(SphereFeatures(s.response, s.as_printed, s.friction > 0) for s in scene.spheres),
         )
 
     def constants(self, strict: bool) -> dict[str, float]:
@@ -76,7 +76,7 @@ class Features:
         ]
         for k, s in enumerate(self.spheres):
             if k not in self.continuous:
-                flags = ", ".join(map(word, (s.response == "ray", s.literal, s.rough)))
+                flags = ", ".join(map(word, (s.response == "ray", s.as_printed, s.rough)))
                 met = f"met(result, contact_of(id.z, {k}u), id.z, {flags})"
                 lines.append(f"        result = {met};")
         lines.append("    }")

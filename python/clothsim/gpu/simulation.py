@@ -233,7 +233,7 @@ class Simulation:
         while done < steps:
             count = min(self._steps_unchecked, steps - done)
             if self._watched:  # at the same steps whatever the clock on the wall says
-                count = _core.steps_between_looks - self._clock.steps % _core.steps_between_looks
+                count = _core.steps_between_checks - self._clock.steps % _core.steps_between_checks
                 count = min(count, steps - done)
             start = time.monotonic()
             if self._try(count):
@@ -272,7 +272,7 @@ class Simulation:
         """The first watched member whose energy has run away, in the form of `Told.bad`."""
         parts = self._blocks.download(self._safe.parts)
         found = self._watches.runaway(joined(parts, self._origins), self._contacts)
-        return found and {"member": found[0], "point": found[1], "shut_in": False}
+        return found and {"member": found[0], "point": found[1], "trapped": False}
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
         """Find the failing step and stop before it. Repeated steps give the same bits, so the search is exact."""

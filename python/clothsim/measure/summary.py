@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.bound import stable_dt
-from ..engine.limiting import limiting_term
 from ..engine.stepper import Stepper
+from ..methods.bound import stable_dt
+from ..methods.limiting import limiting_term
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from .measures import energy, penetration

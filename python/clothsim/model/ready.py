@@ -31,7 +31,7 @@ def _paper_cloth(bend: bool) -> Cloth:
 
 @suggests
 def paper_static(
-    response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", literal: bool = False
+    response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", as_printed: bool = False
 ) -> Scene:
     """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
 
@@ -45,7 +45,7 @@ def paper_static(
         True adds the 1,920 bend springs.
     offset : {"edge", "none"} or float, default "edge"
         See `Sphere`.
-    literal : bool, default False
+    as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.
 
     Returns
@@ -61,7 +61,7 @@ def paper_static(
     >>> cs.scenes.paper_static(bend=True).cloth.spring_count()
     5826
     """
-    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, literal=literal)
+    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, as_printed=as_printed)
     return Scene(_paper_cloth(bend), (sphere,))
 
 
@@ -70,7 +70,7 @@ def paper_moving(
     response: Response = "ray",
     bend: bool = False,
     offset: Offset | float = "edge",
-    literal: bool = False,
+    as_printed: bool = False,
     *,
     period: float = 4.2,
     phase: float = 0.05,
@@ -91,7 +91,7 @@ def paper_moving(
         True adds the 1,920 bend springs.
     offset : {"edge", "none"} or float, default "edge"
         See `Sphere`.
-    literal : bool, default False
+    as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.
     period : float, default 4.2
         Time there and back [s].
@@ -112,7 +112,7 @@ def paper_moving(
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
-    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, literal=literal)
+    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, as_printed=as_printed)
     return Scene(_paper_cloth(bend), (sphere,))
 
 

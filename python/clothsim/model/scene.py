@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggesting
-from ..base.later import later
 from ..base.record import Record, frozen
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
@@ -163,12 +162,15 @@ class Scene(Record):
         >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
         'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m it would not'
         """
-        return later("explain")(self, precision, kernel, threads, strict, integrator)
+        from ..engine.explain import explain
+
+        return explain(self, precision, kernel, threads, strict, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines, and a picture of the initial state, for a notebook."""
-        bundle: dict[str, Any] = later("bundle of a scene")(self)
-        return bundle
+        from ..viewing.notebook import scene_bundle
+
+        return scene_bundle(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.

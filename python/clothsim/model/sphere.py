@@ -29,7 +29,7 @@ class Sphere(Record):
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
     ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and only approaching
-    points respond. `literal` changes both.
+    points respond. `as_printed` changes both.
 
     "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
     responses can make energy. "continuous" finds the time of impact within the step, with point and
@@ -61,7 +61,7 @@ class Sphere(Record):
         bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
-    literal : bool, default False
+    as_printed : bool, default False
         True follows the paper as printed: the velocity is absolute also for a moving sphere, and is reflected whether
         the point approaches or leaves. The response "continuous" refuses it, because the paper has no such response.
     push_out_speed : float, default 1.0
@@ -98,7 +98,7 @@ class Sphere(Record):
     offset: Offset | float = "edge"
     restitution: float = 1.0
     friction: float = 0.0
-    literal: bool = False
+    as_printed: bool = False
     push_out_speed: float = 1.0
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
@@ -112,7 +112,7 @@ class Sphere(Record):
             offset: Offset | float = "edge",
             restitution: float = 1.0,
             friction: float = 0.0,
-            literal: bool = False,
+            as_printed: bool = False,
             push_out_speed: float = 1.0,
         ) -> None: ...
 
@@ -126,11 +126,11 @@ class Sphere(Record):
             offset=_offset(self.offset),
             restitution=check.number("restitution", self.restitution, minimum=0, maximum=1),
             friction=check.number("friction", self.friction, minimum=0),
-            literal=check.boolean("literal", self.literal),
+            as_printed=check.boolean("as_printed", self.as_printed),
             push_out_speed=check.number("push_out_speed", self.push_out_speed, minimum=0, exclusive=True),
         )
-        if self.literal and self.response == "continuous":
-            raise ValueError("literal must be False with response 'continuous', which the paper does not have")
+        if self.as_printed and self.response == "continuous":
+            raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
         if self.offset == "face" and self.response != "continuous":
             raise ValueError(
                 f"offset 'face' needs response 'continuous', got {self.response!r}, which responds "

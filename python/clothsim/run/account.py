@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..engine.build import build_config
+from ..machine.build import build_config
 from ..measure.measures import energy
 from ..model.scene import Scene
 from ..typing import Report

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
-from ..base.later import later
+if TYPE_CHECKING:
+    from .result import Run
 
 
 class DisplayedRun:
@@ -51,7 +52,9 @@ class DisplayedRun:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 141 pixels>
         """
-        return later("picture of a run")(self, frame, t, path, camera, width)
+        from ..viewing.picture import picture_of_run
+
+        return picture_of_run(self, frame, t, path, camera, width)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -83,7 +86,9 @@ class DisplayedRun:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        return later("plot of a run")(self, path)
+        from ..viewing.chart import plot
+
+        return plot(self, path)
 
     def animate(
         self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, camera: Any = None, width: int = 640
@@ -127,8 +132,9 @@ class DisplayedRun:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        film: Path = later("film of a run")(self, path, fps, speed, camera, width)
-        return film
+        from ..viewing.animation import animate
+
+        return animate(self, path, fps, speed, camera, width)
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser.
@@ -167,8 +173,9 @@ class DisplayedRun:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        page: Path = later("page of a run")(self, path, title)
-        return page
+        from ..viewing.page import run_to_html
+
+        return run_to_html(cast("Run", self), path, title)
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
@@ -196,9 +203,12 @@ class DisplayedRun:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        return later("frame of a run")(self, height)
+        from ..viewing.page import run_to_frame
+
+        return run_to_frame(cast("Run", self), height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-        bundle: dict[str, Any] = later("bundle of a run")(self)
-        return bundle
+        from ..viewing.notebook import run_bundle
+
+        return run_bundle(cast("Run", self))

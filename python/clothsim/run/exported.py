@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ..base.later import later
-
 
 class ExportedRun:
     """Methods of `Run` that write files of other programs."""
@@ -83,5 +81,6 @@ class ExportedRun:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        files: list[Path] = later("files of a run")(self, path, fps, z_up)
-        return files
+        from ..viewing.exports import export
+
+        return export(self, path, fps, z_up)

@@ -13,9 +13,9 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..engine.bound import guaranteed_dt
 from ..engine.snapshot import OPTIONS, Snapshot
 from ..engine.state import State
+from ..methods.bound import guaranteed_dt
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .frames import NEGLIGIBLE, Floats, Schedule

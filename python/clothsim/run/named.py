@@ -13,10 +13,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..engine.bound import guaranteed_dt
-from ..engine.integration import integrators
 from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
+from ..methods.bound import guaranteed_dt
+from ..methods.integration import integrators
 from ..model.as_core import core_cloth
 from .attempts import LEAST, MARGIN, MOST, NO_FINER, NOT_REACHED, ORDER, ROUNDING, RUNS, SMALL, UNSTABLE, Attempts, Exhausted
 from .estimate import CONTACT, Controlled, Estimate

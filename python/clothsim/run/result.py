@@ -16,7 +16,6 @@ from ..base import check
 from ..base import files as _files
 from ..base.extras import needed
 from ..base.keywords import suggests
-from ..base.later import later
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
@@ -141,8 +140,9 @@ class Run(DisplayedRun, ExportedRun):
         >>> bool((more.x[-1] == whole.x[-1]).all())
         True
         """
-        more: Run = later("run that goes on")(self, duration, every, times, fps, callback, progress)
-        return more
+        from .simulate import resume
+
+        return resume(self, duration, every, times, fps, callback, progress)
 
     def energy(self) -> dict[str, Floats]:
         """Energies of the frames.

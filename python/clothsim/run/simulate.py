@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggests
-from ..engine.integration import integrator_name, warn_of_order
 from ..engine.plan import BACKENDS, check_backend, check_options
 from ..engine.snapshot import OPTIONS, take
 from ..errors import ContactError, RunInterrupted, UnstableError
+from ..methods.integration import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from ..base.keywords import suggests
 from ..engine.arrays import one_scene, state_array, state_arrays
-from ..engine.bound import stable_dt
-from ..engine.integration import integrator_name
+from ..methods.bound import stable_dt
+from ..methods.integration import integrator_name
 from ..model.scene import Scene
 from ..typing import Integrator
 from .spectrum import stable_dt_at

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.region import mode_limit, notched
+from ..methods.region import mode_limit, notched
 from ..model.scene import Scene
 from .step_matrix import METHODS, step_limit
 from .subspace import Operator, Subspace

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.amplification import splitting_step
-from ..engine.integration import integrators
+from ..methods.amplification import splitting_step
+from ..methods.integration import integrators
 from .subspace import Operator, Subspace
 
 Floats = npt.NDArray[np.float64]

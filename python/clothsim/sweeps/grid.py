@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import check
 from ..base.record import Record
-from ..engine.integration import integrator_name
+from ..methods.integration import integrator_name
 from .fields import NUMERICS, check_name, units
 from .plain import digest, label, plain
 

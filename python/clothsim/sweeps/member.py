@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..engine.integration import integrator_name
 from ..engine.plan import check_options
 from ..errors import ContactError, UnstableError
+from ..methods.integration import integrator_name
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
 from ..run.fixed_steps import Options, Solution, checked_tolerances

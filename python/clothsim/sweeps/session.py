@@ -12,9 +12,9 @@ import numpy as np
 
 from ..base import check
 from ..base.extras import check_installed, needed
-from ..engine.build import build_config
-from ..engine.integration import integrator_name, warn_of_order
-from ..engine.provenance import provenance
+from ..machine.build import build_config
+from ..machine.provenance import provenance
+from ..methods.integration import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..run.frames import checked_every
 from .bar import Bar

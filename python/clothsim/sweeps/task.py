@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.build import build_config
 from ..errors import ContactError, UnstableError
+from ..machine.build import build_config
 from ..model.scene import Scene
 from .batch import Stopped, run_batch
 from .controlled import run_controlled

@@ -75,9 +75,9 @@ fn outward_normal(m: vec3<wide>) -> vec3<wide> {
     return vec3<wide>(wide(0.0), wide(1.0), wide(0.0));
 }
 
-// Velocity that a response looks at: relative to the sphere, or absolute in the literal reading.
-fn relative(contact: Contact, velocity: vec3<wide>, literal: bool) -> vec3<wide> {
-    if (literal) {
+// Velocity that a response looks at: relative to the sphere, or absolute as printed.
+fn relative(contact: Contact, velocity: vec3<wide>, as_printed: bool) -> vec3<wide> {
+    if (as_printed) {
         return velocity;
     }
     return velocity - contact.velocity;
@@ -85,11 +85,11 @@ fn relative(contact: Contact, velocity: vec3<wide>, literal: bool) -> vec3<wide>
 
 // Eq 7, scaled by restitution, with Coulomb friction.
 fn reflected(
-    contact: Contact, velocity: vec3<wide>, normal: vec3<wide>, literal: bool, rough: bool
+    contact: Contact, velocity: vec3<wide>, normal: vec3<wide>, as_printed: bool, rough: bool
 ) -> vec3<wide> {
-    let approach = relative(contact, velocity, literal);
+    let approach = relative(contact, velocity, as_printed);
     let normal_speed = wide_inner(approach, normal);
-    if (normal_speed >= wide(0.0) && !literal) {
+    if (normal_speed >= wide(0.0) && !as_printed) {
         return velocity;
     }
     let impulse = wide_product(wide(1.0) + contact.restitution, normal_speed);
@@ -108,14 +108,14 @@ fn reflected(
 }
 
 // Method 2 (eq 8-12): back along the ray to the surface, reflected there.
-fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, literal: bool, rough: bool) -> Answer {
-    let v = relative(contact, velocity, literal);
+fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Answer {
+    let v = relative(contact, velocity, as_printed);
     let speed = length_of(v);
     var on_surface = wide_scaled(contact.radius, outward_normal(m));
     if (speed > wide(0.0)) {
         let back = -v / speed;
         let b = wide_inner(m, back);
-        if (b < wide(0.0) && !literal) {
+        if (b < wide(0.0) && !as_printed) {
             return Answer(false, m, velocity);  // on its way out
         }
         let c = wide_inner(m, m) - wide_product(contact.radius, contact.radius);
@@ -126,12 +126,12 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, literal: bo
         }
         on_surface = m + wide_scaled(distance, back);
     }
-    let turned = reflected(contact, velocity, outward_normal(on_surface), literal, rough);
+    let turned = reflected(contact, velocity, outward_normal(on_surface), as_printed, rough);
     return Answer(true, on_surface, turned);
 }
 
 // The body after it has met one sphere. `ray`: method 2, else method 1, which leaves the position alone.
-fn met(body: Body, contact: Contact, member: u32, ray: bool, literal: bool, rough: bool) -> Body {
+fn met(body: Body, contact: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
     let from_center = body.position - vec3<real>(contact.center);
     if (!(inner(from_center, from_center) < real(contact.outer_radius_squared))) {
         return body;  // so say single numbers, with a margin; nearly all points end here
@@ -143,8 +143,8 @@ fn met(body: Body, contact: Contact, member: u32, ray: bool, literal: bool, roug
     atomicAdd(&results[1u + 3u * constants.members + member], 1u);
     let velocity = velocity_of(body);
     if (ray) {
-        return answered(body, contact, ray_answer(contact, m, velocity, literal, rough));
+        return answered(body, contact, ray_answer(contact, m, velocity, as_printed, rough));
     }
-    let turned = reflected(contact, velocity, outward_normal(m), literal, rough);
+    let turned = reflected(contact, velocity, outward_normal(m), as_printed, rough);
     return answered(body, contact, Answer(false, m, turned));
 }

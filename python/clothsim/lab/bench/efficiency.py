@@ -13,7 +13,7 @@ STATE_TRAFFIC = 96
 """Bytes of a point-step that reads and writes the state once: six components of 8 bytes or, in
 single, six of 4 and as many compensations."""
 
-# The gather kernel sweeps the whole cloth once a stage (cpp/integrators/gather_engine.cpp). Counted
+# The gather kernel sweeps the whole cloth once a stage (cpp/engines/gather_engine.cpp). Counted
 # are the values of a point in each array that a stage touches (`finish_stage` in
 # cpp/kernels/gather/gather_impl.hpp): once fetched, also where it is only written, since a store fetches
 # its line, and once written back if it is written. Neighbours lie in rows that are still in cache.

@@ -13,8 +13,8 @@ import clothsim as cs
 from ..timing import Steps, measure
 
 RESPONSES: dict[str, dict[str, Any]] = {
-    "reflect, as printed": {"response": "reflect", "literal": True},
-    "ray, as printed": {"response": "ray", "literal": True},
+    "reflect, as printed": {"response": "reflect", "as_printed": True},
+    "ray, as printed": {"response": "ray", "as_printed": True},
     "reflect, corrected": {"response": "reflect"},
     "ray, corrected": {"response": "ray"},
     "continuous": {"response": "continuous"},

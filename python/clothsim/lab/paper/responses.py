@@ -76,7 +76,7 @@ def experiment(number: str, settings: Settings) -> Experiment:
 
 def scene_of(experiment: Experiment, method: int, variant: str) -> cs.Scene:
     """The experiment's scene with the response of `method`, as printed or corrected."""
-    return experiment.scene(response=METHODS[method][0], literal=variant == "as printed")
+    return experiment.scene(response=METHODS[method][0], as_printed=variant == "as printed")
 
 
 def run(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.build import build_config
+from ...machine.build import build_config
 from ..clip import Clip, Floats
 from .ball import unit_ball
 

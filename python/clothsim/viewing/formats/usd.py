@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.build import build_config
+from ...machine.build import build_config
 from ..clip import Clip
 from .gltf import BALL_COLOR, CLOTH_COLOR
 

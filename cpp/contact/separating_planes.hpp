@@ -1,0 +1,142 @@
+// Steps that need no pass for continuous contact, as the cloth is clear of the spheres.
+//
+// Within a step a mass point goes straight from place to place, and so does a sphere. Where a plane lies
+// between the two at both ends of the step, they do not meet in it, nor does the sphere meet a triangle of
+// such points. So while the cloth stays beyond a plane beside every sphere's way, its guard, a comparison a
+// point after each step is all the contact there is. How long it will stay is a guess; whether it has is
+// known afterwards. If not, the caller goes back to a state from before, and takes those steps with the pass.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "contact/separation.hpp"
+#include "kernels/kernel_table.hpp"
+#include "model/clock.hpp"
+
+namespace clothsim {
+
+template <class Real>
+class SeparatingPlanes {
+public:
+    explicit SeparatingPlanes(const RealKernels<Real>& kernels) : kernels_(kernels) {}
+
+    // How many of the next steps, at most `most`, are expected to be clear. `component(k)`: of the whole
+    // cloth (k = 0..2: x, y, z, 3..5: their velocities).
+    template <class Component>
+    std::int64_t clear_steps(const std::vector<const Sphere*>& spheres, const Vec3& gravity,
+                             const Clock& clock, std::int64_t most, const Component& component) {
+        if (clock.origin != origin_ || clock.dt != dt_) drop();
+        origin_ = clock.origin;
+        dt_ = clock.dt;
+        if (clock.steps >= end_) find(spheres, gravity, clock, component);
+        return planes_.empty() ? 0 : std::min(most, end_ - clock.steps);
+    }
+    // The state has changed: what was found holds no longer.
+    void drop() { end_ = std::numeric_limits<std::int64_t>::min(); }
+
+    // Before and after steps under guard.
+    void raise() {
+        crossed_.store(false, std::memory_order_relaxed);
+        up_ = true;
+    }
+    bool lower() {
+        up_ = false;
+        if (crossed_) drop();
+        return !crossed_;
+    }
+    bool up() const { return up_; }
+    // Some rows are at the end of a step. By any thread.
+    template <class Component>
+    void check(const Component& component) {
+        for (const SeparatingPlane& separating_plane : planes_)
+            if (!kernels_.beyond(component(separating_plane.axis), separating_plane.above,
+                                 separating_plane.plane))
+                crossed_.store(true, std::memory_order_relaxed);
+    }
+
+private:
+    struct SeparatingPlane {
+        int axis;
+        bool above;
+        Real plane;
+    };
+    // Of a guard, and until the next is looked for where there is none: the extents take a few hundredths of
+    // a step.
+    static constexpr int longest = 64;
+    // Fewer steps are not worth being behind_planes.
+    static constexpr int shortest = 4;
+
+    template <class Component>
+    void find(const std::vector<const Sphere*>& spheres, const Vec3& gravity, const Clock& clock,
+              const Component& component) {
+        planes_.clear();
+        end_ = clock.steps + longest;
+        std::array<Extent<Real>, 3> place, speed;
+        for (int k = 0; k < 3; ++k) place[std::size_t(k)] = kernels_.extent(component(k));
+        std::vector<std::vector<Vec3>> centers;
+        for (const Sphere* sphere : spheres) {
+            centers.emplace_back();
+            for (int k = 0; k <= longest; ++k) centers.back().push_back(sphere->center_at(clock.at(k)));
+            if (!widest(place, {}, Vec3::Zero(), *sphere, centers.back(), 0, clock.dt)) return;
+        }
+        for (int k = 0; k < 3; ++k) speed[std::size_t(k)] = kernels_.extent(component(3 + k));
+        for (int steps = longest; steps >= shortest && planes_.empty(); steps /= 4) {
+            for (std::size_t i = 0; i < spheres.size(); ++i) {
+                const auto separating_plane =
+                    widest(place, speed, gravity, *spheres[i], centers[i], steps, clock.dt);
+                if (!separating_plane) {
+                    planes_.clear();
+                    break;
+                }
+                planes_.push_back(*separating_plane);
+            }
+            if (!planes_.empty()) end_ = clock.steps + steps;
+        }
+    }
+
+    // The plane from which the cloth is farthest after so many steps, at twice the speeds it has.
+    static std::optional<SeparatingPlane> widest(const std::array<Extent<Real>, 3>& place,
+                                                 const std::array<Extent<Real>, 3>& speed,
+                                                 const Vec3& gravity, const Sphere& sphere,
+                                                 const std::vector<Vec3>& centers, int steps, double dt) {
+        const double time = steps * dt;
+        Box cloth, way{centers[0], centers[0]};
+        for (int k = 0; k < 3; ++k) {
+            const auto& [slowest, fastest] = speed[std::size_t(k)];
+            const double fall = std::abs(gravity[k]) * time * time;
+            cloth.low[k] =
+                double(place[std::size_t(k)].low) + 2 * std::min(double(slowest), 0.0) * time - fall;
+            cloth.high[k] =
+                double(place[std::size_t(k)].high) + 2 * std::max(double(fastest), 0.0) * time + fall;
+        }
+        double size = 0;
+        for (int i = 0; i <= steps; ++i) {
+            const Vec3& center = centers[std::size_t(i)];
+            way.low = way.low.cwiseMin(center);
+            way.high = way.high.cwiseMax(center);
+            size = std::max(size, center.cwiseAbs().maxCoeff());
+        }
+        // More than what rounding and the tolerances of contacts and triangles come to.
+        const Vec3 reach = Vec3::Constant(sphere.contact_radius + 1e-4 * (sphere.contact_radius + size));
+        way = {way.low - reach, way.high + reach};
+        const auto gap = widest_separation(cloth, way);
+        if (!gap) return {};
+        return SeparatingPlane{gap->axis, gap->above,
+                               Real(gap->above ? way.high[gap->axis] : way.low[gap->axis])};
+    }
+
+    const RealKernels<Real>& kernels_;
+    double origin_ = 0, dt_ = 0;  // of the clock
+    std::int64_t end_ = std::numeric_limits<std::int64_t>::min();  // step of the clock at which to look again
+    std::vector<SeparatingPlane> planes_;  // one a sphere, or none
+    bool up_ = false;
+    std::atomic<bool> crossed_{false};
+};
+
+}  // namespace clothsim

@@ -1,0 +1,69 @@
+// Numbers of the kernels that follow from a plan alone, whatever the layout.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "kernels/kernel_table.hpp"
+#include "memory/plan.hpp"
+
+namespace clothsim {
+
+// 1 / mass where it is uniform and so folded into the coefficients.
+inline double coefficient_scale(const Plan& plan) {
+    return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
+}
+
+// The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest); as it
+// is where rounding is not all there is between the two, as with a rest length of 0.
+template <class Real>
+Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffness, Real tension) {
+    if (!exact_at_rest<Real>) return stiffness;
+    const Cloth& cloth = plan.cloth;
+    const RealKernels<Real>& kernels = kernels_of<Real>(*plan.kernels);
+    const Real at_rest = tension *
+        kernels
+            .rest_length(Real(neighbour.column * cloth.column_spacing),
+                         Real(neighbour.row * cloth.row_spacing))
+            .reciprocal;
+    return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest
+                                                                                                  : stiffness;
+}
+
+// The damping constant that all families share as the fused kernels see it. None if it is so small or large
+// that single might not hold what is divided by it.
+template <class Real>
+std::optional<double> shared_damping(const Plan& plan) {
+    const Cloth& cloth = plan.cloth;
+    const double root_scale = double(kernels_of<Real>(*plan.kernels).root_scale);
+    double damping = 0, stiffness = 0;
+    for (int f = 0; f < family_count; ++f)
+        if (cloth.present[f]) {
+            damping = std::max(damping, cloth.spring_damping[f]);
+            stiffness = std::max(stiffness, cloth.stiffness[f]);
+        }
+    for (int f = 0; f < family_count; ++f)
+        if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
+    const double shared = damping * coefficient_scale(plan) / (root_scale * root_scale);
+    const bool held = stiffness * coefficient_scale(plan) <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
+    return held ? std::optional(shared) : std::nullopt;
+}
+
+// `unit`: of accelerations.
+template <class Real>
+StepConstants<Real> step_constants(const Plan& plan, double dt, double unit) {
+    const auto g = [&](int k) { return Real(plan.gravity[k] / unit); };
+    return {Real(unit),
+            {g(0), g(1), g(2)},
+            Real(plan.cloth.point_damping * coefficient_scale(plan) / unit),
+            Real(dt / 2),
+            Real(dt),
+            Real(unit * dt / 2),
+            Real(unit * dt),
+            Real(unit * dt * dt / 6),
+            Real(unit * dt / 6)};
+}
+
+}  // namespace clothsim

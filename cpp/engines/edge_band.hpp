@@ -1,0 +1,199 @@
+// A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres it
+// meets.
+#pragma once
+
+#include "engines/edge_engine.hpp"
+#include "memory/threads.hpp"
+
+namespace clothsim {
+
+// What springs across a border see of a neighbour, for the four stages of a step: its row there and, for bend
+// springs, the one behind it, without damping only positions. And the number of the newest stage in it,
+// counted from the call's first.
+template <class Real>
+struct HaloSlot {
+    static constexpr int slots = 4;
+    AlignedVector<Real> rows;
+    int lanes = 0, vectors = 0, row_count = 0;
+    std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0, seen = 0;
+    std::int64_t first = 0;  // stage of the call
+    alignas(64) std::atomic<int> newest{-1};
+
+    void prepare(const TransposedLayout& layout, const Features& features) {
+        lanes = layout.lanes;
+        vectors = layout.vectors;
+        row_count = features.family[bend] ? 2 : 1;
+        seen = (features.spring_damping ? 6 : 3) * lanes;
+        state_stride = layout.stride;
+        work_stride = WorkRecord::count * lanes;
+        row_size = vectors * work_stride;  // the larger one
+        rows.assign(slots * 2 * row_size + lanes, Real(0));
+    }
+    void begin(std::int64_t stage) {
+        first = stage;
+        newest.store(-1, std::memory_order_relaxed);
+    }
+    Real* row(std::int64_t stage, int which) { return rows.data() + (stage % slots * 2 + which) * row_size; }
+    void wait(std::int64_t stage) const { wait_for(newest, int(stage - first)); }
+    // From vector to vector of the rows at which the stage looks. The first of a step looks at states.
+    std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
+    void put(std::int64_t stage, const Real* border, const Real* second) {
+        for (int which = 0; which < row_count; ++which)
+            for (int k = 0; k < vectors; ++k) {
+                const std::ptrdiff_t at = k * stride(stage);
+                std::copy_n((which == 0 ? border : second) + at, seen, row(stage, which) + at);
+            }
+        signal(newest, int(stage - first));
+    }
+    // Ask for lines of a stage a while before it is read, if it is there, and before it is written; and
+    // sooner, so that nothing waits for the answer, whether it is there.
+    void prefetch_newest() const { prefetch_to_read(&newest); }
+    void fetch(std::int64_t stage, int which, int begin, int end) {
+        if (newest.load(std::memory_order_relaxed) < stage - first) return;
+        each_line(stage, which, begin, end, prefetch_to_read);
+    }
+    void claim(std::int64_t stage, int which, int begin, int end) {
+        each_line(stage, which, begin, end, prefetch_to_write);
+    }
+    void fetch(std::int64_t stage) {
+        for (int which = 0; which < row_count; ++which) fetch(stage, which, 0, vectors);
+    }
+    void claim(std::int64_t stage) {
+        for (int which = 0; which < row_count; ++which) claim(stage, which, 0, vectors);
+    }
+
+private:
+    // Of vectors [begin, end) of a row.
+    template <class Ask>
+    void each_line(std::int64_t stage, int which, int begin, int end, const Ask& ask) {
+        for (int k = begin; k < end; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
+    }
+};
+
+// What a thread works in: the rings of rows and what each of four stages hands on. A thread's strips have it
+// in common, so that it stays in cache.
+template <class Real>
+struct Workspace {
+    AlignedVector<Real> rows, scratch;
+};
+
+template <class Real>
+struct EdgeEngine<Real>::Band : RowBand {
+    EdgeEngine* engine;
+    int strip;
+    Band* near = nullptr;  // the neighbour at the border where sweeps begin
+    Band* far = nullptr;   // the one where they end
+    HaloSlot<Real> from_near, from_far;
+    std::shared_ptr<Workspace<Real>> workspace;
+    // Many lines that another processor has had, asked for at once, keep other loads waiting. So those of the
+    // near halo slots are asked for in parts, each before a row of the sweep.
+    struct Part {
+        int before_row;
+        bool to_write;
+        int which, begin, end;  // vectors of a row
+    };
+    std::vector<Part> parts;
+    std::vector<EdgeRowPointers<Real>>
+        rows;  // in the order of the sweep, and the two of the neighbour behind them
+    int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
+    NearSpheres<Real> spheres;
+    EdgeArguments<Real> stages[4];
+    std::int64_t step = 0;  // to which the state belongs
+    // The number of a step's stage, counted over all steps.
+    std::int64_t number_of(int stage) const { return 4 * step + stage; }
+    bool finite = true;  // the rows looked at in this call
+
+    // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in
+    // the last quarter. To stop a sweep for a part takes up to 0.6 of the time of a row, so the first to be
+    // claimed and the last to be fetched are asked for where it stops anyway: at `first`, and before the last
+    // two rows. Parts before rows that are done are asked for at once.
+    void plan_parts(int first) {
+        constexpr int vectors_at_once = 2;
+        const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
+        const int count = from_near.row_count * in_row, last = std::max(first, size() - 2),
+                  all_rows = last - first;
+        const auto add = [&](int before_row, bool to_write, int i) {
+            const int begin = i % in_row * vectors_at_once;
+            parts.push_back(
+                {before_row, to_write, i / in_row, begin, std::min(begin + vectors_at_once, vectors)});
+        };
+        for (int i = 0; i < count; ++i) add(first + all_rows * i / (2 * count), true, i);
+        const int apart = std::max(1, all_rows / (4 * count));
+        for (int i = 0; i < count; ++i) add(last - (count - 1 - i) * apart, false, i);
+    }
+
+    std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
+    const Real* source(Stage stage, int row) const {
+        return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
+    }
+    // Let the rows behind the last be those of the neighbour at a stage.
+    void fetch_beyond_far(std::int64_t number) {
+        for (int i = 0; i < 2; ++i) {
+            EdgeRowPointers<Real>& beyond = rows[std::size_t(size() + i)];
+            beyond.state = beyond.work = from_far.row(number, i);
+        }
+    }
+    // Hand two rows that are done to the halo slot of a neighbour, which looks at them in stage `number`.
+    void hand(HaloSlot<Real>& box, std::int64_t number, int border, int second) const {
+        const Stage next = Stage(number % 4);
+        const auto row = [&](int r) { return source(next, r); };
+        box.put(number, row(border), row(second));
+    }
+
+    static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
+        Band& band = *static_cast<Band*>(context);
+        const TransposedLayout& layout = band.engine->layout_;
+        for (; lanes != 0; lanes &= lanes - 1) {
+            const int column =
+                layout.start(band.strip) + layout.column(vector, __builtin_ctzll(lanes), layout.lanes);
+            if (column >= layout.own(band.strip) && column < layout.own(band.strip + 1))
+                band.engine->respond_at(band.spheres.contacts[std::size_t(sphere)], band.row(row), column);
+        }
+    }
+    // A call begins: nothing is in the halo slots.
+    void begin() {
+        step = engine->step_;
+        finite = true;
+        for (auto* box : {&from_near, &from_far}) box->begin(4 * step);
+    }
+    void give_border(int r, std::int64_t step) {
+        if (r + 1 < size()) engine->halos_.claim(strip, row(r + 1), step);
+        engine->halos_.give(strip, row(r), rows[std::size_t(r)].state, step);
+    }
+    void exchange_halos() {
+        for (int r = 0; engine->layout_.strips > 1 && r < size(); ++r) give_border(r, step);
+    }
+    void take_border(int r) {
+        if (r < 0 || r >= size()) return;
+        if (r + 1 < size()) engine->halos_.fetch(strip, row(r + 1), step);
+        engine->halos_.take(strip, row(r), rows[std::size_t(r)].state, step);
+    }
+    // The state with which a step begins, to the neighbours: with its halo, so the strips beside this one
+    // have to be there.
+    void send_start() {
+        const int n = size();
+        const std::int64_t number = 4 * step;
+        for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
+        if (near) hand(near->from_near, number, 0, 1);
+        if (far) hand(far->from_far, number, n - 1, n - 2);
+    }
+
+    // Whether rows [begin, end) are finite, while they are in cache.
+    void inspect(int begin, int end) {
+        const TransposedLayout& layout = engine->layout_;
+        const Real* const first = rows[std::size_t(upwards ? end - 1 : begin)].state;
+        finite &= all_finite(first, Blocks{end - begin, layout.vectors * layout.stride, layout.row_size()});
+    }
+
+    void place_spheres(double t) {
+        engine->contacts(t, spheres.contacts);
+        const TransposedLayout& layout = engine->layout_;
+        const Real* const first = rows[std::size_t(upwards ? size() - 1 : 0)].state;
+        spheres.place([&](int k) {
+            return engine->kernels().extent(
+                {first + k * layout.lanes, layout.row_size(), layout.stride, size(), layout.vectors});
+        });
+    }
+};
+
+}  // namespace clothsim

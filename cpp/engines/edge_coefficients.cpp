@@ -1,0 +1,57 @@
+// The edge kernel's coefficients: springs as the vectors of a row have them.
+#include <cstring>
+#include <map>
+#include <optional>
+
+#include "engines/edge_engine.hpp"
+
+namespace clothsim {
+
+template <class Real>
+void EdgeEngine<Real>::build_coefficients() {
+    const Cloth& cloth = plan_.cloth;
+    const double scale = coefficient_scale(plan_);
+    const double root_scale = double(kernels().root_scale);
+    const std::optional<double> shared = shared_damping<Real>(plan_);
+    unit_ = shared.value_or(1);
+    damped_alike_ = shared || !plan_.features().spring_damping;
+
+    Real all_bits;
+    std::memset(&all_bits, 0xff, sizeof all_bits);
+    // Vectors whose lanes have the same springs share a class; there are few. The first has them all.
+    std::map<std::vector<int>, int> classes;
+    const auto class_of = [&](const std::vector<int>& reach) {
+        const auto [found, is_new] = classes.try_emplace(reach, int(classes.size()));
+        if (!is_new) return found->second;
+        for (const Neighbour& neighbour : spring_kinds)
+            for (const int what : {0, 1, 2})
+                for (const int follow : reach) {
+                    const bool there = follow >= neighbour.column;
+                    const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
+                    const Real tension = Real(stiffness * cloth.rest_length(neighbour) / root_scale);
+                    const double damping =
+                        cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / unit_;
+                    const Real value = what == EdgeCoefficientIndex::stiffness
+                        ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
+                        : what == EdgeCoefficientIndex::tension ? tension
+                                                                : Real(damping);
+                    coefficients_.push_back(there ? value : Real(0));
+                }
+        return found->second;
+    };
+    class_of(std::vector<int>(std::size_t(layout_.lanes), 2));
+    for (int k = 0; k < layout_.vectors; ++k) {
+        std::vector<int>
+            reach;  // per lane, how many columns follow (2: enough for every spring), -1: padding
+        for (int lane = 0; lane < layout_.lanes; ++lane)
+            reach.push_back(std::clamp(layout_.window - 1 - (lane * layout_.vectors + k), -1, 2));
+        coefficient_class_.push_back(std::uint8_t(class_of(reach)));
+        for (const int columns : {1, 2})
+            for (const int follow : reach) reach_.push_back(follow >= columns ? all_bits : Real(0));
+    }
+}
+
+template void EdgeEngine<float>::build_coefficients();
+template void EdgeEngine<double>::build_coefficients();
+
+}  // namespace clothsim

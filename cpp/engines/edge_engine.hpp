@@ -1,0 +1,90 @@
+// The engine of the "edge" kernel: lane-transposed rows, one band of them a thread.
+#pragma once
+
+#include <atomic>
+#include <map>
+#include <memory>
+
+#include "engines/state_engine.hpp"
+#include "kernels/dispatch.hpp"
+#include "memory/field.hpp"
+#include "memory/strip_halos.hpp"
+#include "memory/transposed_layout.hpp"
+
+namespace clothsim {
+
+// A stage looks at a row and the two after it. So a row from memory that is fetched this many rows ahead is
+// there one row before it is looked at first.
+inline constexpr int rows_before_use = 3;
+
+template <class Real>
+class EdgeEngine : public StateEngine<Real, TransposedLayout> {
+public:
+    // `in_strips`: a cloth that does not fit into cache may be cut.
+    explicit EdgeEngine(const Plan& plan, bool in_strips = false);
+    ~EdgeEngine() override;
+    void advance(std::int64_t steps, const Clock& clock, int threads) override;
+    void accelerations(double* a, int threads) override;
+
+protected:  // for cpp/integrators, in edge_evaluate.cpp
+    using Base = StateEngine<Real, TransposedLayout>;
+    using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+
+    FieldLayout field() const;
+    // Accelerations at a state in the engine's layout, of the rows of a band one after the other:
+    // `begin_sweep`, for which the two rows before the band have to be there, then `sweep_rows` from 0 on,
+    // which looks at two rows more and returns how many of the rows are done. The state of a row that is done
+    // is not looked at again.
+    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
+    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
+    // The collision pass over some rows; whether any point was found inside.
+    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
+
+private:
+    struct Band;
+
+    void build_coefficients();
+    // Whether something else changes the state after the steps: contacts that are answered then.
+    bool moved_after_steps() const {
+        return this->track_contact_energy || (this->has_continuous() && !this->planes_.up());
+    }
+    // Of a team of threads, strip after strip.
+    std::vector<std::unique_ptr<Band>>& bands(int team);
+    void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
+    // `look`: at the state it leaves, whether that is finite.
+    void step_band(Band& band, double t, bool inspect);
+    // Parts of a step's stage s = 0..3.
+    void begin_stage(Band& band, int s);
+    void run_rows(Band& band, int s, int begin, int end);
+    void run_last_rows(Band& band, int s, int begin, int end);
+    // With strips the next step's state is handed over when their halos are filled.
+    bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
+    EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
+    // A strip's row in its place in `state`, which is laid out like memory.
+    EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {
+        const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
+        return {state + index * layout_.row_size(), work,
+                inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
+                row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
+    }
+    // What a row hands on: a force for each point and one vector more. A stage has three of it, and the
+    // pending forces.
+    std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
+    std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
+
+    EdgeKernels<Real> edge_;
+    AlignedVector<Real> coefficients_, reach_, inverse_mass_, free_;
+    std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
+    std::vector<std::ptrdiff_t> acceleration_place_;  // of (x, y, z) of each vector in a row of work
+    double unit_ = 1;  // of the accelerations the kernel sums
+    bool damped_alike_ = false;
+    const bool forward_in_registers_ = forwards_in_registers();
+    std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
+    StripHalos<Real> halos_;
+    std::int64_t step_ = 0;  // of the state in memory
+};
+
+extern template class StateEngine<float, TransposedLayout>;
+extern template class StateEngine<double, TransposedLayout>;
+
+}  // namespace clothsim

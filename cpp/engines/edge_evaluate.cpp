@@ -1,0 +1,111 @@
+// The edge engine as a field for the integrators of cpp/integrators: accelerations at any state in its
+// layout, row by row of a band, by the kernel's `evaluate` stage.
+//
+// That stage writes an acceleration where a work record holds the first one. So the records of four stages
+// share the place of one work record, a quarter each, and nothing lies unused between them.
+#include "engines/edge_engine.hpp"
+#include "memory/caches.hpp"
+
+namespace clothsim {
+namespace {
+
+constexpr int accelerations_per_record = WorkRecord::count / 3;
+
+}  // namespace
+
+template <class Real>
+FieldLayout EdgeEngine<Real>::field() const {
+    const std::ptrdiff_t lanes = layout_.lanes, record = WorkRecord::count * lanes;
+    FieldLayout f{};
+    f.runs = layout_.vectors;
+    f.length = 3 * layout_.lanes;
+    f.row = layout_.row_size();
+    f.run = layout_.stride;
+    f.velocity = 3 * lanes;
+    f.compensation = Base::compensated ? layout_.compensation() : 0;
+    f.acceleration_origin = WorkRecord::first * lanes;  // the record's start lies that much before
+    f.acceleration_row = layout_.vectors * record;
+    f.acceleration_run = record;
+    f.slots = accelerations_per_record;
+    f.slot = 3 * lanes;
+    f.block = (rows() * layout_.vectors + 1) * record;
+    return f;
+}
+
+template <class Real>
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
+                                   FieldScratch<Real>& scratch) {
+    scratch.values.resize(std::size_t(scratch_size()));
+    scratch.band = band;
+    // The band and the two rows after it, at which its last ones look. The stage only reads their state.
+    const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
+    const std::ptrdiff_t acceleration_row = layout_.vectors * WorkRecord::count * layout_.lanes;
+    scratch.rows.clear();
+    for (int i = 0; i < band.size() + 2 && there(i); ++i) {
+        const int r = band.row(i);
+        scratch.rows.push_back(
+            row_pointers(const_cast<Real*>(state), acceleration + r * acceleration_row, r));
+    }
+    EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
+    e.rows = scratch.rows.data();
+    if (band.size() * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
+        e.ahead = rows_before_use;
+        e.ahead_end = layout_.stride;
+        e.row_count = int(scratch.rows.size());
+    }
+
+    const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
+    if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    else edge_.halo(e, {source(-2), nullptr, source(0)}, {source(-1), source(0), source(1)});
+}
+
+template <class Real>
+int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
+    const int known = int(scratch.rows.size()), inner = std::clamp(known - 2, begin, end);
+    const auto source = [&](int at) -> const Real* {
+        return at < known ? scratch.rows[std::size_t(at)].state : nullptr;
+    };
+    edge_.rows(scratch.edge, begin, inner);
+    for (int i = inner; i < end; ++i) edge_.last_row(scratch.edge, i, {source(i), source(i + 1), nullptr});
+    if (end < scratch.band.size()) return end - 1;  // the kernel finishes a row with the next one
+    kernels().edge_finish(scratch.edge);
+    return end;
+}
+
+template <class Real>
+bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
+    bool any = false;
+    for (const Contact& contact : contacts) {
+        if (this->apart(contact, begin, end)) continue;
+        const Real radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
+        const Real center[3] = {Real(contact.center[0]), Real(contact.center[1]), Real(contact.center[2])};
+        for (int r = begin; r < end; ++r)
+            for (int k = 0; k < layout_.vectors; ++k) {
+                const Real* const x = memory_.data() + r * layout_.row_size() + k * layout_.stride;
+                const int lanes = layout_.lanes;
+                const auto inside = [&](int l) {
+                    const Real dx = x[l] - center[0], dy = x[lanes + l] - center[1],
+                               dz = x[2 * lanes + l] - center[2];
+                    return dx * dx + dy * dy + dz * dz < radius_squared;
+                };
+                int hits = 0;
+                for (int l = 0; l < lanes; ++l) hits |= inside(l);
+                if (!hits) continue;
+                any = true;
+                for (int l = 0; l < lanes; ++l)
+                    if (inside(l)) this->respond_at(contact, r, l * layout_.vectors + k);
+            }
+    }
+    return any;
+}
+
+template FieldLayout EdgeEngine<float>::field() const;
+template FieldLayout EdgeEngine<double>::field() const;
+template void EdgeEngine<float>::begin_sweep(const float*, float*, const RowBand&, FieldScratch<float>&);
+template void EdgeEngine<double>::begin_sweep(const double*, double*, const RowBand&, FieldScratch<double>&);
+template int EdgeEngine<float>::sweep_rows(int, int, FieldScratch<float>&);
+template int EdgeEngine<double>::sweep_rows(int, int, FieldScratch<double>&);
+template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
+template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
+
+}  // namespace clothsim

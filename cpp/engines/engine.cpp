@@ -1,0 +1,79 @@
+#include "engines/edge_engine.hpp"
+#include "engines/gather_engine.hpp"
+#include "engines/scheme_engine.hpp"
+#include "integrators/methods.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class Real>
+std::unique_ptr<Engine> make(const Plan& plan) {
+    if (plan.kernel == Kernel::gather) return std::make_unique<GatherEngine<Real>>(plan);
+    return std::make_unique<EdgeEngine<Real>>(plan, true);
+}
+
+}  // namespace
+
+bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
+    if (!has_continuous()) {
+        advance(steps, clock, threads);
+        return true;
+    }
+    Clock now = clock;
+    for (const std::int64_t end = clock.steps + steps; now.steps < end; ++now.steps) {
+        while (const std::int64_t clear = behind_planes ? clear_steps(now, end - now.steps) : 0) {
+            if (!advance_behind_planes(clear, now, threads)) return false;
+            now.steps += clear;
+            if (now.steps == end) return true;
+        }
+        keep_state();
+        advance(1, now, threads);
+        const double before = track_contact_energy ? total_energy() : 0;
+        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads);
+        if (track_contact_energy) contact_energy += total_energy() - before;
+        if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
+        if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
+        if (report.trapped >= 0) {
+            contact_report.note_trapped(report.trapped);
+            break;
+        }
+        if (depths_watched_) note_depths(now.at(1));
+    }
+    return true;
+}
+
+bool Engine::accept_in_contact(double t0, double t1, int threads) {
+    AdaptiveEngine& method = *adaptive();
+    if (!has_continuous()) {
+        const bool touched = method.accept_step(t1, threads);
+        if (depths_watched_) note_depths(t1);
+        return touched;
+    }
+    save_checkpoint();
+    keep_state();
+    bool touched = method.accept_step(t1, threads);
+    const double before = track_contact_energy ? total_energy() : 0;
+    const ContactReport report = respond_to_contacts(t0, t1, t1 - t0, threads);
+    if (track_contact_energy) contact_energy += total_energy() - before;
+    if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
+    if (report.trapped >= 0) {
+        contact_report.note_trapped(report.trapped);
+        restore_checkpoint();
+        return true;
+    }
+    if (report.changed) lower(watched.first_contact, t1);
+    if (depths_watched_) note_depths(t1);
+    return touched || report.changed;
+}
+
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
+    if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
+    return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
+}
+
+std::unique_ptr<Engine> make_engine(const Plan& plan) {
+    if (method_of(plan.integrator).scheme != Scheme::rk4) return make_scheme_engine(plan);
+    return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
+}
+
+}  // namespace clothsim

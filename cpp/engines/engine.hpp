@@ -1,0 +1,115 @@
+// One cloth's state inside the core, and the loop that advances it.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "contact/contact_report.hpp"
+#include "integrators/adaptive.hpp"
+#include "measure/watched.hpp"
+#include "memory/plan.hpp"
+#include "model/clock.hpp"
+
+namespace clothsim {
+
+// Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
+inline constexpr double extents_that_are_far = 8;
+
+class Engine {
+public:
+    virtual ~Engine() = default;
+
+    // As `advance`, and continuous contacts answered after each step. `behind_planes`: steps that are
+    // expected to be clear of the spheres may go without (contact/separating_planes.hpp); false if one was
+    // not, and then the state is to be thrown away.
+    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
+
+    // Of continuous contact since the last look, see ContactReport.
+    ContactReport contact_report;
+
+    // Extremes over the states so far. Depths are watched only when asked for; the first contact always.
+    Watched watched;
+    void watch_depths(bool on) { depths_watched_ = on; }
+    // Raises the depth of mass points by that of all points of the present state, at time t.
+    virtual void note_all_depths(double t) = 0;
+
+    int threads = 1;  // that the newest steps might use, and copies of the state may too
+
+    // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.
+    // Velocities of pinned points are taken as 0. What is null is not stored.
+    virtual bool load(const float* x, const float* v) = 0;
+    virtual bool load(const double* x, const double* v) = 0;
+    virtual void store(float* x, float* v) const = 0;
+    virtual void store(double* x, double* v) const = 0;
+
+    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k).
+    virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
+    virtual void accelerations(double* a, int threads) = 0;
+
+    // Counts begin again, before another state is loaded.
+    void begin_anew() {
+        contact_energy = 0;
+        contact_responses = 0;
+        evaluations = 0;
+        contact_report = {};
+        watched = {};
+    }
+
+    // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or
+    // -1.
+    virtual std::int64_t first_bad_point(double speed_limit) const = 0;
+
+    // The whole state including what compensation holds; restoring it continues bit for bit.
+    virtual std::vector<double> raw_state() const = 0;
+    virtual void set_raw_state(const std::vector<double>& raw) = 0;
+    // Values of the state alone, without what spheres left for the next step.
+    virtual std::size_t raw_values() const = 0;
+    // Whether a raw state of so many values may be one of this cloth.
+    virtual bool fits(std::size_t size) const = 0;
+
+    // A copy that the engine keeps, with its counts and extremes; see driver/checkpoint.hpp.
+    virtual void save_checkpoint() = 0;
+    virtual void restore_checkpoint() = 0;
+
+    // Energy that the collision passes have added so far [J]; counted only when asked for, because the
+    // pass is then done by one thread.
+    bool track_contact_energy = false;
+    double contact_energy = 0;
+
+    // Responses of the spheres to mass points so far.
+    std::atomic<std::int64_t> contact_responses{0};
+
+    // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a step.
+    std::int64_t evaluations = 0;
+    // Not null: the integrator carries an error estimate.
+    virtual AdaptiveEngine* adaptive() { return nullptr; }
+    // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end.
+    // Whether a sphere changed the state. Where the spheres leave a point no place (contact_report), the
+    // state is that at t0.
+    bool accept_in_contact(double t0, double t1, int threads);
+    // Whether a sphere asks for continuous contact.
+    virtual bool has_continuous() const = 0;
+
+protected:
+    // Continuous contact: steps of so many that are expected to be clear of the spheres; whether they were.
+    virtual std::int64_t clear_steps(const Clock& clock, std::int64_t most) = 0;
+    virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
+    // Before a step that may not be; after it.
+    virtual void keep_state() = 0;
+    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
+    virtual double total_energy() const = 0;
+    // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
+    virtual void note_depths(double t) = 0;
+
+    bool depths_watched_ = false;
+};
+
+// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet
+// within a step is not. Infinite for a time step within the guarantee [m/s].
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
+
+std::unique_ptr<Engine> make_engine(const Plan& plan);
+
+}  // namespace clothsim

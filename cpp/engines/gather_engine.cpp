@@ -1,0 +1,255 @@
+#include "engines/gather_engine.hpp"
+
+#include <omp.h>
+
+#include <optional>
+
+#include "memory/caches.hpp"
+#include "memory/threads.hpp"
+
+namespace clothsim {
+namespace {
+
+// The groups of a team's thread, those of one row of groups as one tile. Group by group, 64 bytes at a time
+// of each row and component, a large cloth would go from page to page; along whole rows the processor fetches
+// ahead.
+template <class Visit>
+void for_each_tile(const ThreadGrid& grid, int thread, int team, Visit visit) {
+    int begin = int(std::int64_t(grid.groups()) * thread / team);
+    const int end = int(std::int64_t(grid.groups()) * (thread + 1) / team);
+    while (begin < end) {
+        const int next = std::min(end, (begin / grid.groups_x() + 1) * grid.groups_x());
+        Tile tile = tile_of_group(grid, begin);
+        tile.column_end = tile_of_group(grid, next - 1).column_end;
+        visit(tile);
+        begin = next;
+    }
+}
+
+}  // namespace
+
+template <class Real>
+GatherEngine<Real>::GatherEngine(const Plan& plan)
+    : Base(plan, PaddedLayout(plan.cloth), (Base::compensated ? 12 : 6) * PaddedLayout(plan.cloth).plane),
+      grid_(plan.cloth.grid()) {
+    const Cloth& cloth = plan_.cloth;
+    kernel_ = plan_.strict ? kernels().gather_strict : kernels().gather;
+    sphere_kernel_ = kernels().sphere;
+
+    const std::ptrdiff_t plane = layout_.plane;
+    stage_a_.assign(6 * plane, Real(0));
+    stage_b_.assign(6 * plane, Real(0));
+    for (auto* planes : {&memory_, &stage_a_, &stage_b_})
+        std::fill_n(planes->begin(), 3 * plane, Real(far_away));
+    first_acceleration_.assign(3 * plane, Real(0));
+    acceleration_sum_.assign(3 * plane, Real(0));
+
+    free_.assign(plane, Real(0));
+    if (!cloth.uniform_mass) inverse_mass_.assign(plane, Real(0));
+    row_has_fixed_.assign(cloth.rows, cloth.columns % group_size != 0);
+    for (int r = 0; r < cloth.rows; ++r)
+        for (int c = 0; c < cloth.columns; ++c) {
+            const int point = r * cloth.columns + c;
+            free_[layout_.at(r, c)] = Real(cloth.pinned[point] ? 0 : 1);
+            row_has_fixed_[r] |= cloth.pinned[point];
+            if (!cloth.uniform_mass) inverse_mass_[layout_.at(r, c)] = Real(1 / cloth.mass[point]);
+        }
+    build_coefficients();
+}
+
+template <class Real>
+void GatherEngine<Real>::build_coefficients() {
+    const Cloth& cloth = plan_.cloth;
+    const double root_scale = plan_.strict ? 1 : double(kernels().root_scale);
+    const std::optional<double> shared = plan_.strict ? std::nullopt : shared_damping<Real>(plan_);
+    unit_ = shared.value_or(1);
+    const double scale = coefficient_scale(plan_) / unit_;
+    for (int kind = 0; kind < spring_kind_count; ++kind) {
+        const Neighbour& neighbour = spring_kinds[kind];
+        const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
+        const Real tension = Real(k * length / root_scale);
+        spring_[kind] = {
+            plan_.strict ? Real(k) : stiffness_at_rest<Real>(plan_, neighbour, Real(k), tension),
+            plan_.strict ? Real(length) : tension,
+            shared ? Real(1)
+                   : Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
+    }
+
+    const int lanes = kernels().lanes;
+    lanes_.resize(std::size_t(round_up(cloth.columns, group_size) / lanes));
+    for (int column = 0; column < cloth.columns; ++column)
+        for (int offset = -stencil_reach; offset <= stencil_reach; ++offset)
+            if (offset != 0 && column + offset >= 0 && column + offset < cloth.columns)
+                lanes_[std::size_t(column / lanes)].bits[LanesWithNeighbour::index(offset)] |=
+                    std::uint16_t(1 << column % lanes);
+}
+
+template <class Real>
+GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
+    GatherArguments<Real> g{};
+    static_cast<StepConstants<Real>&>(g) = step_constants<Real>(plan_, dt, unit_);
+    g.stride = layout_.stride;
+    g.plane = layout_.plane;
+    g.rows = rows();
+    g.stage = stage;
+    std::copy(std::begin(spring_), std::end(spring_), std::begin(g.spring));
+    g.features = plan_.features();
+    g.lanes = lanes_.data();
+    const std::ptrdiff_t origin = layout_.origin;
+    const std::size_t values = memory_.size() + stage_a_.size() + stage_b_.size() +
+        first_acceleration_.size() + acceleration_sum_.size();
+    g.from_memory = std::ptrdiff_t(values * sizeof(Real)) > bytes_swept_in_cache;
+    g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
+    g.free = free_.data() + origin;
+    g.row_has_fixed = row_has_fixed_.data();
+    Real* const a = stage_a_.data() + origin;
+    Real* const b = stage_b_.data() + origin;
+    g.state = memory_.data() + origin;
+    g.source = stage == Stage::first || stage == Stage::evaluate ? g.state : stage == Stage::third ? b : a;
+    g.target = stage == Stage::second ? b : a;
+    g.compensation = Base::compensated ? g.state + layout_.compensation() : nullptr;
+    g.first_acceleration = first_acceleration_.data() + origin;
+    g.acceleration_sum = acceleration_sum_.data() + origin;
+    return g;
+}
+
+template <class Real>
+void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
+    const GatherArguments<Real> stages[4] = {
+        arguments(Stage::first, clock.dt), arguments(Stage::second, clock.dt),
+        arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
+    const bool tracked = this->track_contact_energy;
+
+    std::optional<Barrier> barrier;
+    const auto begin = [&](int team) {
+        barrier.emplace(team);
+        near_spheres_.resize(std::max(near_spheres_.size(), std::size_t(team)));
+    };
+    const auto work = [&](int thread, int team) {
+        for (std::int64_t k = 1; k <= steps; ++k) {
+            for (const GatherArguments<Real>& stage : stages) {
+                for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
+                // A point is moved by its own thread, and nobody looks at it before the barrier.
+                if (stage.stage == Stage::fourth && !tracked && !plan_.spheres.empty())
+                    respond_to_spheres(clock.at(k), thread, team);
+                barrier->wait();
+            }
+            if (tracked) this->collide_all(clock.at(k));
+            this->watch(rows() * thread / team, rows() * (thread + 1) / team, clock.at(k));
+        }
+    };
+
+    in_team(tracked ? 1 : std::min(threads, grid_.groups()), begin, work);
+}
+
+template <class Real>
+void GatherEngine<Real>::accelerations(double* a, int threads) {
+    const GatherArguments<Real> g = arguments(Stage::evaluate, 0);
+    const int team = std::min(threads, grid_.groups());
+#pragma omp parallel num_threads(team) if (team > 1)
+    for_each_tile(grid_, omp_get_thread_num(), omp_get_num_threads(),
+                  [&](const Tile& tile) { kernel_(g, tile); });
+    for (int r = 0; r < rows(); ++r)
+        for (int c = 0; c < columns(); ++c)
+            for (int k = 0; k < 3; ++k) *a++ = double(first_acceleration_[layout_.at(r, c, k)]);
+}
+
+template <class Real>
+void GatherEngine<Real>::respond_to_spheres(double t, int thread, int team) {
+    const auto component = [&](const Tile& tile, int k) -> ComponentRows<Real> {
+        const int lanes = kernels().lanes;
+        return {memory_.data() + layout_.at(tile.row_begin, tile.column_begin, k), layout_.stride, lanes,
+                tile.row_end - tile.row_begin, (tile.column_end - tile.column_begin + lanes - 1) / lanes};
+    };
+    NearSpheres<Real>& near = near_spheres_[std::size_t(thread)];
+    this->contacts(t, near.contacts);
+    near.place([&](int k) {
+        Extent<Real> all = kernels().extent({});
+        for_each_tile(grid_, thread, team, [&](const Tile& tile) {
+            const Extent<Real> extent = kernels().extent(component(tile, k));
+            all = {std::min(all.low, extent.low), std::max(all.high, extent.high)};
+        });
+        return all;
+    });
+    for_each_tile(grid_, thread, team, [&](const Tile& tile) {
+        for (std::size_t i = 0; i < near.contacts.size(); ++i) {
+            SphereOutline<Real>& outline = near.outlines[i];
+            if (outline.axis >= 0 &&
+                kernels().beyond(component(tile, outline.axis), outline.above, outline.plane))
+                continue;
+            outline.crossed = true;
+            collide(near.contacts[i], tile);
+        }
+    });
+}
+
+template <class Real>
+bool GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
+    SphereTest<Real> test{};
+    test.stride = layout_.stride;
+    test.plane = layout_.plane;
+    test.position = memory_.data() + layout_.origin;
+    for (int k = 0; k < 3; ++k) test.center[k] = Real(contact.center[k]);
+    test.radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
+
+    struct Context {
+        GatherEngine* engine;
+        const Contact* contact;
+        bool hit = false;
+    } context{this, &contact};
+    sphere_kernel_(
+        test, tile,
+        [](void* p, int row, int column) {
+            auto* c = static_cast<Context*>(p);
+            c->hit = true;
+            c->engine->respond_at(*c->contact, row, column);
+        },
+        &context);
+    return context.hit;
+}
+
+template <class Real>
+FieldLayout GatherEngine<Real>::field() const {
+    FieldLayout f{};
+    f.runs = 3;
+    f.length = int(round_up(columns(), group_size));
+    f.origin = f.acceleration_origin = layout_.origin;
+    f.row = f.acceleration_row = layout_.stride;
+    f.run = f.acceleration_run = layout_.plane;
+    f.velocity = 3 * layout_.plane;
+    f.compensation = Base::compensated ? layout_.compensation() : 0;
+    f.slots = 1;
+    f.slot = f.block = 3 * layout_.plane;
+    return f;
+}
+
+template <class Real>
+void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
+                                     FieldScratch<Real>& scratch) {
+    scratch.band = band;
+    scratch.gather = arguments(Stage::evaluate, 0);
+    scratch.gather.source = state + layout_.origin;
+    scratch.gather.first_acceleration = acceleration + layout_.origin;
+}
+
+template <class Real>
+int GatherEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
+    const auto [first, last] = scratch.band.rows(begin, end);
+    kernel_(scratch.gather, {first, last, 0, columns()});
+    return end;
+}
+
+template <class Real>
+bool GatherEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
+    bool any = false;
+    for (const Contact& contact : contacts)
+        if (!this->apart(contact, begin, end)) any |= collide(contact, {begin, end, 0, columns()});
+    return any;
+}
+
+template class StateEngine<float, PaddedLayout>;
+template class StateEngine<double, PaddedLayout>;
+template class GatherEngine<float>;
+template class GatherEngine<double>;
+
+}  // namespace clothsim

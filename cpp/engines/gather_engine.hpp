@@ -1,0 +1,81 @@
+// The engine of the "gather" kernel: padded structure of arrays, one tile a shader group.
+#pragma once
+
+#include "engines/state_engine.hpp"
+#include "memory/field.hpp"
+
+namespace clothsim {
+
+// Planes of rows with padding before and behind, wide enough for a vector and two neighbours.
+struct PaddedLayout {
+    std::ptrdiff_t stride, origin, plane;
+    int rows, columns;
+
+    explicit PaddedLayout(const Cloth& cloth)
+        : stride(round_up(cloth.columns, group_size) + group_size),
+          origin(group_size),
+          plane(origin + cloth.rows * stride + group_size),
+          rows(cloth.rows),
+          columns(cloth.columns) {}
+    std::ptrdiff_t at(int row, int column, int k = 0) const {
+        return origin + row * stride + column + k * plane;
+    }
+    std::ptrdiff_t compensation() const { return 6 * plane; }
+    std::ptrdiff_t first() const { return origin; }
+    bool in_one_strip() const { return true; }
+    Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
+    VectorGeometry geometry(int lanes) const {
+        return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
+    }
+    int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
+    template <class Real, class In>
+    bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
+        return kernels.put_planes(row, shift, to, sizeof(Real) == 4 ? compensation() : 0, plane, columns);
+    }
+    template <class Real, class Out>
+    void take_row(const RowKernels<Real, Out>& kernels, const Real* from, const RowShift& shift, Out* row,
+                  AlignedVector<Out>&) const {
+        kernels.take_planes(from, sizeof(Real) == 4 ? compensation() : 0, plane, columns, shift, row);
+    }
+};
+
+template <class Real>
+class GatherEngine : public StateEngine<Real, PaddedLayout> {
+public:
+    explicit GatherEngine(const Plan& plan);
+    void advance(std::int64_t steps, const Clock& clock, int threads) override;
+    void accelerations(double* a, int threads) override;
+
+protected:  // for cpp/integrators; see EdgeEngine
+    using Base = StateEngine<Real, PaddedLayout>;
+    using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
+
+    FieldLayout field() const;
+    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
+    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
+    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
+
+private:
+    void build_coefficients();
+    GatherArguments<Real> arguments(Stage stage, double dt);
+    // The collision pass over a thread's tiles.
+    void respond_to_spheres(double t, int thread, int team);
+    bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
+
+    ThreadGrid grid_;
+    GatherKernel<Real> kernel_;
+    SphereKernel<Real> sphere_kernel_;
+    AlignedVector<Real> inverse_mass_, free_;
+    SpringCoefficients<Real> spring_[spring_kind_count];
+    double unit_ = 1;  // of the accelerations the kernel sums
+    std::vector<LanesWithNeighbour> lanes_;
+    std::vector<std::uint8_t> row_has_fixed_;
+    std::vector<NearSpheres<Real>> near_spheres_;  // of each thread
+    AlignedVector<Real> stage_a_, stage_b_;                      // six planes each
+    AlignedVector<Real> first_acceleration_, acceleration_sum_;  // three planes each
+};
+
+extern template class StateEngine<float, PaddedLayout>;
+extern template class StateEngine<double, PaddedLayout>;
+
+}  // namespace clothsim

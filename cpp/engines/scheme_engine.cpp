@@ -1,0 +1,381 @@
+// Every integrator but the fused RK4 of the kernels, on top of an engine that can evaluate accelerations at
+// any state: each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
+#include "engines/scheme_engine.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "engines/bands.hpp"
+#include "engines/edge_engine.hpp"
+#include "engines/gather_engine.hpp"
+#include "integrators/adaptive.hpp"
+#include "integrators/combine.hpp"
+#include "integrators/implicit.hpp"
+#include "integrators/methods.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class Real, class Base>
+class SchemeEngine final : public Base, public AdaptiveEngine {
+public:
+    explicit SchemeEngine(const Plan& plan)
+        : Base(plan), method_(method_of(plan.integrator)), field_(this->field()) {
+        const Cloth& cloth = this->plan_.cloth;
+        damped_ = cloth.point_damping > 0 || cloth.has_spring_damping();
+        scheme_ = method_.scheme;
+        explicit_ = method_.explicit_method;
+        if (scheme_ == Scheme::verlet && damped_) {
+            scheme_ = Scheme::explicit_rk;
+            explicit_ = method_.damped;
+        }
+        if (scheme_ == Scheme::implicit_midpoint) {
+            implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_.cloth, this->plan_.gravity);
+            return;
+        }
+        const bool adaptive = explicit_ && !explicit_->errors.empty();
+        const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 : 0);
+        for (int i = 0; i < count; ++i) slot_.push_back(i);
+        accelerations_.assign(std::size_t(field_.acceleration_size(count)), Real(0));
+        // Copies of the engine's memory, for its padding.
+        if (explicit_)
+            for (auto& stage : stages_) stage = this->memory_;
+        if (adaptive) result_ = previous_ = this->memory_;
+        for (std::size_t e = 0; adaptive && e < explicit_->errors.size(); ++e)
+            row_squares_.emplace_back(std::size_t(this->rows()));
+    }
+
+    void advance(std::int64_t steps, const Clock& clock, int threads) override {
+        if (scheme_ == Scheme::implicit_midpoint) {
+            for (std::int64_t k = 1; k <= steps; ++k) {
+                advance_implicit(clock.dt);
+                this->collide_all(clock.at(k));
+                this->watch(0, this->rows(), clock.at(k));
+            }
+            return;
+        }
+        contact_[0] = contact_[1] = false;
+        bool known_after = false;
+        if (scheme_ == Scheme::explicit_rk) plan_stages(clock.dt, this->memory_);
+        in_bands(threads, [&](Band<Real>& band) {
+            bool known = this->state_known_;
+            for (std::int64_t k = 1; k <= steps; ++k) {
+                if (scheme_ == Scheme::explicit_rk) {
+                    advance_explicit(band, clock.at(k));
+                    continue;
+                }
+                if (band.first) contact_[(k + 1) & 1] = false;
+                if (scheme_ == Scheme::splitting) advance_splitting(band, clock.dt);
+                else advance_verlet(band, clock.dt, known);
+                const bool contact = collide(band, clock.at(k), contact_[k & 1]);
+                known = scheme_ == Scheme::verlet && !contact;
+                this->watch(band.begin, band.end, clock.at(k));
+                band.barrier();
+            }
+            if (band.first) known_after = known;
+        });
+        this->state_known_ = known_after;
+    }
+
+    // Not the engine's own: it keeps addresses of its memory, and steps that are accepted change places with
+    // it.
+    void accelerations(double* a, int threads) override {
+        if (!explicit_) {
+            Base::accelerations(a, threads);
+            return;
+        }
+        const std::int64_t before = this->evaluations;
+        in_bands(threads, [&](Band<Real>& band) { evaluate(band, this->memory_, 0); });
+        this->evaluations = before;
+        for (int r = 0; r < this->rows(); ++r)
+            for (int c = 0; c < this->columns(); ++c)
+                for (int k = 0; k < 3; ++k) *a++ = double(acceleration(0)[acceleration_at(r, c, k)]);
+    }
+
+    AdaptiveEngine* adaptive() override { return explicit_ && !explicit_->errors.empty() ? this : nullptr; }
+
+    // Error control
+    // ------------------------------------------------------------------------------------------
+
+    int order() const override { return explicit_->order; }
+
+    double try_step(double h, const Tolerance& tolerance, int threads) override {
+        const ExplicitMethod& m = *explicit_;
+        plan_stages(h, this->memory_);
+        std::array<Combination<Real>, 2> errors;
+        for (std::size_t e = 0; e < m.errors.size(); ++e)
+            errors[e] = combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v);
+        const auto estimate = [&](int begin, int end) {
+            for (std::size_t e = 0; e < m.errors.size(); ++e)
+                square_rows(field_, begin, end, this->memory_.data(), errors[e], row_squares_[e].data());
+        };
+        in_bands(threads, [&](Band<Real>& band) {
+            run_stages(band, this->state_known_, [&](int begin, int end) {
+                advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
+                if (!m.error_needs_end) estimate(begin, end);
+            });
+            if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
+        });
+        this->state_known_ = true;
+        step_ = h;
+        double squares[2] = {0, 0};
+        for (std::size_t e = 0; e < m.errors.size(); ++e)
+            for (const RowSquares& row : row_squares_[e]) squares[e] += row.x + row.v;
+        const double points = this->plan_.cloth.points();
+        if (m.errors.size() == 1) return std::sqrt(squares[0] / points);
+        // dop853.f: the estimate of order 5, held down where that of order 3 is much larger.
+        if (squares[0] == 0) return 0;
+        return squares[0] / std::sqrt((squares[0] + 0.01 * squares[1]) * points);
+    }
+
+    bool accept_step(double t, int threads) override {
+        this->planes_.drop();
+        previous_.swap(this->memory_);
+        this->memory_.swap(result_);
+        contact_[0] = false;
+        if (!this->plan_.spheres.empty())
+            in_bands(threads, [&](Band<Real>& band) { collide(band, t, contact_[0]); });
+        // The acceleration at the end is the first one of the next step, unless a contact has changed the
+        // state since.
+        if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
+        this->state_known_ = explicit_->error_needs_end && !contact_[0];
+        return contact_[0];
+    }
+
+    double contact_step(double t, double h, bool tried) override {
+        double allowed = h;
+        for (const Sphere& sphere : this->plan_.spheres) {
+            const Vec3 center = sphere.center_at(t);
+            const double least_gap = contact_fraction * sphere.contact_radius;
+            // The sphere's own way may depend on the step; a shorter step is checked again by the caller.
+            const Vec3 travel = (sphere.center_at(t + h) - center) / h;
+            const double sphere_speed = std::max(
+                {(sphere.velocity_at(t) - travel).norm(), (sphere.velocity_at(t + h) - travel).norm()});
+            for (int r = 0; r < this->rows(); ++r)
+                for (int c = 0; c < this->columns(); ++c) {
+                    if (this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)]) continue;
+                    const PointState point = this->point_state(r, c);
+                    double speed = (point.velocity - travel).norm();
+                    if (tried) speed = std::max(speed, (vector_in(result_, r, c, 3) - travel).norm());
+                    const double gap = (point.position - center).norm() - sphere.contact_radius;
+                    const double way = (speed + sphere_speed) * allowed;
+                    if (way > std::max(gap, least_gap)) allowed *= std::max(gap, least_gap) / way;
+                }
+        }
+        return allowed;
+    }
+
+    bool step_touches(double t) override {
+        for (const Contact& contact : this->contacts(t))
+            for (int r = 0; r < this->rows(); ++r)
+                for (int c = 0; c < this->columns(); ++c)
+                    if (!this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)] &&
+                        touches(contact, vector_in(result_, r, c, 0)))
+                        return true;
+        return false;
+    }
+
+    void dense(double part, double* x, double* v, int threads) override {
+        const ExplicitMethod& m = *explicit_;
+        const bool interpolated = !m.dense_factors.empty();
+        // The first and the last acceleration have changed places since the step.
+        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
+        plan_stages(interpolated ? step_ : part * step_, previous_);
+        if (interpolated) result_sum_ = combination(m.dense(part), step_);
+        const auto finish = [&](int begin, int end) {
+            combine(field_, begin, end, previous_.data(), result_.data(), result_sum_);
+        };
+        in_bands(threads, [&](Band<Real>& band) {
+            if (!interpolated) run_stages(band, true, finish);
+            else finish(band.begin, band.end);
+        });
+        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
+        for (int r = 0; r < this->rows(); ++r)
+            for (int c = 0; c < this->columns(); ++c)
+                for (int k = 0; k < 3; ++k) {
+                    *x++ = double(result_[std::size_t(this->layout_.at(r, c, k))]);
+                    *v++ = double(result_[std::size_t(this->layout_.at(r, c, 3 + k))]);
+                }
+    }
+
+private:
+    template <class Work>
+    void in_bands(int threads, Work work) {
+        bands_.run(this->rows(), this->track_contact_energy ? 1 : threads, work);
+    }
+
+    Real* acceleration(int index) {
+        return accelerations_.data() + field_.acceleration(slot_[std::size_t(index)]);
+    }
+    // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)` makes the
+    // next version of them.
+    template <class Then>
+    void sweep(Band<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
+        if (band.near) wait_for(band.near->near, band.version);
+        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
+        band.each_rows(rows_at_once_, [&, made = 0](int begin, int end) mutable {
+            const int known = this->sweep_rows(begin, end, *band.scratch);
+            const auto [first, last] = band.rows(made, known);
+            then(first, last);
+            return made = known;
+        });
+        if (band.first) ++this->evaluations;
+    }
+    // The same for those who wait at barriers.
+    void evaluate(Band<Real>& band, const AlignedVector<Real>& state, int index) {
+        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
+        this->sweep_rows(0, band.size(), *band.scratch);
+        if (band.first) ++this->evaluations;
+    }
+    Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
+        Combination<Real> sum;
+        sum.drift = Real(w.drift * h);
+        for (std::size_t l = 0; l < w.v.size(); ++l)
+            if (w.x[l] != 0 || w.v[l] != 0)
+                sum.add(acceleration(int(l)), w.x[l] * h * h * scale_x, w.v[l] * h * scale_v);
+        return sum;
+    }
+    void kick_drift(const Band<Real>& band, double drift, double kick, double kick_in_x) {
+        Combination<Real> sum;
+        sum.drift = Real(drift);
+        sum.add(acceleration(0), kick_in_x, kick);
+        advance_rows(field_, band.begin, band.end, this->memory_.data(), this->memory_.data(), sum);
+    }
+
+    // The sums of a step of h from `from`, for `run_stages`.
+    void plan_stages(double h, const AlignedVector<Real>& from) {
+        from_ = from.data();
+        stage_sums_.clear();
+        for (int s = 1; s < explicit_->stages; ++s)
+            stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
+        result_sum_ = combination(explicit_->result, h);
+    }
+    // The sweeps of a planned step; `known`: the acceleration at its start is. `finish(begin, end)` of rows
+    // after the last of them.
+    template <class Finish>
+    void run_stages(Band<Real>& band, bool known, Finish finish) {
+        const auto next_stage = [&](int s) {
+            return [this, s](int begin, int end) {
+                combine(field_, begin, end, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
+            };
+        };
+        if (known)
+            band.each_rows(rows_at_once_, [&](int begin, int end) {
+                const auto [first, last] = band.rows(begin, end);
+                next_stage(0)(first, last);
+                return end;
+            });
+        else sweep(band, this->memory_, 0, next_stage(0));
+        const int last = explicit_->stages - 1;
+        for (int s = 1; s < last; ++s) sweep(band, stages_[s & 1], s, next_stage(s));
+        sweep(band, stages_[last & 1], last, finish);
+    }
+    void advance_explicit(Band<Real>& band, double t) {
+        const bool tracked = this->track_contact_energy;
+        std::vector<Contact> contacts;
+        if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
+        run_stages(band, false, [&](int begin, int end) {
+            advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
+            if (!contacts.empty()) this->collide_rows(begin, end, contacts);
+            this->watch(begin, end, t);
+        });
+        if (tracked) this->collide_all(t);
+    }
+    void advance_splitting(Band<Real>& band, double h) {
+        const Splitting& s = *method_.splitting;
+        if (s.drifts[0] != 0) {
+            kick_drift(band, s.drifts[0] * h, 0, 0);
+            band.barrier();
+        }
+        for (std::size_t i = 0; i < s.kicks.size(); ++i) {
+            if (i > 0) band.barrier();
+            evaluate(band, this->memory_, 0);
+            band.barrier();
+            kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
+        }
+    }
+    void advance_verlet(Band<Real>& band, double h, bool known) {
+        if (!known) {
+            evaluate(band, this->memory_, 0);
+            band.barrier();
+        }
+        kick_drift(band, h, h / 2, h * h / 2);
+        band.barrier();
+        evaluate(band, this->memory_, 0);
+        band.barrier();
+        kick_drift(band, 0, h / 2, 0);
+    }
+    void advance_implicit(double h) {
+        Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
+        this->store(x.data(), v.data());
+        this->evaluations += implicit_->step(x, v, h);
+        this->load(x.data(), v.data());
+    }
+
+    // The collision pass over the band; whether any point of the cloth was found inside, the same for all
+    // threads.
+    bool collide(const Band<Real>& band, double t, std::atomic<bool>& found) {
+        if (this->plan_.spheres.empty()) return false;
+        if (this->track_contact_energy) {
+            this->collide_all(t);
+            return true;
+        }
+        if (this->collide_rows(band.begin, band.end, this->contacts(t))) found = true;
+        band.barrier();
+        return found;
+    }
+
+    // Where component k of a point's acceleration lies: in the row as in the state, but for the step from run
+    // to run.
+    std::ptrdiff_t acceleration_at(int r, int c, int k) const {
+        const std::ptrdiff_t in_row = this->layout_.at(r, c, k) - field_.origin - r * field_.row;
+        return field_.acceleration_origin + r * field_.acceleration_row +
+            in_row / field_.run * field_.acceleration_run + in_row % field_.run;
+    }
+
+    // Components from `first` on: 0, the position, or 3, the velocity.
+    Vec3 vector_in(const AlignedVector<Real>& state, int r, int c, int first) const {
+        Vec3 value;
+        for (int k = 0; k < 3; ++k) value[k] = double(state[std::size_t(this->layout_.at(r, c, first + k))]);
+        return value;
+    }
+
+    // As many rows as the nearest cache holds some versions of: a call for each of the short ones costs as
+    // much as its combination.
+    static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
+
+    const Method& method_;
+    Scheme scheme_;
+    const ExplicitMethod* explicit_;
+    FieldLayout field_;
+    int rows_at_once_ =
+        int(std::clamp<std::ptrdiff_t>(bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
+    bool damped_;
+    std::unique_ptr<ImplicitMidpoint> implicit_;
+    AlignedVector<Real> accelerations_;
+    std::vector<int> slot_;  // where the acceleration of a stage lies
+    std::array<AlignedVector<Real>, 2> stages_;
+    Bands<Real> bands_;
+    const Real* from_ = nullptr;  // where the planned step starts, and its sums
+    std::vector<Combination<Real>> stage_sums_;
+    Combination<Real> result_sum_;
+    std::array<std::atomic<bool>, 2> contact_{};
+
+    AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted
+    std::vector<std::vector<RowSquares>> row_squares_;
+    double step_ = 0;
+};
+
+template <class Real>
+std::unique_ptr<Engine> make(const Plan& plan) {
+    if (plan.kernel == Kernel::gather) return std::make_unique<SchemeEngine<Real, GatherEngine<Real>>>(plan);
+    return std::make_unique<SchemeEngine<Real, EdgeEngine<Real>>>(plan);
+}
+
+}  // namespace
+
+std::unique_ptr<Engine> make_scheme_engine(const Plan& plan) {
+    return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
+}
+
+}  // namespace clothsim

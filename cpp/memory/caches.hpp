@@ -1,0 +1,41 @@
+// How much of a cloth stays near a processor.
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstddef>
+
+namespace clothsim {
+
+inline constexpr std::ptrdiff_t megabyte = 1024 * 1024;
+
+// Bytes of a processor's second-level cache: 1 MiB where the system does not tell, and never more than two,
+// since some processors share a larger one.
+inline std::ptrdiff_t second_level_cache() {
+    static const std::ptrdiff_t bytes = [] {
+        std::ptrdiff_t reported = 0;
+#if defined(_SC_LEVEL2_CACHE_SIZE)
+        reported = sysconf(_SC_LEVEL2_CACHE_SIZE);
+#endif
+        return reported > 0 ? std::clamp(reported, megabyte / 4, 2 * megabyte) : megabyte;
+    }();
+    return bytes;
+}
+
+// What is under way in a strip of a wide cloth: two thirds of the second-level cache. Where that is below 1
+// MiB strips are as wide as if it were not: to bring the third-level cache in costs less than the columns
+// that narrow strips compute twice.
+inline std::ptrdiff_t bytes_under_way() { return std::max(second_level_cache(), megabyte) / 3 * 2; }
+
+// What a sweep goes over is no larger: a band's state and work are swept stage by stage, and rows need not be
+// fetched ahead.
+inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 3; }
+
+// More than this comes from memory each time it is gone over.
+inline constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * megabyte;
+
+// With all that a step keeps, more than this comes from memory in each of the gather kernel's stages.
+inline constexpr std::ptrdiff_t bytes_swept_in_cache = 4 * bytes_in_shared_cache;
+
+}  // namespace clothsim

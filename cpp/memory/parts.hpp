@@ -1,0 +1,16 @@
+// Plain work over an array, shared among threads.
+#pragma once
+
+#include <cstddef>
+
+namespace clothsim {
+
+// `work(begin, end, share)` of each of `shares` about equal shares of [0, count). It must not throw.
+template <class Work>
+void in_parts(std::ptrdiff_t count, int parts, Work work) {
+    if (parts == 1) return work(0, count, 0);  // a region of one thread costs as much as a small cloth's copy
+#pragma omp parallel for num_threads(parts) schedule(static, 1)
+    for (int s = 0; s < parts; ++s) work(count * s / parts, count * (s + 1) / parts, s);
+}
+
+}  // namespace clothsim

@@ -1,0 +1,61 @@
+// A cloth's rows among threads, and how they ask for memory ahead.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+namespace clothsim {
+
+// Rows [begin, end) of a cloth in the order in which a thread goes through them.
+struct RowBand {
+    static constexpr int fewest_rows = 8;  // that are worth a thread
+
+    int begin = 0, end = 0;
+    bool upwards = false;
+
+    // Of `count` bands of a cloth; those of even number go up.
+    static RowBand of(int rows, int number, int count) {
+        const auto border = [&](int n) { return int(std::int64_t(rows) * n / count); };
+        return {border(number), border(number + 1), count > 1 && number % 2 == 0};
+    }
+    // How many of these threads have work enough.
+    static int team(int rows, int threads) { return std::clamp(rows / fewest_rows, 1, threads); }
+    int size() const { return end - begin; }
+    // Of the cloth; also before the first (negative) and behind the last of the band.
+    int row(int i) const { return upwards ? end - 1 - i : begin + i; }
+    // Of the cloth, [first, second): those of the band from one to before another.
+    std::pair<int, int> rows(int from, int to) const {
+        if (upwards) return {end - to, end - from};
+        return {begin + from, begin + to};
+    }
+};
+
+// Ask for a line a while before it is read, in the second-level cache, as requests to the first would keep
+// other loads waiting; or before it is written: one that another processor has read would keep the store
+// waiting. Not by the builtin, because g++ takes a function that does no more for one that does nothing, and
+// drops it.
+inline void prefetch_to_read(const void* p) {
+#if defined(__x86_64__)
+    asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));
+#else
+    __builtin_prefetch(p, 0, 2);
+#endif
+}
+inline void prefetch_to_write(const void* p) {
+#if defined(__x86_64__)
+    asm volatile("prefetchw %0" : : "m"(*static_cast<const char*>(p)));
+#else
+    __builtin_prefetch(p, 1);
+#endif
+}
+
+// `ask(line)` for the cache lines of `count` elements.
+template <class Real, class Ask>
+void for_each_line(const Real* first, std::ptrdiff_t count, const Ask& ask) {
+    constexpr int line = 64 / int(sizeof(Real));
+    for (std::ptrdiff_t i = 0; i < count; i += line) ask(first + i);
+}
+
+}  // namespace clothsim

@@ -1,0 +1,85 @@
+// What the strips of a cloth know of each other: the state of the columns around each border, after the
+// newest step and after the one before, since a strip's neighbours may be a step ahead of it.
+#pragma once
+
+#include "memory/aligned_vector.hpp"
+#include "memory/row_band.hpp"
+#include "memory/transposed_layout.hpp"
+
+namespace clothsim {
+
+template <class Real>
+class StripHalos {
+public:
+    explicit StripHalos(const TransposedLayout& layout) : lanes_(layout.lanes) {
+        for (int s = 1; s < layout.strips; ++s) {
+            const int begin = layout.start(s), end = layout.start(s - 1) + layout.window;
+            Border border{layout.own(s) - begin, {}, {}};
+            for (int c = begin; c < end; ++c) {
+                border.places[0].push_back(layout.in_record(c - layout.start(s - 1)));
+                border.places[1].push_back(layout.in_record(c - begin));
+            }
+            for (auto& values : border.values)
+                values.assign(std::size_t(layout.rows) * 6 * border.places[0].size(), Real(0));
+            halos_.push_back(std::move(border));
+        }
+    }
+    // `state`: a row of the strip, after the step of number `step`, of which its own columns are put down
+    // here.
+    void give(int strip, int row, const Real* state, std::int64_t step) {
+        visit(strip, row, step, true, [&](Columns columns) {
+            for (int i = 0; i < columns.count; ++i)
+                for (int k = 0; k < 6; ++k) columns.values[6 * i + k] = state[columns.places[i] + k * lanes_];
+        });
+    }
+    // The columns of its halo.
+    void take(int strip, int row, Real* state, std::int64_t step) {
+        visit(strip, row, step, false, [&](Columns columns) {
+            for (int i = 0; i < columns.count; ++i)
+                for (int k = 0; k < 6; ++k) state[columns.places[i] + k * lanes_] = columns.values[6 * i + k];
+        });
+    }
+    // Ask for what the two look at a while before, as it comes from memory.
+    void claim(int strip, int row, std::int64_t step) {
+        visit(strip, row, step, true,
+              [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_write); });
+    }
+    void fetch(int strip, int row, std::int64_t step) {
+        visit(strip, row, step, false,
+              [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_read); });
+    }
+
+private:
+    struct Border {
+        int middle;  // how many of the columns are the first strip's own
+        std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind
+        AlignedVector<Real> values[2];          // (row, column, 6), by the parity of the step
+    };
+    // Those that one of two strips owns.
+    struct Columns {
+        const std::ptrdiff_t* places;  // in a row of the strip that is visited
+        Real* values;
+        int count;
+    };
+
+    template <class Visit>
+    void visit(int strip, int row, std::int64_t step, bool own, const Visit& visit) {
+        for (int side = 0; side < 2;
+             ++side) {  // the border before the strip, of which it is the second, and that behind it
+            const int index = strip - 1 + side;
+            if (index < 0 || index >= int(halos_.size())) continue;
+            Border& border = halos_[std::size_t(index)];
+            const auto& places = border.places[1 - side];
+            const int count = int(places.size());
+            const bool first_half = (side == 1) == own;
+            const int begin = first_half ? 0 : border.middle, end = first_half ? border.middle : count;
+            visit({places.data() + begin,
+                   border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin), end - begin});
+        }
+    }
+
+    int lanes_;
+    std::vector<Border> halos_;
+};
+
+}  // namespace clothsim

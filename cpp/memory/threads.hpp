@@ -1,0 +1,101 @@
+// Threads: how many are accepted and chosen, on which processors a team works, and how its threads wait for
+// each other.
+#pragma once
+
+#include <omp.h>
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <thread>
+
+namespace clothsim {
+
+// libgomp ends the process for counts it cannot serve, so requests are bounded before they reach it.
+inline constexpr int most_threads = 256;
+
+// Processors this process may run on.
+int available_threads();
+
+// Lets a forked child use OpenMP although its parent has: the team is parked before the fork.
+void install_fork_handler();
+
+// The processors of a team. Linux wakes a thread that has slept on the processor of the thread that wakes it
+// where the others seem to be taken, as a virtual machine's do when they have slept too; there it would wait
+// for its neighbours, and they for it, for milliseconds.
+class Processors {
+public:
+    Processors() { take(); }  // by the thread that calls the others
+    // By each of the others: away from a processor that another one has taken, if there is one left to which
+    // it may go.
+    void resolve();
+
+private:
+    // Takes the one this thread is on; whether it was free.
+    bool take();
+
+    static constexpr int most = 1024, bits = 64;
+    std::array<std::atomic<std::uint64_t>, most / bits> taken_{};
+};
+
+inline void pause_briefly() {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    asm volatile("yield");
+#endif
+}
+
+// A neighbour answers within microseconds unless its processor is taken; then it may need this one. Who
+// sleeps is late, and so is who waits for it; that is left for long waits, and ends by itself: to wake a
+// sleeper `tell` would have to look for one.
+inline void wait_for(const std::atomic<int>& reached, int wanted) {
+    constexpr int spins = 500, spins_and_yields = spins + 3000;
+    for (int turn = 0; reached.load(std::memory_order_acquire) < wanted; ++turn) {
+        if (turn < spins) pause_briefly();
+        else if (turn < spins_and_yields) std::this_thread::yield();
+        else std::this_thread::sleep_for(std::chrono::microseconds(50));
+    }
+}
+inline void signal(std::atomic<int>& reached, int now) { reached.store(now, std::memory_order_release); }
+
+// Where all threads of a team wait for the last of them. OpenMP's lets them sleep too soon.
+class Barrier {
+public:
+    explicit Barrier(int team) : team_(team) {}
+    void wait() {
+        if (team_ == 1) return;
+        const int before = opened_.load(std::memory_order_relaxed);  // the last one is still to come
+        if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 < team_)
+            return wait_for(opened_, before + 1);
+        arrived_.store(0, std::memory_order_relaxed);
+        signal(opened_, before + 1);
+    }
+
+private:
+    int team_;
+    alignas(64) std::atomic<int> arrived_{0};
+    alignas(64) std::atomic<int> opened_{0};
+};
+
+// `work(thread, team)` by a team of threads. `begin(team)` comes first: once, or twice if fewer threads are
+// given than asked for, since one that is not there would be waited for.
+template <class Begin, class Work>
+void in_team(int team, Begin begin, Work work) {
+    begin(team);
+    if (team == 1) return work(0, 1);
+    Processors processors;
+#pragma omp parallel num_threads(team)
+    {
+        const int given = omp_get_num_threads(), thread = omp_get_thread_num();
+        if (thread > 0) processors.resolve();
+        if (given != team) {
+#pragma omp single
+            begin(given);
+        }
+        work(thread, given);
+    }
+}
+
+}  // namespace clothsim

@@ -1,0 +1,135 @@
+"""Amplification of a damped oscillator by a step of a method: the linear theory of its stability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base import check
+from ..base.keywords import suggests
+from .integration import FURTHER_TERMS, SPLITTINGS, integrator_name, integrators
+
+Floats = npt.NDArray[np.float64]
+
+
+@suggests
+def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+    """The matrix by which a step maps (x, dt v) of the damped oscillator.
+
+    Parameters
+    ----------
+    integrator : str
+        A name of `integrators`.
+    omega_dt, delta_dt : array_like
+        omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0, of any shapes that broadcast.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (..., 2, 2).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> from clothsim.methods.amplification import amplification_matrix
+    >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
+    [[0.0, 1.0], [-1.0, 1.0]]
+    """
+    integrator = integrator_name(integrator)
+    omega, delta = np.broadcast_arrays(_rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt))
+    square = omega * omega
+    if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
+        one, zero = np.ones_like(square), np.zeros_like(square)
+        x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
+        k, c = square[..., None], delta[..., None]
+        x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
+        return np.stack([x, w], -2)
+    slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
+    identity = np.broadcast_to(np.eye(2), slope.shape)
+    if integrator == "implicit_midpoint":
+        return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
+    terms = [1 / math.factorial(k) for k in range(integrators()[integrator].order + 1)]
+    result = np.zeros_like(slope)
+    for term in reversed((*terms, *FURTHER_TERMS[integrator])):
+        result = slope @ result + term * identity
+    return result
+
+
+@suggests
+def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+    """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
+
+    Parameters
+    ----------
+    integrator, omega_dt, delta_dt
+        As for `amplification_matrix`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Of the shape to which the two broadcast.
+
+    Examples
+    --------
+    >>> from clothsim.methods.amplification import amplification
+    >>> amplification("rk4", [2.8, 2.9], 0.0).round(3).tolist()
+    [0.931, 1.193]
+    """
+    matrix = amplification_matrix(integrator, omega_dt, delta_dt)
+    half_trace = (matrix[..., 0, 0] + matrix[..., 1, 1]) / 2
+    determinant = np.linalg.det(matrix)
+    root = np.sqrt((half_trace**2 - determinant).astype(complex))
+    return np.asarray(np.maximum(abs(half_trace + root), abs(half_trace - root)))
+
+
+def _rates(name: str, value: npt.ArrayLike) -> Floats:
+    array = check.as_array(name, value, "real numbers >= 0")
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
+    array = array.astype(np.float64)
+    check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
+    return array
+
+
+def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
+    return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
+
+
+def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
+    """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
+
+    Parameters
+    ----------
+    integrator : {"semi_implicit_euler", "velocity_verlet", "pefrl"}
+    acceleration : callable
+        dt^2 times the acceleration, of (x, w).
+    x, w : numpy.ndarray
+        Positions, and dt times the velocities.
+
+    Returns
+    -------
+    x, w : numpy.ndarray
+        At the end of the step.
+    stages : list of numpy.ndarray
+        The accelerations evaluated, in order.
+    """
+    if integrator == "velocity_verlet":
+        first = acceleration(x, w)
+        x = x + w + first / 2
+        second = acceleration(x, w + first)
+        return x, w + (first + second) / 2, [first, second]
+    stages = []
+    for drift, kick in zip(*SPLITTINGS[integrator]):
+        x = x + drift * w if drift else x
+        if kick:
+            stages.append(acceleration(x, w))
+            w = w + kick * stages[-1]
+    return x, w, stages

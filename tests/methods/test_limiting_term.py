@@ -1,0 +1,194 @@
+"""Which term limits the step, in messages and in `explain`; orders with damping; long runs; masks."""
+
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.methods.limiting import limiting_term
+from tables import each
+
+
+def given(category, run):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        run()
+    return [str(one.message) for one in found if one.category is category]
+
+
+@pytest.mark.parametrize("method", ["rk4", "velocity_verlet", "dop853"])
+@pytest.mark.parametrize(
+    "features, kind, families",
+    [
+        ({"mass": 0.2}, "damping", None),
+        ({"damping": 0.0}, "stiffness", None),
+        ({"damping": {"structural": 1.0, "shear": 900.0, "bend": 0.0}}, "damping", ("shear",)),
+        ({"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0}, "stiffness", ("bend",)),
+        ({"damping": 9000.0, "damping_model": "point"}, "damping", ("points",)),
+    ],
+)
+def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, kind, families):
+    scene = cs.Scene(cs.Cloth((6, 7), **{"mass": 21.0, **features}))
+    term = limiting_term(scene, method)
+    assert term.kind == kind and term.max_stable_dt == cs.max_stable_dt(scene, method)
+    assert families is None or term.families == families
+    # Half of that kind lengthens the step by more than half of the other does.
+    cloth = scene.cloth
+
+    def halved(name):
+        value = getattr(cloth, name)
+        value = {f: v / 2 for f, v in value.items()} if hasattr(value, "items") else value / 2
+        return cs.max_stable_dt(cs.Scene(cloth.replace(**{name: value})), method)
+
+    other = {"damping": "stiffness", "stiffness": "damping"}[kind]
+    assert halved(kind) > 1.2 * term.max_stable_dt and halved(kind) > halved(other)
+
+
+def test_below_the_value_the_other_kind_limits():
+    scene = cs.Scene(cs.Cloth(mass=0.2))
+    (value, *_) = limiting_term(scene, "rk4").below
+    for factor, kind in ((1.01, "damping"), (0.99, "stiffness")):
+        cloth = scene.cloth.replace(damping=factor * value)
+        assert limiting_term(cs.Scene(cloth), "rk4").kind == kind
+
+
+def test_warning_error_and_explain_name_it():
+    scene = cs.Scene(cs.Cloth((5, 5), mass=0.01))
+    term = scene.explain()["limited_by"]
+    assert term == str(limiting_term(scene, "rk4")) and "damping" in term and "below" in term
+    stepper = cs.Stepper(scene)
+    with pytest.raises(cs.UnstableError) as error, pytest.warns(cs.StabilityWarning) as warned:
+        stepper.advance(10_000, 1e-3)
+    assert term in str(error.value) and error.value.term == term
+    assert term in str(warned[0].message)
+
+
+def test_explain_counts_the_integrator_that_it_is_asked_about():
+    damped, free = cs.Scene(cs.Cloth()), cs.Scene(cs.Cloth(damping=0.0))
+    for name, method in cs.integrators().items():
+        for scene in (damped, free):
+            account = scene.explain(integrator=name)
+            assert account["integrator"] == name
+            assert account["order"] == method.order_of(scene)
+            assert account["max_stable_dt"] == cs.max_stable_dt(scene, name)
+            if not method.explicit:
+                assert np.isnan(account["flops_per_step"])
+                continue
+            evaluations = method.evaluations_per_step(scene.cloth.damped)
+            assert account["force_evaluations_per_step"] == evaluations
+            assert account["flops_per_step"] == sum(account["flops"].values())
+            springs = account["flops"]["structural springs"]
+            assert springs == evaluations * 19 * scene.cloth.spring_count("structural")
+    with pytest.raises(ValueError, match="did you mean 'pefrl'"):
+        damped.explain(integrator="pefril")
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+@pytest.mark.parametrize("method", ["semi_implicit_euler", "velocity_verlet", "pefrl", "rk4"])
+def test_the_order_is_the_one_that_is_measured(method, damping):
+    """A spring in line: x'' = -100 x - damping x', from x = 0.1, for one second."""
+    scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1, damping=damping)
+    omega = np.sqrt(100.0 - damping**2 / 4)
+    exact = 0.1 * np.exp(-damping / 2) * (np.cos(omega) + damping / (2 * omega) * np.sin(omega))
+    errors = []
+    for steps in (400, 800):
+        x, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, 1 / steps, steps, integrator=method)
+        errors.append(abs(float(x[0, 1, 0] - scene.cloth.rest_positions[0, 1, 0]) - exact))
+    expected = cs.integrators()[method].order_of(scene)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(expected, abs=0.15)
+
+
+test_the_order_is_the_one_that_is_measured = pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")(
+    test_the_order_is_the_one_that_is_measured
+)
+
+
+def test_pefrl_with_damping_is_announced():
+    damped, free = cs.scenes.oscillator(damping=0.1), cs.scenes.oscillator()
+    state = damped.initial_position, damped.initial_velocity
+
+    def calls(scene):
+        return (
+            lambda: cs.step(scene, *state, 1e-3, integrator="pefrl"),
+            lambda: cs.Stepper(scene, integrator="pefrl").advance(3, 1e-3),
+            lambda: cs.simulate(scene, 0.01, 1e-3, integrator="pefrl"),
+            lambda: cs.sweep(scene, {"integrator": ["rk4", "pefrl"]}, duration=0.01, dt=1e-3, progress=False),
+        )
+
+    for call in calls(damped):
+        (message,) = given(cs.OrderWarning, call)
+        assert "order 1" in message and "order 4" in message and "rk4" in message
+    for call in calls(free):
+        assert not given(cs.OrderWarning, call)
+
+
+def test_a_run_of_more_than_a_million_steps_says_how_long_it_takes(monkeypatch):
+    scene = cs.scenes.oscillator()
+    stepper = cs.Stepper(scene)
+    state = stepper._state
+    assert not given(cs.LongRunWarning, lambda: state.announce(1_000_000, 1e-6))
+    monkeypatch.setattr(type(state), "_seconds_per_step", lambda self, dt: 1e-3)
+    (message,) = given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))
+    assert message == "7,200,000 steps of 1e-06 s will take about 2 hours"
+    assert not given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))  # once
+
+
+@pytest.mark.parametrize("cost", [3e-6, 1e-2])
+def test_the_time_of_a_step_is_measured_on_a_copy(monkeypatch, cost):
+    """By a clock on which a step takes `cost` seconds."""
+    from clothsim.engine import state
+
+    stepper, taken = cs.Stepper(cs.scenes.paper_swing(), threads=1), []
+    before, advance = stepper.positions, state.State.advance
+
+    def counted(self, steps, dt):
+        taken.append(steps)
+        advance(self, steps, dt)
+
+    monkeypatch.setattr(state.State, "advance", counted)
+    monkeypatch.setattr("clothsim.base.clocks.perf_counter", lambda: cost * sum(taken))
+    assert stepper._state._seconds_per_step(1e-5) == pytest.approx(cost, rel=1e-9)
+    assert (stepper.positions == before).all() and stepper.time == 0.0
+
+
+@each(
+    "call",
+    [
+        lambda masked, scene: cs.energy(scene, masked, scene.initial_velocity),
+        lambda masked, scene: cs.largest_stretch(scene, masked),
+        lambda masked, scene: cs.penetration(masked, cs.Sphere()),
+        lambda masked, scene: cs.max_stable_dt(scene, x=masked),
+        lambda masked, scene: cs.step(scene, masked, scene.initial_velocity, 1e-3),
+        lambda masked, scene: cs.Stepper([scene, scene], [masked, masked]),
+        lambda masked, scene: cs.Scene(scene.cloth, position=masked),
+        lambda masked, scene: cs.Cloth((3, 3), mass=masked[..., 0]),
+        lambda masked, scene: cs.Cloth((3, 3), pins=masked[..., 0] > 0),
+        lambda masked, scene: cs.Sphere(center=masked[0, 0]),
+        lambda masked, scene: cs.Sphere().center_at(masked[0, 0]),
+        lambda masked, scene: cs.sweep(scene, {"stiffness": masked[0, :, 0]}, duration=1e-3),
+    ],
+)
+def test_masked_arrays_are_refused(call):
+    scene = cs.Scene(cs.Cloth((3, 3)))
+    masked = np.ma.masked_less(1.0 + scene.initial_position, 1.2)
+    with pytest.raises(TypeError, match=r"masked array.*\.filled"):
+        call(masked, scene)
+
+
+def test_a_measure_that_overflows_or_is_told_of_nan_names_the_point():
+    scene = cs.Scene(cs.Cloth((4, 5)))
+    x, v = scene.initial_position.copy(), scene.initial_velocity.copy()
+    x[2, 3, 1] = 1e200
+    for call in (lambda: cs.energy(scene, x, v), lambda: cs.largest_stretch(scene, x), lambda: cs.energy(scene, v, x)):
+        with pytest.raises(ValueError, match=r"1e\+200 at mass point \(2, 3\)"):
+            call()
+    with pytest.raises(ValueError, match=r"mass point \(2, 3\) of batch member 1"):
+        cs.energy(scene, [v, x], [v, v])
+    x[2, 3, 1] = np.nan
+    for call in (
+        lambda: cs.energy(scene, x, v),
+        lambda: cs.largest_stretch(scene, x),
+        lambda: cs.penetration(x, cs.Sphere()),
+    ):
+        with pytest.raises(ValueError, match=r"nan at index \(2, 3, 1\), mass point \(2, 3\)"):
+            call()
