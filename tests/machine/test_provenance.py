@@ -5,7 +5,7 @@ from pathlib import Path
 import clothsim as cs
 import pytest
 from clothsim.lab.timing import StepTimer
-from clothsim.machine.provenance import processor, provenance
+from clothsim.machine.origin import processor, provenance
 
 CPUINFO = """processor\t: 0
 vendor_id\t: AuthenticAMD

@@ -13,7 +13,7 @@ import numpy as np
 from ..base import check
 from ..base.extras import check_installed, needed
 from ..machine.build import build_config
-from ..machine.provenance import provenance
+from ..machine.origin import provenance
 from ..methods.integration import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..run.frames import checked_every
