@@ -107,7 +107,7 @@ class Snapshot:
         Raises
         ------
         ValueError
-            If the file is no snapshot.
+            If the file is no snapshot, or is damaged: it has a digest of every array.
         OSError
             If the file cannot be read.
 
@@ -122,10 +122,8 @@ class Snapshot:
         ('start.npz', 0.0)
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
-        try:
+        with _files.reading(path, "snapshot"):
             return from_arrays(arrays)
-        except (ValueError, TypeError, KeyError) as error:
-            raise ValueError(f"{os.fspath(path)} is no snapshot of clothsim: {error}") from None
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
