@@ -19,6 +19,7 @@ for room, *others in (
     ("integrators", "memory", "kernels", "model"),
     ("engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
     ("driver", "engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
+    ("picture", "memory"),
     ("reference", "model"),  # shares no code with what it judges
 ):
     BELOW[room] = set(others)

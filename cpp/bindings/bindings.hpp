@@ -16,6 +16,7 @@ using Array = py::array_t<T, py::array::c_style>;
 void bind_benchmark(py::module_& m);
 void bind_build(py::module_& m);
 void bind_model(py::module_& m);
+void bind_picture(py::module_& m);
 void bind_simulation(py::module_& m);
 void bind_diagnostics(py::module_& m);
 void bind_reference(py::module_& m);

@@ -141,6 +141,7 @@ PYBIND11_MODULE(_core, m) {
     clothsim::bind_benchmark(m);
     clothsim::bind_build(m);
     clothsim::bind_model(m);
+    clothsim::bind_picture(m);
     clothsim::bind_simulation(m);
     clothsim::bind_diagnostics(m);
     clothsim::bind_reference(m);

@@ -71,6 +71,32 @@ class Sphere:
     def center_at(self, t: float) -> Floats: ...
     def velocity_at(self, t: float) -> Floats: ...
 
+class View:
+    def __init__(
+        self,
+        *,
+        width: int,
+        height: int,
+        samples: int,
+        axes: Floats,
+        target: tuple[float, float, float],
+        scale: float,
+        distance: float,
+    ) -> None: ...
+
+class Look:
+    def __init__(
+        self,
+        *,
+        colors: dict[str, Floats],
+        full_red_depth: float,
+        least_red: float,
+        key: Floats,
+        light: tuple[float, float, float, float],
+        grid_line: float,
+        grid_shade: float,
+    ) -> None: ...
+
 class Plan:
     def __init__(
         self,
@@ -167,6 +193,19 @@ def build_facts() -> dict[str, Any]: ...
 def choose_instruction_set(name: str) -> str: ...
 def fused_lengths(instruction_set: str, x: State, z: State) -> tuple[State, State]: ...
 def available_threads() -> int: ...
+def render(
+    *,
+    view: View,
+    look: Look,
+    points: Floats,
+    screen: Floats,
+    normals: Floats,
+    colors: Floats | None,
+    balls: Floats,
+    ground: list[float] | None,
+    shadow: bool,
+    threads: int,
+) -> npt.NDArray[np.uint8]: ...
 def method_facts(name: str) -> dict[str, Any]: ...
 def edge_offset(radius: float, rest_length: float) -> float: ...
 def thread_ids(rows: int, columns: int) -> npt.NDArray[np.void]: ...

@@ -75,34 +75,6 @@ def test_faces_front_is_blue_from_above_and_sand_from_below():
     assert below[50, 50, 0] > below[50, 50, 2]
 
 
-def test_nearest_triangle_agrees_with_a_ray_through_each_pixel():
-    """Rays against every triangle by Moeller and Trumbore, which shares nothing with the raster."""
-    rng = np.random.default_rng(3)
-    triangles = cs.triangles((6, 7))
-    screen = np.stack([rng.uniform(-10, 70, 42), rng.uniform(-10, 50, 42), rng.uniform(-5, 5, 42)], axis=-1)
-    depth, nearest, _ = raster._nearest_triangles(screen, triangles, 60, 40)
-    a, b, c = np.moveaxis(screen[triangles], 1, 0)
-    towards = np.array([0.0, 0.0, -1.0])
-    for row, column in rng.integers(0, (40, 60), (200, 2)):
-        start = np.array([column + 0.5, row + 0.5, 100.0])
-        p = np.cross(towards, c - a)
-        determinant = ((b - a) * p).sum(-1)
-        s = start - a
-        u = (s * p).sum(-1) / determinant
-        q = np.cross(s, b - a)
-        v = (q * towards).sum(-1) / determinant
-        z = np.where((u >= 0) & (v >= 0) & (u + v <= 1), 100 - (q * (c - a)).sum(-1) / determinant, -np.inf)
-        assert depth[row, column] == pytest.approx(z.max(), abs=1e-9)
-        assert nearest[row, column] == (z.argmax() if np.isfinite(z.max()) else -1)
-
-
-def test_chunks_of_pixels_do_not_show(monkeypatch):
-    scene = cs.scenes.paper_static()
-    whole = cs.picture(scene, width=200)
-    monkeypatch.setattr(raster, "CHUNK", 1000)
-    assert np.array_equal(cs.picture(scene, width=200), whole)
-
-
 def seen_by(colors, deficiency):
     """CIE L*a*b* of sRGB `colors` as dichromats see them (Machado et al. 2009, severity 1)."""
     machado = {

@@ -10,7 +10,7 @@ from ..base.extras import check_progress, needed
 from ..base.keywords import suggests
 from ..base.later import later
 from ..base.progress import ProgressBar
-from ..engine.options import PRECISIONS
+from ..engine.plan import PRECISIONS
 from ..model.scene import Scene
 from ..typing import Precision
 from .labelled import dataset

@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ..base import files
 from ..base.table import aligned
 
 COLUMNS = (
@@ -42,7 +41,7 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
 
 def write_csv(data: Any, path: Path) -> None:
     """Write a dataset of `work_precision` as CSV: its attributes as lines that begin with #, then one line per run."""
-    with files.replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with path.open("w", newline="") as file:
         for name, value in data.attrs.items():
             file.write(f"# {name}: {value}\n")
         writer = csv.DictWriter(file, COLUMNS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,9 @@ import numpy as np
 from ..base import files as _files
 from ..machine.build import build_config
 from ..model.scene import Scene
-from .options import Options
 
 SCHEMA = 1
-_OPTIONS = tuple(field.name for field in fields(Options))
+OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,11 +50,6 @@ class Snapshot:
         """The scene, or the scenes of a batch."""
         scene: Scene | Sequence[Scene] = self.arguments["scene"]
         return scene
-
-    @property
-    def options(self) -> Options:
-        """The options of the steps."""
-        return Options(**{name: self.arguments[name] for name in _OPTIONS})
 
     @property
     def time(self) -> float:
@@ -113,7 +107,7 @@ class Snapshot:
         Raises
         ------
         ValueError
-            If the file is no snapshot, or is damaged: it has a digest of every array.
+            If the file is no snapshot.
         OSError
             If the file cannot be read.
 
@@ -128,8 +122,10 @@ class Snapshot:
         ('start.npz', 0.0)
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
-        with _files.reading(path, "snapshot"):
+        try:
             return from_arrays(arrays)
+        except (ValueError, TypeError, KeyError) as error:
+            raise ValueError(f"{os.fspath(path)} is no snapshot of clothsim: {error}") from None
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
@@ -175,10 +171,10 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     )
 
 
-def take(state: Any, scene: Scene | Sequence[Scene], options: Options, track: bool = False) -> Snapshot:
+def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
     """A snapshot of a state that was made with these options."""
     arguments = {
-        **{name: getattr(options, name) for name in _OPTIONS},
+        **{name: options[name] for name in OPTIONS},
         "scene": scene,
         "track_contact_energy": track,
         "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],

@@ -166,7 +166,7 @@ class Recording:
     ----------
     state : State
         State that the run advances.
-    options : RunOptions
+    options : runs.Options
     watch : Watch
     dt : float or None
         Time step [s]; None with error control.
@@ -213,7 +213,7 @@ class Recording:
     def _advance(self, steps: int, dt: float) -> None:
         core = self.state.core
         before, begin = core.time, time.perf_counter()
-        self.state.judge.steps_before = self.steps
+        self.state.steps_before = self.steps
         done = steps
         try:
             self.state.advance(steps, dt)
@@ -230,7 +230,7 @@ class Recording:
         if self._watch.shows:
             most = min(most, self._chunk)
         begin = time.perf_counter()
-        self.state.judge.steps_before = self.steps
+        self.state.steps_before = self.steps
         outcome = self.state.core.advance_adaptive(until, end, most, *arguments)
         self.steps += outcome["steps"]
         self.rejected += outcome["rejected"]

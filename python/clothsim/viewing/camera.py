@@ -1,4 +1,4 @@
-"""The view of a picture. It is orthographic, so that lengths can be compared."""
+"""The view of a picture: orthographic, so that lengths can be compared, or in perspective."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DIRECTIONS = {
 @suggesting
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic view of a scene.
+    """A view of a scene.
 
     Parameters
     ----------
@@ -37,7 +37,10 @@ class Camera:
     target : sequence of 3 floats
         The point in the middle of the picture [m].
     width, height : float
-        Size of the part of the scene that the picture shows [m], > 0.
+        Size of the part of the plane through `target` that the picture shows [m], > 0.
+    distance : float, optional
+        Distance of the eye from `target` [m], > 0. Default: an orthographic view, in which equal lengths look
+        equal.
 
     Raises
     ------
@@ -57,10 +60,13 @@ class Camera:
     target: tuple[float, float, float]
     width: float
     height: float
+    distance: float | None = None
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
 
-        def __init__(self, direction: Numbers, target: Numbers, width: float, height: float) -> None: ...
+        def __init__(
+            self, direction: Numbers, target: Numbers, width: float, height: float, distance: float | None = None
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         direction = check.vector("direction", self.direction)
@@ -71,6 +77,9 @@ class Camera:
         for name in ("width", "height"):
             size = check.number(name, getattr(self, name), minimum=0, exclusive=True)
             object.__setattr__(self, name, size)
+        if self.distance is not None:
+            distance = check.number("distance", self.distance, minimum=0, exclusive=True)
+            object.__setattr__(self, "distance", distance)
 
     def axes(self) -> npt.NDArray[np.float64]:
         """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
@@ -148,8 +157,9 @@ def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayL
     axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     flat = x.reshape(-1, 3)
     # Only extremes count: of the cloth along the picture's axes, and of each sphere's outline.
-    seen = flat @ axes.T
-    points = [flat[np.concatenate([seen.argmin(axis=0), seen.argmax(axis=0)])]]
+    # `@` would wake BLAS's threads, which then spin beside the picture.
+    seen = np.einsum("pk,ak->ap", flat, axes)
+    points = [flat[np.concatenate([seen.argmin(axis=1), seen.argmax(axis=1)])]]
     for sphere in scene.spheres:
         centers = np.atleast_2d(sphere.center_at(np.asarray(t, float)))
         outline = sphere.radius * np.concatenate([axes, -axes])

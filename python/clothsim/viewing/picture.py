@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check, files
+from .. import _core
+from ..base import check
 from ..base.extras import needed
 from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
-from ..model.mesh import triangles
 from ..model.scene import Scene
 from . import png
 from .camera import Camera, camera_for
 from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, render
 
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
-WIDEST = 8192  # pixels; a picture of this width takes some 4 GB while it is drawn
+WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 
 
@@ -85,13 +85,12 @@ class Picture:
         """
         path = file_path("path", path)
         if path.suffix.lower() == ".png":
-            files.write_bytes(path, self._repr_png_())
+            path.write_bytes(self._repr_png_())
         else:
             image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
             if path.suffix.lower() not in image.registered_extensions():
                 raise ValueError(f"path must end in .png or in another suffix that Pillow knows, got {str(path)!r}")
-            with files.replacing(path) as part:
-                image.fromarray(self.pixels).save(part)
+            image.fromarray(self.pixels).save(path)
         return path
 
     def _repr_png_(self) -> bytes:
@@ -186,10 +185,9 @@ def draw(scene: Scene, x: npt.NDArray[np.float64], t: float, camera: Camera, wid
     size = PIN_SIZE * max(scene.cloth.size)
     balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in scene.spheres]
     balls += [Ball(point, size, PIN, solid=False) for point in x[scene.cloth.pinned]]
-    corners = triangles(scene.cloth.shape)
-    if not len(corners):  # a single row has no surface: its mass points are shown
+    if min(scene.cloth.shape) < 2:  # a single row has no surface: its mass points are shown
         balls += [Ball(point, size, CLOTH_FRONT, solid=False) for point in x[~scene.cloth.pinned]]
-    return Picture(render(x, corners, balls, camera, width))
+    return Picture(render(x, balls, camera, width, threads=_core.available_threads()))
 
 
 def frame_index(run: Any, frame: int | None, t: float | None) -> int:
