@@ -6,8 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,12 +17,15 @@ from ..engine.state import State
 from ..methods.bound import guaranteed_dt
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
-from .frames import NEGLIGIBLE, Floats, Schedule
+from .between import Ends
+from .frames import NEGLIGIBLE, Floats, Moment, Schedule
 from .recording import Continuation, Control, Recording, Watch
 
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
 _VELOCITY_WEIGHT = 3.0
+
+_ROUNDING = 4e-16  # of a time over the step size, as part of it
 
 _ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
 
@@ -140,7 +142,7 @@ class Solution:
         state, t, options = run.state, run.t, run.options
         fixed = options.integrator == "rk4"
         evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
-        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else _longest_step(t, run.dt)
+        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else min(run.dt, t[-1] - t[0] or run.dt)
         return cls(
             options,
             t,
@@ -155,12 +157,6 @@ class Solution:
             run.continuation,
             grid or Steps(),
         )
-
-
-def _longest_step(t: list[float], dt: float) -> float:
-    """The longest step of a run with the frames `t`: frames closer than `dt` shorten all steps between them."""
-    longest = max((end - begin for begin, end in pairwise(t)), default=dt)
-    return dt if longest >= dt * (1 - NEGLIGIBLE) else longest
 
 
 def integrate(
@@ -237,7 +233,9 @@ def run_fixed(
     own_step: bool = False,
     resumed: Resumed | None = None,
 ) -> Solution:
-    """One run at a fixed time step. The step before a frame is shorter where the step size does not divide the time.
+    """One run at a fixed time step. The last step is shorter where the step size does not divide the duration.
+
+    Frames between two steps are interpolated, so that they never change the run.
 
     `own_step`: the step is not the caller's, so no warning names it. `resumed`: the run to go on
     from.
@@ -254,18 +252,56 @@ def run_fixed(
     if not own_step:
         state.announce(duration / dt, dt)
     state.announced = True
-    for (begin, _), (end, t) in pairwise(moments):
-        advance_to(run, begin, end, dt)
-        run.store(end, t)
+    pass_frames(run, moments, dt)
     return Solution.of(run)
 
 
-def advance_to(state: Any, begin: float, end: float, dt: float) -> int:
-    """Take steps of `dt` from `begin` to `end`, the last one shorter if necessary; return their number."""
-    whole = math.floor((end - begin) / dt + NEGLIGIBLE)
-    state.advance(whole, dt)
-    rest = (end - begin) - whole * dt
-    if rest <= NEGLIGIBLE * dt:
-        return whole
-    state.advance(1, rest)
-    return whole + 1
+class Stepped(Protocol):
+    """A run or batch that `pass_frames` takes through its frames."""
+
+    def advance(self, steps: int, dt: float) -> None:
+        """Take `steps` steps of `dt`."""
+
+    def arrays_now(self) -> tuple[Floats, Floats]:
+        """Positions and velocities of the present state."""
+
+    def store(self, seconds: float, t: float) -> None:
+        """Store the present state as a frame."""
+
+    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
+        """Store an interpolated frame."""
+
+
+def pass_frames(run: Stepped, moments: list[Moment], dt: float) -> None:
+    """Take steps of `dt` from the first moment to the last, and store a frame at each of the others."""
+    begin, origin = moments[0]
+    length = moments[-1][0] - begin
+    whole = math.floor(length / dt + NEGLIGIBLE)
+    rest = length - whole * dt
+    last = rest > NEGLIGIBLE * dt  # there is a shorter last step
+    done = 0
+
+    def advance(steps: int) -> None:
+        """To the end of so many steps."""
+        nonlocal done
+        run.advance(min(steps, whole) - done, dt) if min(steps, whole) > done else None
+        if steps > whole >= done:
+            run.advance(1, rest)
+        done = max(done, steps)
+
+    ends: Ends | None = None
+    for seconds, t in moments[1:-1]:
+        passed = (seconds - begin) / dt
+        steps = math.floor(passed + NEGLIGIBLE + passed * _ROUNDING)
+        if passed - steps <= NEGLIGIBLE + passed * _ROUNDING:
+            advance(steps)
+            run.store(seconds, t)
+            continue
+        if ends is None or done <= steps:
+            advance(steps)
+            before = run.arrays_now()
+            advance(steps + 1)
+            ends = Ends(origin + steps * dt, dt if steps < whole else rest, before, run.arrays_now())
+        run.store_between(seconds, t, ends)
+    advance(whole + last)
+    run.store(*moments[-1])

@@ -12,6 +12,7 @@ import numpy as np
 from ..base import check
 from ..base.progress import ProgressBar
 from ..engine.state import State
+from .between import Ends
 from .frames import Floats, Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
@@ -196,7 +197,7 @@ class Recording:
         self._x: list[Floats] = []
         self._v: list[Floats] = []
         self._steps_at_frame = 0
-        self._ahead = False  # of the last frame, which is from dense output
+        self._ahead = False  # the present state comes after the last frame, which is interpolated
         self._watched: Mapping[str, Any] = {}
         self._chunk = 1
         watch.begin(self, earlier.seconds)
@@ -248,10 +249,19 @@ class Recording:
 
     def store(self, seconds: float, t: float) -> None:
         """Store the state at the time `t`; `seconds` counts from the start of the run."""
-        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
-        self.state.store(x, v)
+        x, v = self.arrays_now()
         self.state.core.sample()
         self._keep(seconds, t, x, v, ahead=False)
+
+    def arrays_now(self) -> Frame:
+        """Positions and velocities of the present state."""
+        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
+        self.state.store(x, v)
+        return x, v
+
+    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
+        """Store a frame between two steps, the last of which ends at the present state."""
+        self._keep(seconds, t, *ends.at(t, self.state.scenes[0]), ahead=True)
 
     def store_dense(self, seconds: float, t: float) -> None:
         """Store the state at a time `t` within the last step."""
@@ -288,8 +298,10 @@ class Recording:
         self._x, self._v = x, v
 
     def end_at_frame(self) -> None:
-        """End the run with the last frame. Dense output gives frames before the present state."""
-        if self._ahead:
+        """End the run with the last frame. With fixed steps the present state follows an interpolated frame."""
+        if self.dt is not None:
+            self.end_here()
+        elif self._ahead:
             self._watched = self.watched  # a state that is loaded is watched anew
             self.state.core.load(self._x[-1], self._v[-1])
             self.state.core.time = self.t[-1]

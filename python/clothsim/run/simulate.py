@@ -103,13 +103,14 @@ def simulate(
     -------
     Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
-        shorter. A method with error control keeps its own steps, and its dense output gives the
-        frames. A fixed step is shortened before a frame that it does not divide. ``run.report`` counts "steps",
-        "rejected_steps" and "force_evaluations"; the evaluations include the error estimate. "solution_evaluations",
-        "wall_time" [s], "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method.
-        "integrator", "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the
-        run was computed. With the backend "gpu", "instruction_set" is the adapter. "stopped" is "" for a whole run,
-        else "callback", "interrupted", "unstable", "contact" or "max_evaluations".
+        shorter. Frames never change the steps. A frame between two fixed steps is interpolated (cubic Hermite
+        polynomial of both states), and goes no deeper into a sphere than these states. With error control, dense
+        output of the method gives the frames. ``run.report`` counts "steps", "rejected_steps" and
+        "force_evaluations"; the evaluations include the error estimate. "solution_evaluations", "wall_time" [s],
+        "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method. "integrator",
+        "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the run was
+        computed. With the backend "gpu", "instruction_set" is the adapter. "stopped" is "" for a whole run, else
+        "callback", "interrupted", "unstable", "contact" or "max_evaluations".
 
         The report also has extremes over the states of the run. A state is the initial state, or the
         state at the end of a step, after the responses. Each is a mapping with a "reason": "", or why a

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from typing import Any
 
 from ..engine.stepper import SilentStepper
 from ..errors import ContactError, UnstableError
-from ..run.fixed_steps import advance_to, sample_every
+from ..run.between import Ends
+from ..run.fixed_steps import pass_frames, sample_every
 from ..run.frames import Schedule
 from .member import Member, Outcome
 
@@ -85,12 +86,8 @@ class _Batch:
         self.chunk = _FIRST_STEPS
 
     def run(self) -> list[Outcome]:
-        self._store(0.0)
-        last = self.moments[-1][0]
-        for (begin, _), (end, _) in pairwise(self.moments):
-            advance_to(self, begin, end, self.dt)
-            if self.keep_frames or end == last:
-                self._store(end)
+        self.store(0.0, 0.0)
+        pass_frames(self, self.moments if self.keep_frames else [self.moments[0], self.moments[-1]], self.dt)
         state = self.stepper._state
         for outcome, watched, evaluations in zip(self.all, self.core.watched, self.core.evaluations, strict=True):
             outcome.watched, outcome.state = watched, state
@@ -135,11 +132,23 @@ class _Batch:
         values = {name: getattr(error, name) for name in names}
         outcome.error = type(error)(step=self.total + 1, **values)
 
-    def _store(self, t: float) -> None:
+    def arrays_now(self) -> tuple[Any, Any]:
+        """Positions and velocities of all members."""
+        return self.stepper._arrays()
+
+    def store(self, seconds: float, t: float) -> None:
+        """Store the present state of each live member."""
         if self.live:
             self.core.sample()
-            x, v = self.stepper._arrays()
-            for k, outcome in self.live.items():
-                outcome.t.append(t)
-                outcome.x.append(x[k])
-                outcome.v.append(v[k])
+            self._keep(t, dict(enumerate(zip(*self.arrays_now()))))
+
+    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
+        """Store a frame between two steps of each live member."""
+        self._keep(t, {k: ends.member(k).at(t, outcome.scene) for k, outcome in self.live.items()})
+
+    def _keep(self, t: float, states: dict[int, tuple[Any, Any]]) -> None:
+        for k, outcome in self.live.items():
+            x, v = states[k]
+            outcome.t.append(t)
+            outcome.x.append(x)
+            outcome.v.append(v)

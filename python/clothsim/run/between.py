@@ -1,0 +1,52 @@
+"""A state between two steps: cubic Hermite interpolation that goes no deeper into a sphere than the states do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine.plan import point_radius
+from ..model.scene import Scene
+from ..model.sphere import Sphere
+from .frames import Floats
+
+
+@dataclass(frozen=True)
+class Ends:
+    """One time step: the states at its two ends.
+
+    Positions between them are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step
+    where no sphere responds. Velocities are its derivative, of order 3.
+    """
+
+    begin: float  # time of the scene [s]
+    step: float  # [s]
+    before: tuple[Floats, Floats]
+    after: tuple[Floats, Floats]
+
+    def member(self, k: int) -> Ends:
+        """The step of one member of a batch."""
+        (x0, v0), (x1, v1) = self.before, self.after
+        return replace(self, before=(x0[k], v0[k]), after=(x1[k], v1[k]))
+
+    def at(self, t: float, scene: Scene) -> tuple[Floats, Floats]:
+        """Positions and velocities of a scene at its time `t` within the step."""
+        (x0, v0), (x1, v1), h = self.before, self.after, self.step
+        s = (t - self.begin) / h
+        x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
+        v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
+        for sphere in scene.spheres:
+            self._lift(x, sphere, point_radius(sphere, scene.cloth), t)
+        return x, v
+
+    def _lift(self, x: Floats, sphere: Sphere, radius: float, t: float) -> None:
+        """Lift points to the lesser of their distances at both ends, where that is below the contact radius."""
+        ends = ((self.begin, self.before[0]), (self.begin + self.step, self.after[0]))
+        distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
+        allowed = np.minimum(np.minimum(*distances), radius)
+        center = sphere.center_at(t)
+        away = x - center
+        distance = np.linalg.norm(away, axis=-1)
+        inside = (distance < allowed) & (distance > 0)
+        x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]

@@ -1,0 +1,73 @@
+"""Frames never change a run: between two fixed steps they are interpolated."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+DURATION = 0.3
+OFTEN = (
+    {"fps": 30},
+    {"every": 0.0123},
+    {"times": [0.0400001, 0.1, 0.10003, 0.10005, 0.2999]},
+    {"every": 7},
+    {"every": "step"},
+)
+SWING = cs.scenes.paper_swing().replace(cloth=cs.Cloth((6, 5), (1, 1), mass=1.0, stiffness=100.0, damping=0.5))
+
+
+def moving_ball(response="continuous"):
+    ball = cs.Sphere((0.5, -0.5, 0.5), 0.2, cs.Linear((0, 2.0, 0)), response, "none", restitution=0.5)
+    return cs.Scene(cs.Cloth((9, 9), (1, 1), mass=1.0, stiffness=200.0, damping=0.1), ball)
+
+
+@pytest.mark.parametrize("frames", OFTEN, ids=str)
+@pytest.mark.parametrize("dt, steps", [(1e-3, 300), (1.7e-3, 177), (0.5, 1)])
+def test_the_end_has_the_same_bits_with_and_without_frames(frames, dt, steps, same_bits):
+    scene = SWING if dt == 0.5 else moving_ball()
+    if dt == 0.5:
+        scene = scene.replace(cloth=scene.cloth.replace(stiffness=0.1, damping=0.0))
+    alone, framed = (cs.simulate(scene, DURATION, dt=dt, **kwargs) for kwargs in ({}, frames))
+    assert same_bits([alone.x[-1], alone.v[-1]], [framed.x[-1], framed.v[-1]])
+    assert framed.report["steps"] == alone.report["steps"] == steps
+    assert framed.t[-1] == DURATION
+
+
+def test_the_paper_scene_at_thirty_frames_a_second_takes_whole_steps():
+    """Shortened steps ended 31.8 mm away after 1 s."""
+    scene = cs.scenes.paper_static()
+    alone, framed = (cs.simulate(scene, 0.5, dt=1e-4, fps=fps) for fps in (None, 30))
+    assert framed.report["steps"] == 5000
+    assert (framed.x[-1] == alone.x[-1]).all()
+
+
+def test_interpolated_frames_are_of_order_four():
+    times = np.array([0.0507, 0.1513, 0.2991])
+    exact = cs.simulate(SWING, DURATION, rtol=1e-12, times=times)
+    errors = []
+    for dt in (4e-3, 2e-3):
+        run = cs.simulate(SWING, DURATION, dt=dt, times=times)
+        errors.append((abs(run.x - exact.x).max(), abs(run.v - exact.v).max()))
+    ratios = np.divide(*errors)
+    assert 12 < ratios[0] < 20 and 6 < ratios[1] < 20
+    assert errors[1][0] < 1e-6
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray", "continuous"])
+def test_an_interpolated_frame_is_no_deeper_in_a_sphere_than_the_states_beside_it(response):
+    scene, dt = moving_ball(response), 5e-3
+    steps = cs.simulate(scene, DURATION, dt=dt, every="step")
+    between = cs.simulate(scene, DURATION, dt=dt, every=dt / 7.3)
+    depth = steps.penetration()["points"]
+    for t, deep in zip(between.t, between.penetration()["points"]):
+        k = min(int(t / dt), len(depth) - 2)
+        assert deep <= max(depth[k], depth[k + 1]) + 1e-12
+    assert between.report["first_contact"]["time"] > 0
+
+
+def test_a_callback_that_stops_between_two_steps_leaves_the_next_state_last(same_bits):
+    run = cs.simulate(SWING, DURATION, dt=2e-3, fps=30, callback=lambda t, x, v: t > 0.06)
+    assert run.report["stopped"] == "callback"
+    assert run.t[-2] == pytest.approx(2 / 30) and run.t[-1] == pytest.approx(0.068)
+    rest = run.resume(DURATION - run.t[-1])
+    whole = cs.simulate(SWING, DURATION, dt=2e-3)
+    assert same_bits([rest.x[-1]], [whole.x[-1]])
