@@ -80,9 +80,14 @@ def test_frames_go_on_in_their_grid(same_bits):
 
 
 def test_a_duration_that_dt_does_not_divide(same_bits):
-    whole = cs.simulate(SMALL, 0.0331, dt=1e-3, times=[0.01537])
-    rest = cs.simulate(SMALL, 0.01537, dt=1e-3).resume(0.0331 - 0.01537)
-    assert same_bits(end(rest), end(whole)) and rest.t[-1] == whole.t[-1]
+    """The first run ends with a shorter step, and the second begins there."""
+    first = cs.simulate(SMALL, 0.01537, dt=1e-3)
+    rest = first.resume(0.0331 - 0.01537)
+    stepper = cs.Stepper(SMALL)
+    for steps, dt in [(15, 1e-3), (1, 0.01537 - 15e-3), (17, 1e-3), (1, 0.0331 - 0.01537 - 17e-3)]:
+        stepper.advance(steps, dt)
+    assert rest.t[-1] == 0.0331 and (first.report["steps"], rest.report["steps"]) == (16, 18)
+    assert abs(rest.x[-1] - stepper.positions).max() < 1e-15
 
 
 @pytest.mark.parametrize("scene", [SMALL.replace(spheres=()), SMALL], ids=["free", "contact"])
