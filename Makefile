@@ -68,7 +68,7 @@ test-view: $(VENV)/.built-test $(VENV)/.built-view
 	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest -m "slow or not slow" tests/view
 
 bench: $(VENV)/.built-bench
-	$(BIN)/clothsim bench
+	$(BIN)/python benchmarks/bench
 
 # The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone, then beside other such runtimes; docs/dev/release.md.
 wheel: $(BIN)/python

@@ -3,7 +3,6 @@
 from importlib.util import find_spec
 
 _NEEDED = {
-    "numba": ["python/clothsim/lab/peers/numba_kernels.py"],
     "xarray": ["python/clothsim/sweeps/accessor.py", "python/clothsim/sweeps/api.py"],
     "zarr": ["python/clothsim/sweeps/dataset.py"],
 }

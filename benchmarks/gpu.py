@@ -19,8 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from clothsim.gpu import adapters
-from clothsim.lab.shader import shader_report as report
-from clothsim.lab.shader.experiment import Settings, count, quick, run
+from clothsim.paper import gpu_report as report
+from clothsim.paper.gpu_runs import Settings, count, quick, run
 
 
 def arguments():

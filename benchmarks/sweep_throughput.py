@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import works
 from clothsim.engine.stepper import SilentStepper
 from clothsim.engine.stepping import step
-from clothsim.lab.bench import works
 from clothsim.model.ready import oscillator
 from clothsim.model.scene import Scene
 from clothsim.scenes import PAPER_DT

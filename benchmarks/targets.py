@@ -1,10 +1,10 @@
 """Acceptance targets of speed, judged on a saved run of the bench.
 
-    clothsim bench && python benchmarks/targets.py benchmarks/results/*.csv
+    python benchmarks/bench && python benchmarks/targets.py benchmarks/results/*.csv
 
-Targets at errors are those of `ERRORS`; `clothsim work-precision` measures them:
+Targets at errors are those of `ERRORS`; `python benchmarks/peers` measures them:
 
-    clothsim work-precision paper_swing --bend --threads 2 --peers --fastest --errors 4e-7,2e-8,1e-12
+    python benchmarks/peers paper_swing --bend --threads 2 --fastest --errors 4e-7,2e-8,1e-12
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clothsim.base.table import aligned
-from clothsim.lab.bench.figures import A_STEP_A_CALL, CONTINUOUS, FEATURE, Missing
-from clothsim.lab.bench.measured_run import ALL_SPRINGS, Measured, share_of_peak
-from clothsim.lab.bench.saved import read
+from bench.figures import A_STEP_A_CALL, ALL_SPRINGS, CONTINUOUS, FEATURE, Measured, Missing, share_of_peak
+from bench.saved import read
+from common import aligned
 
 LEFT_OUT = ("structural", "bend", "shear", "damping")
 

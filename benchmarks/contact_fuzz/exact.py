@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from clothsim.lab.contact.oracle import nearest_places
+from contact.oracle import nearest_places
 
 
 def _polynomial_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.lab.contact.oracle import corner_indices, nearest_places
-from clothsim.lab.contact.physics import on_sphere
+from contact.oracle import corner_indices, nearest_places
+from contact.physics import on_sphere
 
 QUIET = 1e-5  # m/s
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import clothsim as cs
 import numpy as np
-from clothsim.lab.contact.oracle import corner_indices, nearest_places
+from contact.oracle import corner_indices, nearest_places
 
 _MARGIN = 2e-6  # of the radius: places this far outside a sphere count as outside
 _ROUNDS = 400

@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import clothsim as cs
 import numpy as np
-from clothsim.lab.contact.oracle import corner_indices, nearest_places
 from clothsim.typing import Offset
+from contact.oracle import corner_indices, nearest_places
 
 from .exact import deepest_on_the_way
 from .search import finds_place

@@ -16,7 +16,6 @@ from . import errors as errors
 from . import scenes
 from . import typing as typing
 from .sweeps.registration import register as _register_accessor
-from .base.later import provide as _provide
 from .base.on_demand import on_demand as _on_demand
 from .machine.build import build_config
 from .model.cloth import Cloth
@@ -52,10 +51,6 @@ if TYPE_CHECKING:
     from .viewing.camera import Camera
     from .viewing.page import compare
     from .viewing.picture import Picture, picture
-
-_provide(
-    {"peers": "clothsim.lab.peers.solvers:installed_peers", "refusal of the peers": "clothsim.lab.peers.solvers:refused"}
-)
 
 __version__ = build_config()["version"]
 

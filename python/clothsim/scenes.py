@@ -6,7 +6,7 @@ from .base.on_demand import on_demand as _on_demand
 from .model.ready import PAPER_DT, cotton, denim, hanging, oscillator, paper_moving, paper_static, paper_swing
 
 if TYPE_CHECKING:
-    from .lab.hard_cases import hard_cases
+    from .hard_cases import hard_cases
 
 __all__ = [
     "PAPER_DT",
@@ -20,5 +20,5 @@ __all__ = [
     "paper_swing",
 ]
 
-__getattr__, __dir__ = _on_demand(globals(), {"hard_cases": "clothsim.lab.hard_cases"})
+__getattr__, __dir__ = _on_demand(globals(), {"hard_cases": "clothsim.hard_cases"})
 del TYPE_CHECKING

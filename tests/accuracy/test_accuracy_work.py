@@ -9,15 +9,14 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.accuracy import cache as _cache
-from clothsim.accuracy import front_table, methods
+from clothsim.accuracy import fastest, methods
 from clothsim.accuracy import work_plot as plots
 from clothsim.accuracy import work_table as tables
-from clothsim.accuracy.front import Front, Row, cheapest, front, statement
+from clothsim.accuracy.front import Front, Row, cheapest
 from clothsim.accuracy.labelled import pareto
 from clothsim.accuracy.measured import Measured
 from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
-from clothsim.lab.peers import solvers as peers
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 
@@ -149,8 +148,8 @@ def test_cheapest_finds_the_setting_and_asks_little():
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_front_takes_each_method_at_its_cheapest_setting(scene, solution):
-    found = front(
+def test_the_fastest_are_found_with_each_method_at_its_cheapest_setting(scene, solution):
+    found = fastest(
         scene, DURATION, [1e-7, 1e-10], methods=["rk4", "dop853"], precisions=["double"], windows=2, reference=solution
     )
     assert found.errors == (1e-7, 1e-10)
@@ -188,7 +187,7 @@ def _front_of(*entries):
         rows.append(Row(error, result))
     rows.sort(key=lambda row: (-row.error, row.result.fastest))
     errors = tuple(sorted({row.error for row in rows}, reverse=True))
-    return Front(cs.scenes.oscillator(), 0.5, errors, tuple(rows), ("diffrax is not installed",))
+    return Front(cs.scenes.oscillator(), 0.5, errors, tuple(rows))
 
 
 def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
@@ -198,13 +197,13 @@ def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
         (1e-6, "DOP853", "SciPy", 0.044),
         (1e-6, "rk4", "numba", 0.030),
     )
-    (one,) = statement(found)
+    (one,) = found.statement()
     assert one["fastest"] == "dop853 double" and one["next"] == "rk4 double"
     assert one["wall_time"] == pytest.approx(0.008, rel=1e-12, abs=0)
     assert one["next_ratio"] == pytest.approx(2.5, rel=1e-12, abs=0)
     assert one["peer"] == "rk4 double" and one["peer_ratio"] == pytest.approx(7.5, rel=1e-12, abs=0)
-    text = front_table.text_of_front(found)
-    assert "dop853 double" in text and "7.50x" in text and "diffrax is not installed" in text
+    text = str(found)
+    assert "dop853 double" in text and "7.50x" in text
 
 
 def test_csv_and_picture(data, tmp_path):
@@ -294,9 +293,6 @@ def test_bad_arguments(scene, solution):
         cs.work_precision(scene, DURATION, ["rk4"], windows=0, **options)
     with pytest.raises(TypeError, match="scene"):
         cs.work_precision(None, DURATION)
-    heavy = scene.replace(cloth=scene.cloth.replace(mass=np.linspace(1, 2, 42).reshape(SHAPE)))
-    with pytest.raises(ValueError, match="peers must be False .* uniform mass"):
-        cs.work_precision(heavy, DURATION, ["rk4"], peers=True)
 
 
 def test_own_methods_by_default_are_all_in_both_precisions():
@@ -305,33 +301,6 @@ def test_own_methods_by_default_are_all_in_both_precisions():
         for precision in ("double", "single"):
             assert (name, precision) in names
             assert ((f"{name} adaptive", precision) in names) == one.adaptive
-
-
-def test_peers_that_are_not_installed_are_named(scene, monkeypatch):
-    monkeypatch.setattr(peers, "find_spec", lambda name: None)
-    found, missing = peers.installed_peers(scene)
-    assert found == []
-    assert missing == [f"{name} is not installed" for name in ("numba", "scipy", "diffrax")]
-
-
-def _close(method, setting, scene, solution, bound):
-    outcome = method.solve(scene, DURATION, setting)
-    assert outcome.seconds > 0 and outcome.force_evaluations > 10
-    assert solution.error_of(outcome.x)["rms"] < bound
-    assert abs(outcome.v - solution.v[-1]).max() < 1e4 * bound
-
-
-@pytest.mark.peers
-def test_numba_peers_solve_the_scene(scene, solution):
-    _close(peers.NumbaRK4(), 5e-4, scene, solution, 2e-10)
-    _close(peers.SciPy("DOP853"), 1e-9, scene, solution, 1e-9)
-    _close(peers.SciPy("RK45"), 1e-7, scene, solution, 1e-7)
-
-
-@pytest.mark.peers
-def test_diffrax_peers_solve_the_scene(scene, solution):
-    _close(peers.Diffrax("Tsit5", 6), 1e-7, scene, solution, 1e-7)
-    _close(peers.Diffrax("Dopri8", 13), 1e-9, scene, solution, 1e-9)
 
 
 def test_one_name_is_no_sequence_of_methods(scene):

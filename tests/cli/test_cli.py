@@ -106,6 +106,9 @@ def test_run_prints_the_report_as_text(capsys):
         (("reproduce", "--experiment", "6"), "--experiment"),
         (("reproduce", "--threads", "two"), "--threads"),
         (("info", "--colour"), "--colour"),
+        (("bench", "--quick"), "bench is a script of a clone now: python benchmarks/bench"),
+        (("contact",), "python benchmarks/contact"),
+        (("work-precision", "--peers"), "--peers is a script of a clone now: python benchmarks/peers"),
     ],
 )
 def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
@@ -116,14 +119,7 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        ("bench", "--quick", "--section", "limits"),
-        ("reproduce", "--quick"),
-        ("work-precision", "paper_swing"),
-        ("stability",),
-    ],
-    ids=lambda command: command[0],
+    "command", [("reproduce", "--quick"), ("work-precision", "paper_swing"), ("stability",)], ids=lambda command: command[0]
 )
 @pytest.mark.parametrize("below", ["", "made/by/it"])
 def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
@@ -131,7 +127,6 @@ def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
 ):
     for measures in ("simulate", "work_precision", "stability_map", "Stepper"):
         monkeypatch.delattr(cs, measures)
-    monkeypatch.delattr("clothsim.lab.bench.machine_facts.describe")
     file = tmp_path / "file"
     file.write_text("kept")
     code, out, err = run(capsys, *command, "--out", file / below)
@@ -167,7 +162,7 @@ def test_interrupt_is_code_130(capsys, monkeypatch):
 @pytest.mark.parametrize("as_json", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_json):
     pytest.importorskip("matplotlib")
-    import clothsim.lab.paper as module
+    import clothsim.paper as module
 
     small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4, gpu_sizes=(16,), gpu_batches=(), gpu_seconds=0.01)
     monkeypatch.setattr(module, "QUICK", small)

@@ -5,8 +5,8 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.lab.contact import drop, resting, under_whole_cloth
-from clothsim.lab.contact.physics import on_sphere
+from contact import drop, resting, under_whole_cloth
+from contact.physics import on_sphere
 from contact_fuzz import crossings
 
 CENTER = np.array([0.2, -0.3, 0.1])
@@ -238,7 +238,7 @@ def test_contact_energy_is_what_the_total_changes_by():
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_what_rests_stays_at_rest(precision):
-    """`clothsim contact --full` and the test marked slow watch 1e6 steps."""
+    """`python benchmarks/contact --full` and the test marked slow watch 1e6 steps."""
     result = resting(20_000, precision=precision)
     assert result["touching"] == 64
     assert result["depth"] == 0 and result["normal_jitter"] < 1e-6

@@ -7,7 +7,7 @@ from functools import partial
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.lab.contact import cone
+from contact import cone
 from tables import each
 
 FREE = {"stiffness": 0.0, "damping": 0.0}

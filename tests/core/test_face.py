@@ -9,7 +9,7 @@ import clothsim as cs
 import contact_fuzz
 import numpy as np
 import pytest
-from clothsim.lab.contact.scene_table import follow
+from clothsim.paper.side_by_side import follow
 from contact_fuzz import triangle_cases
 from contact_fuzz.exact import distance, nearest_approach
 
@@ -49,7 +49,7 @@ def test_the_exact_check_finds_what_sampling_finds():
 
 @pytest.mark.parametrize("scene, end, dt", [("static", 0.3, 2e-4), ("moving", 0.32, 2e-4), ("fast", None, 1e-4)])
 def test_no_triangle_dips_in_the_papers_scenes_and_at_100_m_per_s(scene, end, dt):
-    """Every step is looked at; the whole scenes are in `clothsim contact`."""
+    """Every step is looked at; the whole scenes are in `python benchmarks/contact`."""
     row = follow(scene, "continuous, face", end, 1, dt)
     assert row["failure"] is None
     assert row["points"] == 0 and row["triangles"] == 0 and row["crossings"] == 0

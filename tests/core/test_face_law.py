@@ -1,13 +1,13 @@
 """The law of contact of offset "face": impulses for what arrives, Coulomb's cone for what rests.
 
-`clothsim contact` measures the figures at more steps, radii and counts.
+`python benchmarks/contact` measures the figures at more steps, radii and counts.
 """
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.lab.contact import draped, face_drop, impact, lying, stick
-from clothsim.lab.contact.physics import on_sphere
+from contact import draped, face_drop, impact, lying, stick
+from contact.physics import on_sphere
 from contact_fuzz import rests, shots, squeezes
 from contact_fuzz.search import finds_place
 from contact_fuzz.shots import _passed

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from clothsim.lab.shader import comparison
-from clothsim.lab.shader import shader_report as report
-from clothsim.lab.shader.experiment import Settings, run, touching_scene
-from clothsim.lab.shader.measurement import GPU, SCALAR, SIMD, Measurement, Target
+from clothsim.paper import gpu_report as report
+from clothsim.paper.gpu_runs import GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,7 +29,7 @@ def speeds(*triples):
 @pytest.mark.needs_no_adapter
 def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
     def found(measurements):
-        first = comparison.crossover(measurements, GPU, "single", 2, False)
+        first = report.crossover(measurements, GPU, "single", 2, False)
         return first and first.size
 
     assert found(speeds((32, 9, 1), (64, 5, 4), (128, 2, 3), (256, 1, 3))) == 128
@@ -45,7 +43,7 @@ def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
 @pytest.mark.needs_no_adapter
 def test_the_gain_is_over_the_fastest_of_the_cpu():
     fast, slow, gpu = made(SIMD, 32, 40.0), made("scalar", 32, 10.0), made(GPU, 32, 20.0)
-    assert comparison.against_cpu(gpu, [fast, slow, gpu]) == 0.5
+    assert report.against_cpu(gpu, [fast, slow, gpu]) == 0.5
     assert [row["times_fastest_cpu"] for row in report.rows([fast, slow, gpu])] == [1.0, 0.25, 0.5]
 
 
@@ -60,7 +58,7 @@ def test_a_window_that_was_ended_early_is_told():
     text = report.text([cut, whole])
     assert "* 1 of 2 measurements are means over fewer steps" in text and "after 1.5 s" in text
     assert "4 of 10 steps" in text and " 1.6*  SIMD" in text and " 2  GPU" in text
-    assert comparison.shortened([whole]) == []
+    assert report.shortened([whole]) == []
 
 
 @pytest.mark.needs_no_adapter
@@ -85,7 +83,7 @@ def test_the_papers_cloth_has_a_limit_of_its_own_and_others_end_early():
 
 def test_a_target_that_fails_is_left_out_by_name_and_the_rest_goes_on(device, monkeypatch):
     from clothsim.gpu import AdapterLostError
-    from clothsim.lab.shader import experiment
+    from clothsim.paper import gpu_runs as experiment
 
     real, told = experiment.measure, []
 
@@ -154,7 +152,7 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
         assert len(m.rates) == len(m.setup) == len(m.first_frames) == 2
         assert m.rate > 0 and all(seconds > 0 for seconds in m.first_frames[0])
         assert len(m.steps) == 2 and all(1 <= n <= 20 for n in m.steps)
-    assert bool(comparison.warnings(measurements)) == device.adapter.software
+    assert bool(report.warnings(measurements)) == device.adapter.software
 
 
 def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import clothsim as cs
 import pytest
-from clothsim.lab.timing import StepTimer
+from clothsim.base.clocks import StepTimer
 from clothsim.machine.origin import processor, provenance
 
 CPUINFO = """processor\t: 0
@@ -62,7 +62,7 @@ def test_timed_steps_end_at_their_number_or_in_time(monkeypatch, seconds, expect
         now += 5e-3 * steps
         parts.append(steps)
 
-    monkeypatch.setattr("clothsim.lab.timing.perf_counter", lambda: now)
+    monkeypatch.setattr("clothsim.base.clocks.perf_counter", lambda: now)
     done, elapsed = StepTimer(advance).timed(1000, seconds)
     assert done == sum(parts) and elapsed == pytest.approx(5e-3 * done)
     assert max(parts) == (1 if done == 1 else StepTimer.LONGEST_PART / 5e-3)

@@ -65,17 +65,14 @@ def test_every_room_has_a_folder_of_tests():
 
 
 def test_only_listed_methods_import_a_later_room():
-    """The import contract lists them. `numba_kernels` is compiled by an optional package.
-
-    `base/openmp.py` loads the core, which is no module of Python, and says how to build it.
-    """
+    """The import contract lists them. `base/openmp.py` loads the core, which is no module of Python."""
     contracts = (TESTS.parent / "pyproject.toml").read_text(encoding="utf-8")
     listed = set(re.findall(r'"clothsim\.([\w.]+) -> clothsim\.([\w.]+)"', contracts))
     found = {(module, other) for module, other, name, inside in IMPORTS if inside and name != "_core"}
-    found -= {("lab.peers.numba_peer", "lab.peers.numba_kernels"), ("run.result", "run.simulate")}
+    found -= {("run.result", "run.simulate")}
     assert len(IMPORTS) > 500 and len(listed) > 5 and found == listed
     by_name = [path.as_posix() for path in MODULES if "import_module" in (PACKAGE / path).read_text(encoding="utf-8")]
-    assert sorted(by_name) == ["base/extras.py", "base/later.py", "base/on_demand.py"]
+    assert sorted(by_name) == ["base/extras.py", "base/on_demand.py"]
 
 
 def test_no_circle_of_imports():
@@ -87,16 +84,20 @@ def test_no_circle_of_imports():
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
 
 
-def test_only_laboratory_and_command_line_import_the_front_door():
+EVIDENCE = ("paper", "hard_cases")
+
+
+def test_only_evidence_and_command_line_import_the_front_door():
     """Earlier rooms take the core from the root package, nothing else."""
     for module, other, name, _ in IMPORTS:
-        if module not in ("", "__main__") and module.split(".")[0] not in ("lab", "cli") and other in ("", "scenes"):
+        if module not in ("", "__main__") and module.split(".")[0] not in (*EVIDENCE, "cli") and other in ("", "scenes"):
             assert name == "_core", (module, other, name)
 
 
-def test_nothing_but_the_command_line_imports_the_laboratory():
-    others = {module.split(".")[0] for module, other, _, _ in IMPORTS if other.split(".")[0] == "lab"}
-    assert others == {"lab", "cli"}
+def test_nothing_but_the_command_line_imports_a_room_of_evidence():
+    for room in EVIDENCE:
+        others = {module.split(".")[0] for module, other, _, _ in IMPORTS if other.split(".")[0] == room}
+        assert others == {room, "cli"}
 
 
 PUBLIC = ("accuracy", "errors", "gpu", "machine", "scenes", "typing")
@@ -113,10 +114,10 @@ def public_names(module):
 
 
 def private_uses(module, text, listed):
-    """What a module of the laboratory takes that is not public: imports, and attributes of `cs`."""
+    """What a module of evidence takes that is not public: imports, and attributes of `cs`."""
     found = []
     for _, other, name, _ in listed:
-        if other.split(".")[0] in ("lab", "base") or (other in PUBLIC and name == other):
+        if other.split(".")[0] in (module.split(".")[0], "base") or (other in PUBLIC and name == other):
             continue
         if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
             found.append((module, f"{other}.{name}".strip(".")))
@@ -126,26 +127,26 @@ def private_uses(module, text, listed):
     return found
 
 
-def test_the_laboratory_uses_public_names_alone():
+def test_rooms_of_evidence_use_public_names_alone():
     """And the tools of `base`, which know nothing of cloth."""
     checked = 0
     for module, path in NAMES.items():
-        if module.split(".")[0] == "lab":
+        if module.split(".")[0] in EVIDENCE:
             listed = [one for one in IMPORTS if one[0] == module]
             checked += len(listed)
             assert private_uses(module, (PACKAGE / path).read_text(encoding="utf-8"), listed) == []
     assert checked > 100
     planted = [
-        ("lab.x", "engine.plan", "KERNELS", False),
-        ("lab.x", "", "_core", False),
-        ("lab.x", "gpu.device", "using", False),
+        ("paper.x", "engine.plan", "KERNELS", False),
+        ("paper.x", "", "_core", False),
+        ("paper.x", "gpu.device", "using", False),
     ]
     planted += [
-        ("lab.x", "accuracy", "own_methods", False),
-        ("lab.x", "accuracy", "Outcome", False),
-        ("lab.x", "", "", False),
+        ("paper.x", "accuracy", "own_methods", False),
+        ("paper.x", "accuracy", "Outcome", False),
+        ("paper.x", "", "", False),
     ]
-    found = private_uses("lab.x", "cs.Scene(cs._core.Cloth, cs.typing.Precision)", planted)
+    found = private_uses("paper.x", "cs.Scene(cs._core.Cloth, cs.typing.Precision)", planted)
     wrong = ["engine.plan.KERNELS", "_core", "gpu.device.using", "accuracy.own_methods", "cs._core"]
     assert [what for _, what in found] == wrong
 

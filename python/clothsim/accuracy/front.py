@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..base import check
-from ..base.later import later
 from ..base.progress import ProgressBar
+from ..base.table import aligned
 from ..model.scene import Scene
 from ..typing import Precision
 from .labelled import label
 from .measured import Bench, Measured
-from .methods import OWN, Method, own_methods
+from .methods import OWN, Method, chosen_methods
 from .order import solution_for
 from .solution import Reference
 
@@ -29,7 +29,7 @@ ERRORS = tuple(10.0**-k for k in range(4, 13))
 _CLOSE = 1.03
 
 # The guaranteed stable step holds in any state; a run may stand more than twice it. So every fixed-step
-# method, also a peer's, is tried from this many times its default coarsest step on.
+# method, also of another program, is tried from this many times its default coarsest step on.
 _BEYOND_GUARANTEE = 2.5
 
 # Settings that no search goes beyond, and how many times the fewest force evaluations.
@@ -95,7 +95,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Front:
-    """Result of `front`.
+    """Result of `fastest`; printed, a table.
 
     Attributes
     ----------
@@ -105,33 +105,98 @@ class Front:
         Errors asked for [m], rms, the largest first.
     rows : tuple of Row
         For each error the methods that reach it, the fastest first.
-    missing : tuple of str
-        Peers that are not installed, or why there are none.
     """
 
     scene: Scene
     duration: float
     errors: tuple[float, ...]
     rows: tuple[Row, ...]
-    missing: tuple[str, ...]
 
     def at(self, error: float, own: bool | None = None) -> list[Row]:
-        """The methods that reach `error`, fastest first; only this package's, or only peers."""
+        """The methods that reach `error`, fastest first; only this package's, or only other programs'."""
         return [r for r in self.rows if r.error == error and (own is None or r.own == own)]
 
     def wall_time(self, row: Row) -> float:
         """Wall time per simulated second [s/s]."""
         return row.result.fastest / self.duration
 
+    def statement(self) -> list[dict[str, Any]]:
+        """At each error the fastest choice, how much slower the next method is, and the best of other programs, the peers.
 
-def front(
+        Returns
+        -------
+        list of dict
+            One per error: "error", "fastest" and "next" (labels), "setting", "wall_time",
+            "force_evaluations", "next_ratio" (times slower), "peer", "peer_wall_time", "peer_ratio";
+            None where nothing reaches the error.
+        """
+        result = []
+        for error in self.errors:
+            own, peer = self.at(error, own=True), self.at(error, own=False)
+            other = [row for row in own[1:] if row.result.method.name != own[0].result.method.name]
+            first = self.wall_time(own[0]) if own else None
+
+            def ratio(rows: list[Row], first: float | None = first) -> float | None:
+                return self.wall_time(rows[0]) / first if rows and first else None
+
+            result.append(
+                {
+                    "error": error,
+                    "fastest": label(own[0].result.method) if own else None,
+                    "setting": own[0].result.setting if own else None,
+                    "wall_time": first,
+                    "force_evaluations": own[0].result.force_evaluations if own else None,
+                    "next": label(other[0].result.method) if other else None,
+                    "next_ratio": ratio(other),
+                    "peer": label(peer[0].result.method) if peer else None,
+                    "peer_wall_time": self.wall_time(peer[0]) if peer else None,
+                    "peer_ratio": ratio(peer),
+                }
+            )
+        return result
+
+    def __str__(self) -> str:
+        head = (
+            "rms error [m]",
+            "fastest",
+            "setting",
+            "evaluations",
+            "s/s",
+            "next method",
+            "slower",
+            "best peer",
+            "s/s",
+            "slower",
+        )
+        lines = [
+            (
+                f"{one['error']:.0e}",
+                one["fastest"] or "none",
+                _number(one["setting"], ".2e"),
+                _number(one["force_evaluations"], "d"),
+                _number(one["wall_time"], ".4f"),
+                one["next"] or "none",
+                _number(one["next_ratio"], ".2f", "x"),
+                one["peer"] or "none",
+                _number(one["peer_wall_time"], ".4f"),
+                _number(one["peer_ratio"], ".2f", "x"),
+            )
+            for one in self.statement()
+        ]
+        return aligned(head, lines, left=(0, 1, 5, 7))
+
+
+def _number(value: float | None, form: str, unit: str = "") -> str:
+    return "-" if value is None else f"{value:{form}}{unit}"
+
+
+def fastest(
     scene: Scene,
     duration: float,
     errors: Sequence[float] = ERRORS,
     *,
-    methods: Sequence[str] | None = None,
+    methods: Sequence[str | Method] | None = None,
     precisions: Sequence[Precision] = ("double", "single"),
-    peers: bool = False,
     threads: int | None = None,
     windows: int = 7,
     longest: float = 5.0,
@@ -142,7 +207,7 @@ def front(
 
     Parameters
     ----------
-    scene, duration, methods, precisions, peers, threads, windows, reference, progress
+    scene, duration, methods, precisions, threads, windows, reference, progress
         As for `work_precision`.
     errors : sequence of float
         Rms errors [m].
@@ -157,9 +222,9 @@ def front(
     Examples
     --------
     >>> import clothsim as cs
-    >>> from clothsim.accuracy.front import front
-    >>> found = front(cs.scenes.oscillator(), 1.0, [1e-4, 1e-8], methods=["rk4", "dop853"],
-    ...               precisions=["double"], windows=1)
+    >>> from clothsim.accuracy import fastest
+    >>> found = fastest(cs.scenes.oscillator(), 1.0, [1e-4, 1e-8], methods=["rk4", "dop853"],
+    ...                 precisions=["double"], windows=1)
     >>> [row.result.rms <= row.error for row in found.rows]
     [True, True, True, True]
     """
@@ -167,14 +232,7 @@ def front(
     count = check.size("errors", errors)
     wanted = [check.number(f"errors[{k}]", errors[k], minimum=0, exclusive=True) for k in range(count)]
     wanted = sorted(set(wanted), reverse=True)
-    missing: list[str] = []
-    chosen: list[Method] = list(own_methods(methods, precisions, threads))
-    if peers:
-        if reason := later("refusal of the peers")(scene):
-            missing = [reason]
-        else:
-            more, missing = later("peers")(scene, threads)
-            chosen += more
+    chosen = chosen_methods(scene, methods, precisions, threads)
     # Methods with error control need few evaluations at every error, so they bound the search of the others.
     chosen.sort(key=lambda method: method.control != "rtol")
     rows: list[Row] = []
@@ -190,7 +248,7 @@ def front(
         for _ in bench.time([row.result for row in rows], windows):
             bar.advance(1)
     rows.sort(key=lambda row: (-row.error, row.result.fastest))
-    return Front(scene, duration, tuple(wanted), tuple(rows), tuple(missing))
+    return Front(scene, duration, tuple(wanted), tuple(rows))
 
 
 def _search(bench: Bench, method: Method, errors: list[float], longest: float, best: dict[float, float]) -> list[Row]:
@@ -228,39 +286,3 @@ def _search(bench: Bench, method: Method, errors: list[float], longest: float, b
         copy = Measured(method, setting, found.rms, found.max, found.force_evaluations)
         rows.append(Row(error, copy))
     return rows
-
-
-def statement(found: Front) -> list[dict[str, Any]]:
-    """At each error the fastest choice, how much slower the next method is, and the best peer.
-
-    Returns
-    -------
-    list of dict
-        One per error: "error", "fastest" and "next" (labels), "setting", "wall_time",
-        "force_evaluations", "next_ratio" (times slower), "peer", "peer_wall_time", "peer_ratio";
-        None where nothing reaches the error.
-    """
-    result = []
-    for error in found.errors:
-        own, peer = found.at(error, own=True), found.at(error, own=False)
-        other = [row for row in own[1:] if row.result.method.name != own[0].result.method.name]
-        first = found.wall_time(own[0]) if own else None
-
-        def ratio(rows: list[Row], first: float | None = first) -> float | None:
-            return found.wall_time(rows[0]) / first if rows and first else None
-
-        result.append(
-            {
-                "error": error,
-                "fastest": label(own[0].result.method) if own else None,
-                "setting": own[0].result.setting if own else None,
-                "wall_time": first,
-                "force_evaluations": own[0].result.force_evaluations if own else None,
-                "next": label(other[0].result.method) if other else None,
-                "next_ratio": ratio(other),
-                "peer": label(peer[0].result.method) if peer else None,
-                "peer_wall_time": found.wall_time(peer[0]) if peer else None,
-                "peer_ratio": ratio(peer),
-            }
-        )
-    return result

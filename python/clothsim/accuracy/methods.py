@@ -75,7 +75,7 @@ class Method(Protocol):
     threads : int or None
     control : {"dt", "rtol"}
         Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at the end by the
-        tolerance times the cloth's size. The peers bound the error of each step.
+        tolerance times the cloth's size. Other solvers mostly bound the error of each step.
 
     Examples
     --------
@@ -210,6 +210,21 @@ class Own:
         )
         report = run.report
         return Outcome(run.x[-1], run.v[-1], report["solution_evaluations"], report["wall_time"])
+
+
+def chosen_methods(
+    scene: Scene, methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None
+) -> list[Method]:
+    """The argument `methods` of `clothsim.work_precision`: integrators by name, then methods of others."""
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
+        raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
+    names = None if methods is None else [m for m in methods if isinstance(m, str)]
+    chosen = [*own_methods(names, precisions, threads), *(m for m in methods or () if not isinstance(m, str))]
+    if not chosen:
+        raise ValueError("methods must name at least one method, got none")
+    return chosen
 
 
 def own_methods(

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 from ..base import check
 from ..base.extras import check_progress, needed
 from ..base.keywords import suggests
-from ..base.later import later
 from ..base.progress import ProgressBar
 from ..engine.plan import PRECISIONS
 from ..model.scene import Scene
 from ..typing import Precision
 from .labelled import dataset
 from .measured import Bench, Measured
-from .methods import Method, own_methods
+from .methods import Method, chosen_methods
 from .order import solution_for
 from .solution import Reference
 
@@ -32,7 +31,6 @@ def work_precision(
     precisions: Sequence[Precision] = PRECISIONS,
     dts: Sequence[float] | None = None,
     rtols: Sequence[float] | None = None,
-    peers: bool = False,
     threads: int | None = None,
     windows: int = 5,
     longest: float = 10.0,
@@ -61,13 +59,10 @@ def work_precision(
         times that of RK4 for an implicit method). Each next step is half as long.
     rtols : sequence of float, optional
         Tolerances of adaptive methods, over the cloth's longer side. `simulate` takes them for the
-        error at the end; the cost leaves out its error estimate. The peers take them for a step.
+        error at the end; the cost leaves out its error estimate.
         Default: 1e-3, 1e-4, ..., 1e-13.
-    peers : bool, default False
-        True adds the installed peers: numba's RK4, SciPy's DOP853 and RK45 over numba's forces, and diffrax (extras
-        "bench" and "peers").
     threads : int, optional
-        Threads of every method. Default: as in `simulate`; one for the peers.
+        Threads of every method. Default: as in `simulate`.
     windows : int, default 5
         Timed runs of each method and setting.
     longest : float, default 10.0
@@ -109,7 +104,7 @@ def work_precision(
     check_progress(check.boolean("progress", progress))
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
-    chosen = _methods(scene, methods, precisions, check.boolean("peers", peers), threads)
+    chosen = chosen_methods(scene, methods, precisions, threads)
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
     jobs = [(m, n) for m, settings in enumerate(levels) for n in range(len(settings))]
     results: dict[tuple[int, int], Measured] = {}
@@ -126,25 +121,6 @@ def work_precision(
         for _ in bench.time(list(results.values()), windows):
             bar.advance(1)
     return dataset(xarray, bench, chosen, results)
-
-
-def _methods(
-    scene: Scene, methods: Sequence[str | Method] | None, precisions: Sequence[Precision], peers: bool, threads: int | None
-) -> list[Method]:
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
-    if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
-        raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
-    names = None if methods is None else [m for m in methods if isinstance(m, str)]
-    chosen: list[Method] = list(own_methods(names, precisions, threads))
-    chosen += [m for m in methods or () if not isinstance(m, str)]
-    if peers:
-        if reason := later("refusal of the peers")(scene):
-            raise ValueError(f"peers must be False for this scene: {reason}")
-        chosen += later("peers")(scene, threads)[0]
-    if not chosen:
-        raise ValueError("methods must name at least one method, got none")
-    return chosen
 
 
 def _settings(

@@ -1,9 +1,10 @@
-"""Names of a package that are imported at their first use, because a simulation does not need them."""
+"""Names and modules that are imported at their first use, because a simulation does not need them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 
@@ -25,3 +26,8 @@ def on_demand(
 
     names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
     return get, lambda: sorted(names)
+
+
+def module_of(name: str) -> ModuleType:
+    """Import the module with this full name, which implements a command or a file format."""
+    return import_module(name)

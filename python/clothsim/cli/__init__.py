@@ -17,8 +17,8 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from ..base.later import module_of
-from ._common import COMMANDS
+from ..base.on_demand import module_of
+from ._common import COMMANDS, SCRIPTS
 
 
 class _Parser(argparse.ArgumentParser):
@@ -64,7 +64,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     given = sys.argv[1:] if argv is None else list(argv)
-    args, unknown = parser(next((one for one in given if not one.startswith("-")), None)).parse_known_args(given)
+    chosen = next((one for one in given if not one.startswith("-")), None)
+    top = parser(chosen)
+    if chosen in SCRIPTS:
+        top.error(f"{chosen} is a script of a clone now: {SCRIPTS[chosen]}")
+    args, unknown = top.parse_known_args(given)
     if unknown:
         _refuse(args.parser, unknown)
     with warnings.catch_warnings():
@@ -73,6 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse(command: argparse.ArgumentParser, unknown: Sequence[str]) -> NoReturn:
+    if unknown[0] in SCRIPTS:
+        command.error(f"{unknown[0]} is a script of a clone now: {SCRIPTS[unknown[0]]}")
     known = [option for action in command._actions for option in action.option_strings]
     close = difflib.get_close_matches(unknown[0], known, 1) if unknown[0].startswith("-") else []
     command.error(f"unrecognized arguments: {' '.join(unknown)}{f' (did you mean {close[0]}?)' if close else ''}")

@@ -20,11 +20,12 @@ COMMANDS = {
     "plot": "Draw a stored sweep or a saved run.",
     "stability": "Map which time steps are stable at which stiffness, predicted and measured, or run the hard cases.",
     "work-precision": "Measure error against wall time for integrators, precisions and steps or tolerances.",
-    "contact": "Measure what is claimed of continuous contact.",
     "reproduce": "Run the experiments of Kim et al. and write a report.",
-    "bench": "Measure speed beside the machine's limits and other codes.",
 }
 """The help of every command, in the order of `clothsim --help`; each is a module of this package."""
+
+SCRIPTS = {"bench": "python benchmarks/bench", "contact": "python benchmarks/contact", "--peers": "python benchmarks/peers"}
+"""Commands and options of an earlier version, and the script of a clone that does their work."""
 
 EVERY_HELP = (
     "store a frame every N steps (whole number from 2), every S seconds (with a point or "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from clothsim.lab.paper import reproduce, text
+from clothsim.paper import reproduce, text
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command

@@ -10,7 +10,7 @@ import numpy as np
 import clothsim as cs
 from clothsim.base import check
 from clothsim.engine.plan import INTEGRATORS, PRECISIONS
-from clothsim.lab.hard_cases.case_table import hard_case_table, run_hard_cases
+from clothsim.hard_cases.case_table import hard_case_table, run_hard_cases
 from clothsim.stability.map import measure_map
 from clothsim.stability.map_report import draw_map, map_table, write_csv
 

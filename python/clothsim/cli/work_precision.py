@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
-from clothsim.accuracy.front import ERRORS, front, statement
-from clothsim.accuracy.front_table import text_of_front
+from clothsim.accuracy import fastest
+from clothsim.accuracy.front import ERRORS
 from clothsim.accuracy.work_plot import plot_work_precision
 from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
 from clothsim.base import check
@@ -41,7 +41,6 @@ def add_parser(subparsers: Any) -> None:
         "several times (default: all)",
     )
     command.add_argument("--precision", action="append", choices=("double", "single"), help="only this one (default: both)")
-    command.add_argument("--peers", action="store_true", help="also what is installed of numba, SciPy and diffrax")
     command.add_argument("--threads", type=count, metavar="N", help="threads (default: automatic)")
     command.add_argument("--windows", type=count, default=5, metavar="N", help="timed runs of each (default 5)")
     command.add_argument(
@@ -74,7 +73,6 @@ def run(args: argparse.Namespace) -> None:
         args.duration,
         args.method,
         precisions=precisions,
-        peers=args.peers,
         threads=args.threads,
         windows=args.windows,
         progress=progress,
@@ -117,5 +115,5 @@ def _fastest(args: argparse.Namespace, precisions: Any, progress: bool) -> None:
     refuse_ignored(args, "--fastest", ["--out"])
     options = {"methods": args.method, "precisions": precisions, "windows": args.windows, "progress": progress}
     wanted = ERRORS if args.errors is None else _errors(args.errors)
-    found = front(_scene(args), args.duration, wanted, peers=args.peers, threads=args.threads, **options)
-    print(as_json(statement(found)) if args.json else text_of_front(found))
+    found = fastest(_scene(args), args.duration, wanted, threads=args.threads, **options)
+    print(as_json(found.statement()) if args.json else found)

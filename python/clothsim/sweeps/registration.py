@@ -8,7 +8,7 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-from ..base.later import module_of
+from ..base.on_demand import module_of
 
 
 def register() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..base import check
 from ..base.extras import needed
-from ..base.later import module_of
+from ..base.on_demand import module_of
 from ..base.progress import ProgressBar
 from .clip import Clip
 

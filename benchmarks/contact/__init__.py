@@ -1,0 +1,24 @@
+"""Measured figures behind the claims about response "continuous" and offset "face".
+
+Each figure is a function that returns a dict of numbers; `python benchmarks/contact` prints them, the tests
+assert them, docs/contact.md explains them. Sizes are arguments. Tests take small sizes, and the command's ``--full``
+takes the sizes of the claims.
+"""
+
+from .cost import cost, drape
+from .law import draped, face_drop, impact, lying, stick
+from .physics import cone, drop, resting, under_whole_cloth
+
+__all__ = [
+    "cone",
+    "cost",
+    "drape",
+    "draped",
+    "drop",
+    "face_drop",
+    "impact",
+    "lying",
+    "resting",
+    "stick",
+    "under_whole_cloth",
+]

@@ -1,0 +1,139 @@
+"""Measure what docs/contact.md claims of continuous contact.
+
+python benchmarks/contact                # every figure in short sizes
+python benchmarks/contact stick --full   # one figure, in the sizes of the claims
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from clothsim.paper.side_by_side import SCENES, comparison, follow
+from clothsim.typing import Precision
+from common import Progress, aligned, as_json, short
+
+import contact
+
+SLOPE = math.tan(0.35)
+_IMPACTS: tuple[tuple[float, Precision], ...] = ((1.0, "double"), (1.0, "single"), (0.0, "double"))
+
+UNITS = {
+    "points": "m",
+    "triangles": "m",
+    "depth": "m",
+    "jitter": "m",
+    "normal_jitter": "m",
+    "slip": "m",
+    "expected": "m",
+    "spread": "m",
+    "dt": "s",
+    "time": "s",
+    "made": "J",
+    "kinetic_at_impact": "J",
+    "elastic_afterwards": "J",
+    "contact_energy": "J",
+}
+
+# Figure: what it shows, and its arguments in short and in full.
+FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "faces": ("deepest triangle, every step", {"look": 4}, {"look": 1}),
+    "drop": ("energy made by an elastic drop", {"dt": 2e-5}, {"dt": 5e-6}),
+    "under": ("energy made under the whole cloth", {}, {}),
+    "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
+    "cone": ("friction below and above tan(slope)", {}, {}),
+    "stick": ("friction of faces at rest and sliding", {}, {"more": True}),
+    "impact": ("energy after an impact of a face", {"phases": 10}, {"phases": 40}),
+    "bounce": ("energy of a bouncing sheet of faces", {}, {"more": True}),
+    "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
+    "draped": ("how quietly a light sheet hangs", {"points": 24, "dt": 1e-4, "duration": 2.0}, {}),
+    "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
+    "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
+    "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
+}
+
+
+def _functions() -> dict[str, Callable[..., Any]]:
+    return {
+        "faces": lambda look: [
+            follow(name, response, look=look)
+            for name in SCENES
+            for response in ("reflect, corrected", "ray, corrected", "continuous, face")
+        ],
+        "drop": contact.drop,
+        "under": contact.under_whole_cloth,
+        "resting": contact.resting,
+        "cone": lambda: [contact.cone(part * SLOPE) for part in (0.0, 0.97, 1.03)],
+        "stick": lambda more=False: [
+            {"part": part, "dt": dt, "radius": radius, "points_per_side": points, **contact.stick(part, dt, radius, points)}
+            for points, steps in (((2, (1e-4, 2e-5, 5e-6, 1e-6)), (12, (1e-4,))) if more else ((2, (1e-4, 2e-5)),))
+            for part in (1.05, 0.95)
+            for dt in steps
+            for radius in ((0.1, 0.25, 1.0, 10.0) if more else (0.25, 10.0))
+        ],
+        "impact": lambda phases: [
+            {
+                "speed": speed,
+                "dt": dt,
+                "restitution": restitution,
+                "precision": precision,
+                **contact.impact(speed, dt, restitution, phases, precision),
+            }
+            for restitution, precision in _IMPACTS
+            for dt in (1e-4, 2e-5, 5e-6, 1e-6)
+            for speed in (1e-3, 0.1, 1.0, 30.0, 300.0)
+        ],
+        "bounce": lambda more=False: [
+            {"dt": dt, **contact.face_drop(dt)} for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
+        ],
+        "lying": contact.lying,
+        "draped": contact.draped,
+        "cost": contact.cost,
+        "drape": contact.drape,
+        "table": comparison,
+    }
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        prog="python benchmarks/contact", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
+    parser.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
+    args = parser.parse_args(argv)
+    for name in args.figures:
+        if name not in FIGURES:
+            parser.error(f"FIGURE must be some of {', '.join(FIGURES)}, got {name!r}")
+    functions, results, bar = _functions(), {}, Progress("figures")
+    for name in args.figures or FIGURES:
+        title, *sizes = FIGURES[name]
+        bar.say(name)
+        results[name] = functions[name](**sizes[args.full])
+        bar.close()
+        if not args.json:
+            print(f"{name}: {title}\n{_text(results[name])}", flush=True)
+        bar.advance()
+    bar.close()
+    if args.json:
+        print(as_json(results))
+
+
+def _text(result: Any) -> str:
+    if isinstance(result, dict):
+        lines = [(key.replace("_", " "), short(value, UNITS.get(key, ""))) for key, value in result.items()]
+        return aligned((), lines, left=(0, 1), indent="  ")
+    titles = [key.replace("_", " ") + (f" [{UNITS[key]}]" if key in UNITS else "") for key in result[0]]
+    cells = [[short(row.get(key)) for key in result[0]] for row in result]
+    return aligned(titles, cells, left=range(len(titles)), indent="  ", rule=False)
+
+
+if __name__ == "__main__":
+    main()

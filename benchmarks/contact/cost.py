@@ -1,0 +1,112 @@
+"""Cost of a step with a sphere, against the step without."""
+
+from __future__ import annotations
+
+from time import process_time
+from typing import Any
+
+import clothsim as cs
+from clothsim.typing import Precision
+from timing import Steps, measure
+
+# A variant's own step without a sphere, where it is not the one named first.
+_WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
+
+
+def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
+    cloth = cs.Cloth(pins=())
+    # Under the whole cloth, all 1,024 points on it.
+    under = cs.Sphere((0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2)
+    far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous")
+    settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
+    settled.advance(6000, 5e-5)
+    on_faces = cs.Stepper(cs.Scene(cloth, under.replace(offset="face")), threads=1)
+    on_faces.advance(6000, 5e-5)
+    paper = cs.scenes.paper_static("continuous")
+    falling = cs.Stepper(paper, threads=1)
+    falling.advance(4000, 1e-4)
+    lying, folded = falling.positions, falling.velocities
+
+    def stepper(spheres: Any, like: cs.Stepper) -> cs.Stepper:
+        scene = cs.Scene(cloth, spheres)
+        return cs.Stepper(scene, like.positions, like.velocities, threads=1, precision=precision)
+
+    return {
+        "no sphere": stepper((), settled),
+        "ray, touching nothing": stepper(far.replace(response="ray"), settled),
+        "continuous, touching nothing": stepper(far, settled),
+        "continuous, all points in contact": stepper(under, settled),
+        "continuous, all points sliding": stepper(under.replace(friction=0.0), settled),
+        "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
+        "the paper's cloth, no sphere": cs.Stepper(paper.replace(spheres=()), lying, folded, threads=1, precision=precision),
+        "continuous, the paper's sphere in contact": cs.Stepper(paper, lying, folded, threads=1, precision=precision),
+        "face, touching nothing": stepper(far.replace(offset="face"), settled),
+        "face, all triangles in contact": stepper(under.replace(offset="face"), on_faces),
+    }
+
+
+def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str, Any]]:
+    """Least time of a step over many short windows, the variants in turn, one thread.
+
+    Returns
+    -------
+    list of dict
+        "precision", "variant", "microseconds" and "ratio" to the step without a sphere of the
+        same cloth.
+    """
+    rows = []
+    for precision in ("double", "single"):
+        steppers = _steppers(precision)
+        timings = measure([Steps(stepper, dt, steps) for stepper in steppers.values()], windows)
+        least = dict(zip(steppers, (timing.minimum for timing in timings), strict=True))
+        rows += [
+            {
+                "precision": precision,
+                "variant": name,
+                "microseconds": 1e6 * taken,
+                "ratio": taken / least[_WITHOUT.get(name, "no sphere")],
+            }
+            for name, taken in least.items()
+        ]
+    return rows
+
+
+def drape(
+    points: int = 48, dt: float = 1e-4, duration: float = 0.8, stages: int = 16, windows: int = 4
+) -> list[dict[str, Any]]:
+    """Processor time of a step of a light sheet that falls on a sphere and drapes, one thread.
+
+    The sheet of 1 m and 0.3 kg falls on the sphere of docs/draping.md, restitution 0, friction 0.5.
+    Each stage ends with steps of the sheet, in turn with steps of a copy without the sphere.
+
+    Parameters
+    ----------
+    points : int
+        Mass points along each side.
+    dt : float
+        Time step [s].
+    duration : float
+        Simulated time [s].
+    stages : int
+        Stages of equal duration.
+    windows : int
+        Windows of 10 steps that are timed in each stage.
+
+    Returns
+    -------
+    list of dict
+        "time" [s] of the stage's end, "microseconds" of a step there and "ratio" to a step without
+        the sphere, each the least of its windows.
+    """
+    cloth = cs.Cloth((points, points), mass=0.3, stiffness=60.0, damping=0.02, pins=())
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.25, None, "continuous", "face", 0.0, 0.5)
+    scene = cs.Scene(cloth, sphere)
+    stepper, steps, rows = cs.Stepper(scene, threads=1), 10, []
+    for stage in range(1, stages + 1):
+        timed = (windows + 1) * steps  # `measure` begins with a window that does not count
+        stepper.advance(max(1, round((stage * duration / stages - stepper.time) / dt) - timed), dt)
+        free = cs.Stepper(scene.replace(spheres=()), stepper.positions, stepper.velocities, threads=1)
+        works = [Steps(stepper, dt, steps), Steps(free, dt, steps)]
+        with_sphere, without = (timing.minimum for timing in measure(works, windows, clock=process_time))
+        rows.append({"time": stepper.time, "microseconds": 1e6 * with_sphere, "ratio": with_sphere / without})
+    return rows

@@ -1,0 +1,220 @@
+"""Solvers of other packages on the same scene: numba, SciPy, diffrax.
+
+- "rk4 (numba)": the strong, hand-strided kernel of `python benchmarks/bench`.
+- "DOP853 (SciPy)", "RK45 (SciPy)": `scipy.integrate.solve_ivp` over that kernel's forces.
+- "Tsit5 (diffrax)", "Dopri8 (diffrax)": JAX on the processor, in double, compiled as a whole.
+
+All take uniform mass, spring damping and no spheres. Compilation ends before the clock starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import clothsim as cs
+import numpy as np
+from clothsim.accuracy import RTOLS, Outcome, extent, step_sizes
+from clothsim.typing import Precision
+from common import Stopwatch
+from timing import measure
+
+from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
+from .numpy_peer import spring_ends, spring_kinds
+
+
+@dataclass(frozen=True)
+class NumbaRK4:
+    """RK4 by the strong numba kernel."""
+
+    precision: Precision = "double"
+    threads: int = 1
+    name: str = "rk4 (numba)"
+    library: str = "numba"
+    control: str = "dt"
+
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
+        return step_sizes(scene, duration)
+
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
+        steps = max(1, int(np.ceil(duration / setting - 1e-9)))
+        dtype = np.float64 if self.precision == "double" else np.float32
+        state = scene.initial_position, scene.initial_velocity
+        peer = NumbaStrided(scene, *state, duration / steps, dtype, self.threads)
+        peer.prepare()
+        with Stopwatch() as watch:
+            peer.run(steps)
+        x, v = (a.astype(np.float64) for a in (peer.positions, peer.velocities))
+        return Outcome(x, v, 4 * steps, watch.seconds)
+
+
+@dataclass(frozen=True)
+class SciPy:
+    """A method of `solve_ivp` over the strong numba kernel's forces."""
+
+    method: str
+    threads: int = 1
+    precision: Precision = "double"
+    library: str = "SciPy"
+    control: str = "rtol"
+
+    @property
+    def name(self) -> str:
+        return f"{self.method} (SciPy)"
+
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
+        return list(RTOLS)
+
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
+        from scipy.integrate import solve_ivp
+
+        set_threads(self.threads)
+        slopes = NumbaSlopes(scene, self.threads)
+        options = {"rtol": setting, "atol": setting * extent(scene), "t_eval": (duration,)}
+        with Stopwatch() as watch:
+            run = solve_ivp(slopes, (0.0, duration), slopes.start, method=self.method, **options)
+        if not run.success:
+            raise ArithmeticError(f"{self.name}: {run.message}")
+        return Outcome(*slopes.points(run.y[:, -1]), int(run.nfev), watch.seconds)
+
+
+@dataclass(frozen=True)
+class Diffrax:
+    """A solver of diffrax with its PID controller's default (an I controller), in double."""
+
+    solver: str
+    stages: int
+    threads: int | None = None
+    precision: Precision = "double"
+    library: str = "diffrax"
+    control: str = "rtol"
+
+    @property
+    def name(self) -> str:
+        return f"{self.solver} (diffrax)"
+
+    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
+        return list(RTOLS)
+
+    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
+        import jax
+
+        with jax.enable_x64(True):
+            run, start = _diffrax_program(_Identity(scene), self.solver)
+            arguments = start, duration, setting, setting * extent(scene)
+            jax.block_until_ready(run(*arguments))  # compiled at the first call
+            with Stopwatch() as watch:
+                end, steps = jax.block_until_ready(run(*arguments))
+            x, v = (np.moveaxis(np.asarray(a), 0, -1) for a in end)
+            return Outcome(x, v, self.stages * int(steps), watch.seconds)
+
+
+class _Identity:
+    """A hashable handle of a scene, equal by identity."""
+
+    def __init__(self, scene: cs.Scene) -> None:
+        self.scene = scene
+
+    def __hash__(self) -> int:
+        return id(self.scene)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Identity) and other.scene is self.scene
+
+
+@cache
+def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], Any]:
+    """A compiled run of the scene, and its initial state of shape (3, rows, columns) each."""
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+
+    scene = key.scene
+    kinds = [(*spring_ends(r, c), k, rest, c_) for r, c, k, rest, c_ in spring_kinds(scene)]
+    gravity = jnp.array(scene.gravity).reshape(3, 1, 1)
+    inverse_mass = 1 / scene.cloth.mass_per_point[0, 0]
+    free = jnp.array(~scene.cloth.pinned, dtype=float)
+
+    def slope(t: Any, state: Any, _: Any) -> Any:
+        x, v = state
+        force = jnp.zeros_like(x)
+        for near, far, stiffness, rest, damping in kinds:
+            d, w = x[far] - x[near], v[far] - v[near]
+            square = (d * d).sum(axis=0)
+            rate = (w * d).sum(axis=0) / square
+            scale = stiffness * (1 - rest / jnp.sqrt(square)) + damping * rate
+            force = force.at[near].add(scale * d).at[far].add(-scale * d)
+        return v, free * (force * inverse_mass + gravity)
+
+    @jax.jit
+    def run(state: Any, duration: float, rtol: float, atol: float) -> Any:
+        found = diffrax.diffeqsolve(
+            diffrax.ODETerm(slope),
+            getattr(diffrax, solver)(),
+            0.0,
+            duration,
+            None,
+            state,
+            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
+            max_steps=10**6,
+        )
+        return tuple(a[-1] for a in found.ys), found.stats["num_steps"]
+
+    start = tuple(jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity))
+    return run, start
+
+
+Peer = NumbaRK4 | SciPy | Diffrax
+
+
+def refused(scene: cs.Scene) -> str | None:
+    """The reason why the peers cannot solve this scene; None if they can."""
+    cloth = scene.cloth
+    if scene.spheres:
+        return "the peers know no spheres"
+    if not cloth.uniform_mass:
+        return "the peers know only uniform mass"
+    if cloth.point_damping:
+        return "the peers know no point damping"
+    return None
+
+
+def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Peer], list[str]]:
+    """The peers that can be run here, and a reason for each that cannot.
+
+    Parameters
+    ----------
+    scene : Scene
+    threads : int, optional
+        Most threads of numba's kernels. The parallel kernel is used where a measurement shows that it is faster.
+        Default: one.
+
+    Returns
+    -------
+    peers : list
+    missing : list of str
+    """
+    missing = [f"{name} is not installed" for name in ("numba", "scipy", "diffrax") if find_spec(name) is None]
+    peers: list[Peer] = []
+    if find_spec("numba"):
+        count = threads if threads and threads > 1 and parallel_pays(scene, threads) else 1
+        peers += [NumbaRK4(precision, count) for precision in ("double", "single")]
+        if find_spec("scipy"):
+            peers += [SciPy(method, count) for method in ("DOP853", "RK45")]
+    if find_spec("diffrax"):
+        peers += [Diffrax("Tsit5", 6), Diffrax("Dopri8", 13)]
+    return peers, missing
+
+
+def parallel_pays(scene: cs.Scene, threads: int) -> bool:
+    """Whether numba's parallel kernel steps this scene faster than its serial one, right now."""
+    state = scene.initial_position, scene.initial_velocity
+    dt = 0.5 * cs.max_stable_dt(scene)
+    works = [NumbaStrided(scene, *state, dt, np.float64, n) for n in (1, threads)]
+    for work in works:
+        work.run(1)  # compiles
+    serial, parallel = measure(works, 5, 1e-3)
+    return parallel.minimum < serial.minimum

@@ -1,1 +1,0 @@
-"""Evidence: the paper's experiments, the bench, peers, contact figures, hard cases."""

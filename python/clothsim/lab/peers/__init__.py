@@ -1,1 +1,0 @@
-"""Solvers of other packages, for comparison on equal cloths."""

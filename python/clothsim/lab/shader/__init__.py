@@ -1,1 +1,0 @@
-"""The compute shader's speed beside the core's."""

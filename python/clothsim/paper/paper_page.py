@@ -1,0 +1,126 @@
+"""The report as one self-contained HTML page: pictures are inside it, nothing is fetched."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from . import published as paper
+from .paper_report import headline
+from .paper_tables import Table, number, tables
+
+STYLE = """
+body { font: 16px/1.55 system-ui, sans-serif; color: #1d2530; background: #fff;
+       max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.9rem; line-height: 1.2; margin-bottom: .3rem; }
+h2 { margin-top: 3.2rem; border-top: 1px solid #d8dee6; padding-top: 1.2rem; }
+h3 { margin: 1.8rem 0 .4rem; font-size: 1.05rem; }
+p, ul { max-width: 52rem; }
+.origin, figcaption { color: #566272; font-size: .88rem; }
+.scroll { overflow-x: auto; margin: 1.4rem 0; }
+table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .28rem .75rem; text-align: right; border-bottom: 1px solid #e4e8ee; }
+td { white-space: nowrap; }
+th { background: #f3f6f9; font-weight: 600; vertical-align: bottom; }
+.cells { display: grid; grid-template-columns: repeat(4, 1fr); gap: .6rem; }
+@media (max-width: 700px) { .cells { grid-template-columns: repeat(2, 1fr); } }
+figure { margin: 0; }
+img { max-width: 100%; display: block; }
+.overview img { width: 100%; }
+.claim { border-left: 4px solid #c9a24b; background: #fbf7ec; padding: .6rem 1rem;
+         max-width: 50rem; }
+.notes { border-left: 4px solid #2f6db3; background: #eef4fb; padding: .6rem 1rem;
+            max-width: 50rem; }
+.notes ul { margin: .3rem 0; padding-left: 1.2rem; }
+.red { color: #db1419; font-weight: 600; }
+"""
+
+
+def write(report: dict[str, Any], folder: Path) -> None:
+    """Write index.html into `folder`, which holds the report's pictures."""
+    parts = [
+        "<h1>The experiments of Kim et al., run by clothsim</h1>",
+        f'<p class="origin">{"<br>".join(map(escape, headline(report)))}</p>',
+        f"<p>{escape(paper.CITATION)}: what the paper reports, beside what the same scenes give "
+        "here. The same numbers are in report.txt and report.json.</p>",
+    ]
+    if "overview" in report:
+        parts.append(f'<div class="overview">{_image(folder, report["overview"], "")}</div>')
+    if report["reductions"]:
+        parts.append("<p>This is the short form of the reproduction:</p>")
+        parts.append(_list(report["reductions"]))
+    parts.append("<p>Each method is run in two variants:</p>")
+    parts.append(_list(f"{name}: {meaning}" for name, meaning in paper.VARIANTS.items()))
+    for key, experiment in report["experiments"].items():
+        parts += _experiment(key, experiment, folder)
+    page = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>clothsim: the experiments of Kim et al.</title>\n<style>{STYLE}</style>\n"
+        f"</head>\n<body>\n{chr(10).join(parts)}\n</body>\n</html>\n"
+    )
+    (folder / "index.html").write_text(page, encoding="utf-8")
+
+
+def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]:
+    parts = [
+        f"<h2>Experiment {key}: {escape(experiment['title'])}</h2>",
+        f"<p>{escape(experiment['setting'])}</p>",
+        f'<div class="claim"><strong>The paper:</strong> {escape(experiment["paper"])}</div>',
+    ]
+    if experiment["notes"]:
+        parts += ['<div class="notes">', _list(experiment["notes"]), "</div>"]
+    if "cells" in experiment:
+        parts.append(
+            "<p>Blue: the cloth's upper face as it starts; sand: its lower face. "
+            '<span class="red">Red</span>: the sphere\'s surface where cloth lies under it, '
+            "stronger with depth. "
+            f'<a href="{experiment["page"]}">Play this table</a>: all methods side by side, in step.</p>'
+        )
+        parts += _cells(experiment, folder)
+    parts += [_table(table) for table in tables(key, experiment)]
+    if "plot" in experiment:
+        plot = _image(folder, experiment["plot"], experiment["plot_caption"])
+        parts.append(f"<figure>{plot}</figure>")
+    if "gpu" in experiment:
+        caption = "CPU against GPU over sizes, and the first frames of a run, apart."
+        parts.append(f"<figure>{_image(folder, experiment['gpu']['plot'], caption)}</figure>")
+    return parts
+
+
+def _cells(experiment: dict[str, Any], folder: Path) -> list[str]:
+    parts = []
+    for frame in experiment["frames"]:
+        cells = [cell for cell in experiment["cells"] if cell["frame"] == frame]
+        if not cells:
+            continue
+        parts.append(f"<h3>Frame {frame}, t = {cells[0]['time']:.2f} s</h3>")
+        parts.append('<div class="cells">')
+        for cell in cells:
+            depth = number(1e3 * cell["penetration"]["triangles"])
+            name = f"Method {cell['method']}, {cell['variant']}"
+            caption = f"{name}, frame {frame}: {depth} mm deep"
+            parts.append(f"<figure>{_image(folder, cell['picture'], caption)}</figure>")
+        parts.append("</div>")
+    return parts
+
+
+def _image(folder: Path, name: str, caption: str) -> str:
+    data = b64encode((folder / name).read_bytes()).decode("ascii")
+    below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    alt = escape(caption or "Cloth and sphere in the experiments below", quote=True)
+    return f'<img src="data:image/png;base64,{data}" alt="{alt}">{below}'
+
+
+def _list(entries: Iterable[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(entry)}</li>" for entry in entries) + "</ul>"
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in table.headings)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
+    caption = f"<h3>{escape(table.caption)}</h3>" if table.caption else ""
+    return f'{caption}<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'

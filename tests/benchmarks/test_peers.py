@@ -1,0 +1,55 @@
+"""Solvers of other programs on clothsim's scenes, and the script that puts them beside its integrators."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from peers import solvers as peers
+from peers.__main__ import main
+
+DURATION = 0.1
+SCENE = cs.Scene(cs.Cloth((6, 7), mass=21.0, damping=20.0))
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return cs.reference(SCENE, DURATION, cache=False)
+
+
+def test_peers_refuse_what_they_do_not_know():
+    cloth = SCENE.cloth
+    heavy = SCENE.replace(cloth=cloth.replace(mass=np.linspace(1, 2, 42).reshape(6, 7)))
+    assert peers.refused(SCENE) is None
+    assert "uniform mass" in peers.refused(heavy)
+    assert "spheres" in peers.refused(cs.scenes.paper_static())
+
+
+def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
+    found, missing = peers.installed_peers(SCENE)
+    assert found == []
+    assert missing == [f"{name} is not installed" for name in ("numba", "scipy", "diffrax")]
+    pytest.importorskip("xarray")
+    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path))
+    main(["oscillator", "--duration", "0.2", "--method", "rk4", "--windows", "1", "--fastest", "--errors", "1e-3"])
+    out, err = capsys.readouterr()
+    assert "1e-03" in out and "rk4" in out and "Not measured: numba is not installed" in err
+
+
+def _close(method, setting, solution, bound):
+    outcome = method.solve(SCENE, DURATION, setting)
+    assert outcome.seconds > 0 and outcome.force_evaluations > 10
+    assert solution.error_of(outcome.x)["rms"] < bound
+    assert abs(outcome.v - solution.v[-1]).max() < 1e4 * bound
+
+
+@pytest.mark.peers
+def test_numba_peers_solve_the_scene(solution):
+    _close(peers.NumbaRK4(), 5e-4, solution, 2e-10)
+    _close(peers.SciPy("DOP853"), 1e-9, solution, 1e-9)
+    _close(peers.SciPy("RK45"), 1e-7, solution, 1e-7)
+
+
+@pytest.mark.peers
+def test_diffrax_peers_solve_the_scene(solution):
+    _close(peers.Diffrax("Tsit5", 6), 1e-7, solution, 1e-7)
+    _close(peers.Diffrax("Dopri8", 13), 1e-9, solution, 1e-9)
