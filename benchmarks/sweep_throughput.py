@@ -18,14 +18,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import clothsim as cs
 import numpy as np
 from bench import works
-from clothsim.engine.stepper import SilentStepper
-from clothsim.engine.stepping import step
-from clothsim.model.ready import oscillator
-from clothsim.model.scene import Scene
 from clothsim.scenes import PAPER_DT
-from clothsim.sweeps.api import sweep
 from clothsim.typing import Precision
 
 
@@ -34,7 +30,7 @@ class Pair:
 
     def __init__(self, precision: Precision, threads: int | None, steps: int) -> None:
         self.start = works.batch()
-        assert not isinstance(self.start.scene, Scene)
+        assert not isinstance(self.start.scene, cs.Scene)
         self.scenes = self.start.scene
         self.precision, self.threads, self.steps = precision, threads, steps
         first = self.start.one
@@ -53,12 +49,12 @@ class Pair:
     def prepare(self) -> None:
         scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
         options: dict[str, Any] = {"precision": self.precision, "threads": self.threads}
-        self.stepper = SilentStepper(scenes, **options)
+        self.stepper = cs.Stepper(scenes, **options)
         self.stepper.advance(20, PAPER_DT)  # wakes threads and fills caches
-        self.stepper = SilentStepper(scenes, **options)
+        self.stepper = cs.Stepper(scenes, **options)
 
     def sweep(self, **options: Any) -> Any:
-        return sweep(
+        return cs.sweep(
             self.scene,
             {"stiffness": self.stiffness},
             dt=PAPER_DT,
@@ -76,7 +72,7 @@ class Pair:
         scenes = [self.scene.replace(cloth=s.cloth) for s in self.scenes]
         x = np.stack([self.scene.initial_position] * len(scenes))
         v = np.stack([self.scene.initial_velocity] * len(scenes))
-        exact, _ = step(scenes, x, v, PAPER_DT / 2, 2 * self.steps)
+        exact, _ = cs.step(scenes, x, v, PAPER_DT / 2, 2 * self.steps)
         return {n: float(np.linalg.norm(e - exact, axis=-1).max()) for n, e in ends.items()}
 
 
@@ -129,12 +125,12 @@ def plan(members: int = 5_000) -> dict[str, float]:
         seconds per member of the calling thread, for checking, planning, recording and writing.
         Bytes per member in the store. Seconds per task of a Dask scheduler, NaN without Dask.
     """
-    scene, over = oscillator(), {"stiffness": np.linspace(1.0, 2.0, members)}
+    scene, over = cs.scenes.oscillator(), {"stiffness": np.linspace(1.0, 2.0, members)}
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder) / "s.zarr"
 
         def run(over: Any, store: Path) -> None:
-            sweep(scene, over, duration=1e-3, dt=1e-3, store=store, progress=False)
+            cs.sweep(scene, over, duration=1e-3, dt=1e-3, store=store, progress=False)
 
         run({"stiffness": [1.0]}, store.with_name("imports.zarr"))
         calling = time.thread_time()

@@ -22,7 +22,6 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.viewing.packing import point_stretch
 
 FRAMES = 300
 TRIALS = 5
@@ -234,7 +233,7 @@ def snapshot(run: cs.Run, path: Path, colours: int) -> None:
     keys = [f"{t:.6f}" for t in run.t]
     (sphere,) = run.scene.spheres
     depth = sphere.radius - np.linalg.norm(run.x - sphere.center, axis=-1)
-    values = [point_stretch(run.scene, run.x), np.linalg.norm(run.v, axis=-1), depth.clip(0)]
+    values = [np.linalg.norm(run.x - run.x[0], axis=-1), np.linalg.norm(run.v, axis=-1), depth.clip(0)]
     vertices = {key: x.reshape(-1, 3).astype(np.float32) for key, x in zip(keys, run.x)}
     for one in values[:colours]:
         flat = one.reshape(len(keys), -1).astype(np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from clothsim import _core
+from clothsim import _core  # no public name tests a triangle alone
 
 from .exact import distance, nearest_approach
 

@@ -53,10 +53,9 @@ def main(argv: list[str] | None = None) -> None:
     else:
         data = cs.work_precision(scene, args.duration, **options)
         args.out.mkdir(parents=True, exist_ok=True)
-        name = f"{args.scene}{'_bend' if args.bend else ''}_peers"
-        accuracy.write_csv(data, args.out / f"{name}.csv")
-        accuracy.plot_work_precision(data, args.out / f"{name}.png")
+        written = accuracy.write_runs(data, args.out / f"{args.scene}{'_bend' if args.bend else ''}_peers")
         print(as_json(data.to_dict()) if args.json else accuracy.text_of_runs(data))
+        print("Written: " + ", ".join(map(str, written)), file=sys.stderr)
     for reason in missing:
         print(f"Not measured: {reason}", file=sys.stderr)
 

@@ -151,6 +151,23 @@ def test_rooms_of_evidence_use_public_names_alone():
     assert [what for _, what in found] == wrong
 
 
+def test_benchmarks_use_public_names_alone():
+    """And `clothsim.paper`, whose experiments they run at other sizes. A fuzzer judges the core's test of one triangle."""
+    allowed = {("contact_fuzz/triangles.py", "_core")}
+    scripts = sorted((TESTS.parent / "benchmarks").rglob("*.py"))
+    for path in scripts:
+        text = path.read_text(encoding="utf-8")
+        listed = []
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothsim":
+                listed += [("", node.module[9:], alias.name, False) for alias in node.names]
+        name = path.relative_to(TESTS.parent / "benchmarks").as_posix()
+        found = private_uses("paper", text, [one for one in listed if not one[1].startswith("base")])
+        assert not any(one[1].startswith("base") for one in listed), name
+        assert [what for _, what in found if (name, what) not in allowed] == [], name
+    assert len(scripts) > 30
+
+
 def test_a_module_name_occurs_once():
     counts = Counter(path.stem for path in MODULES if path.name != "__init__.py")
     assert [name for name, count in counts.items() if count > 1] == []

@@ -1,18 +1,16 @@
 """Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
 from .cache import cache_directory
-from .front import Front, fastest
+from .front import fastest
 from .methods import RTOLS, Method, Outcome, extent, step_sizes
 from .order import Convergence, convergence
 from .solution import Reference, reference
 from .work import work_precision
-from .work_plot import plot_work_precision
-from .work_table import text_of_runs, write_csv
+from .work_table import text_of_runs, write_runs
 
 __all__ = [
     "RTOLS",
     "Convergence",
-    "Front",
     "Method",
     "Outcome",
     "Reference",
@@ -20,10 +18,9 @@ __all__ = [
     "convergence",
     "extent",
     "fastest",
-    "plot_work_precision",
     "reference",
     "step_sizes",
     "text_of_runs",
     "work_precision",
-    "write_csv",
+    "write_runs",
 ]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
 from clothsim.accuracy import fastest
 from clothsim.accuracy.front import ERRORS
-from clothsim.accuracy.work_plot import plot_work_precision
-from clothsim.accuracy.work_table import rows_of, text_of_runs, write_csv
+from clothsim.accuracy.work_table import rows_of, text_of_runs, write_runs
 from clothsim.base import check
 
 from ..base.plain_json import as_json
@@ -78,20 +76,12 @@ def run(args: argparse.Namespace) -> None:
         progress=progress,
     )
     folder.mkdir(parents=True, exist_ok=True)
-    name = f"{args.scene}{'_bend' if args.bend else ''}"
-    files = [folder / f"{name}.csv"]
-    write_csv(data, files[0])
-    if find_spec("matplotlib"):
-        files.append(plot_work_precision(data, folder / f"{name}.png"))
+    files = write_runs(data, folder / f"{args.scene}{'_bend' if args.bend else ''}")
     if args.json:
         names = [str(file) for file in files]
         print(as_json({"attributes": data.attrs, "runs": rows_of(data), "files": names}))
         return
     print(text_of_runs(data))
-    print(
-        "* on the front of clothsim's methods (none is both faster and more accurate), + on that "
-        "of all\ns/s: wall time per simulated second; drift: total energy less the reference's"
-    )
     print("Written: " + ", ".join(map(str, files)))
 
 
