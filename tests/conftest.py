@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.plan import PRECISIONS
+from clothsim.engine.options import PRECISIONS
 from variants import NAMED_KERNELS, NATIVE_VARIANTS
 
 

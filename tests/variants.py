@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import clothsim as cs
 import pytest
-from clothsim.engine.plan import KERNELS, PRECISIONS
+from clothsim.engine.options import KERNELS, PRECISIONS
 from pairwise import pairwise
 
 INSTRUCTION_SETS = tuple(cs.build_config()["instruction_sets_supported"])

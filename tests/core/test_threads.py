@@ -10,7 +10,7 @@ import time
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine import plan
+from clothsim.engine.options import Options
 from tables import each
 from variants import NAMED_KERNELS, cases, pairs
 
@@ -93,7 +93,7 @@ def test_a_member_left_over_for_a_team_is_named_when_it_becomes_unstable(crumple
 )
 def test_a_batch_chooses_threads_for_members_or_for_a_team(monkeypatch, available, shape, members, threads):
     monkeypatch.setattr(cs._core, "available_threads", lambda: available)
-    assert plan.choose_threads(None, shape, members) == threads
+    assert Options().threads_for(shape, members) == threads
 
 
 def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):

@@ -33,7 +33,9 @@ def test_what_is_saved_is_loaded(tmp_path, name):
 
 def test_the_layout(tmp_path):
     text = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml").read_text()
-    assert text.startswith("schema = 1  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n")
+    assert text.partition("\n")[2].startswith(
+        "schema = 1  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
+    )
     for line in (
         "[cloth]",
         "stiffness = 35000.0  # N/m, one number or one per family",

@@ -14,7 +14,7 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run.fixed_steps import Options, integrate
+from clothsim.run.fixed_steps import RunOptions, integrate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from random_cloths import Model, draw, truth
@@ -168,7 +168,7 @@ def endless(name):
 def plain_evaluations(name):
     """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
     scene, duration = endless(name)
-    options = Options("dop853", "double", 1, "auto", False)
+    options = RunOptions("dop853", "double", 1, "auto", False)
     return integrate(scene, duration, 1e-14 * max(scene.cloth.size), options).evaluations
 
 

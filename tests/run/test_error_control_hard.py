@@ -10,7 +10,7 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run.fixed_steps import Options, integrate
+from clothsim.run.fixed_steps import RunOptions, integrate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from random_cloths import draw, truth
@@ -25,7 +25,7 @@ def case_of(number):
 def exact(number):
     case = case_of(number)
     tolerance = 1e-13 * max(case.scene.cloth.size)
-    return integrate(case.scene, case.duration, tolerance, Options("dop853", "double", 1, "auto", False)).x[-1]
+    return integrate(case.scene, case.duration, tolerance, RunOptions("dop853", "double", 1, "auto", False)).x[-1]
 
 
 def rms(difference):

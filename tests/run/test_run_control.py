@@ -355,9 +355,9 @@ def test_no_bar_in_a_pipe(capfd):
 def test_a_bar_moves_ten_times_a_second(monkeypatch, cost, steps):
     """A tenth of a second of steps, by a clock on which a step takes `cost` seconds."""
     from clothsim.run import recording
-    from clothsim.run.fixed_steps import Options
+    from clothsim.run.fixed_steps import RunOptions
 
-    options, dt = Options("rk4", "double", 1, "auto", False), 1e-5
+    options, dt = RunOptions("rk4", "double", 1, "auto", False), 1e-5
     run = recording.Recording(options.state(SMALL), options, recording.Watch(bar=Bar()), dt)
     clock = types.SimpleNamespace(perf_counter=lambda: cost * run.state.core.time / dt)
     monkeypatch.setattr(recording, "time", clock)
@@ -368,10 +368,10 @@ def test_a_bar_moves_ten_times_a_second(monkeypatch, cost, steps):
 
 def test_a_run_that_nobody_observes_shows_its_bar_too():
     """With error control, steps are single only where the error is observed."""
-    from clothsim.run.fixed_steps import Options, integrate
+    from clothsim.run.fixed_steps import RunOptions, integrate
     from clothsim.run.recording import Watch
 
     bar = Bar()
-    options = Options("dop853", "double", 1, "auto", False)
+    options = RunOptions("dop853", "double", 1, "auto", False)
     integrate(SMALL, 0.4, 1e-12, options, watch=Watch(bar=bar))
     assert len(bar.updates) > 3 and abs(bar.n - 0.4) < 1e-9

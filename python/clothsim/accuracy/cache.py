@@ -1,6 +1,5 @@
 """Solutions kept in memory and on disk, so that a trusted solution is computed once.
 
-A file is written under another name in its folder and then renamed, which replaces it at once.
 Readers see a whole file or none. Several processes may write one file, also in a shared folder: the last writer wins,
 and all write equal content. A damaged file is computed again and replaced.
 """
@@ -11,10 +10,8 @@ import hashlib
 import json
 import os
 import sys
-import tempfile
 import threading
 import warnings
-import zipfile
 from collections import OrderedDict
 from collections.abc import Mapping
 from functools import cache
@@ -24,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..base import files
 
 ENVIRONMENT_VARIABLE = "CLOTHSIM_CACHE_DIR"
 _IN_MEMORY = 32  # solutions
@@ -102,11 +100,10 @@ def load(key: str) -> tuple[dict[str, np.ndarray], str] | None:
             _memory.move_to_end(key)
             return _memory[key], "memory"
     try:
-        with np.load(_path(key), allow_pickle=False) as data:
-            arrays = {name: data[name] for name in data.files}
-        if str(arrays.pop("key")) != key:
-            return None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        arrays = files.read_npz(_path(key), "reference solution", ("key",))
+    except (OSError, ValueError):
+        return None
+    if str(arrays.pop("key")) != key:
         return None
     return _remember(key, arrays), "disk"
 
@@ -125,17 +122,10 @@ def _remember(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Keep `arrays` under `key` in memory and on disk, and make the arrays read-only."""
     path = _path(key)
-    part = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            part = file.name
-            named: dict[str, Any] = {"key": np.array(key), **arrays}
-            np.savez_compressed(file, **named)
-        os.replace(part, path)
+        files.write_npz(path, {"key": np.array(key), **arrays})
     except OSError as error:
-        if part is not None:
-            Path(part).unlink(missing_ok=True)
         warnings.warn(
             f"the reference solution is kept in memory only: {error} ({ENVIRONMENT_VARIABLE} names another folder)",
             RuntimeWarning,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..engine.plan import PRECISIONS
+from ..engine.options import PRECISIONS
 from ..methods.bound import stable_dt
 from ..methods.integration import integrator_name, integrators
 from ..model.scene import Scene

@@ -14,7 +14,7 @@ from ..base import check
 from ..base.clocks import Stopwatch
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
-from ..engine.plan import choose_threads
+from ..engine.options import Options
 from ..model.scene import Scene
 from . import cache as _cache
 from .first_contact import first_contact
@@ -182,7 +182,7 @@ def reference(
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)
         check.frame_count(duration, every)
-    threads = choose_threads(threads, scene.cloth.shape)
+    threads = Options(threads=threads).threads_for(scene.cloth.shape)
     check.boolean("cache", cache)
     times = _times(duration, every)
     key = _cache.key_of({"format": _FORMAT, "code": _cache.code(), "scene": scene.to_dict(), "times": times})

@@ -9,7 +9,7 @@ from ..base import check
 from ..base.extras import check_progress, needed
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
-from ..engine.plan import PRECISIONS
+from ..engine.options import PRECISIONS
 from ..model.scene import Scene
 from ..typing import Precision
 from .labelled import dataset

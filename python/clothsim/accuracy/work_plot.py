@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base import check
 from ..base.extras import needed
-from ..base.plots import BLACK, DPI, GREY, figure
+from ..base.plots import BLACK, GREY, figure, save
 from .methods import OWN
 
 _STYLES = {"double": "-", "single": ":"}
@@ -86,5 +86,5 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
         )
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
     drawn.legend(loc="outside right upper", fontsize=8, frameon=False)
-    drawn.savefig(path, dpi=DPI)
+    save(drawn, path)
     return path

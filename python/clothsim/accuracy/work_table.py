@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ..base import files
 from ..base.table import aligned
 from .work_plot import plot_work_precision
 
@@ -43,7 +44,7 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
 
 def write_csv(data: Any, path: Path) -> None:
     """Write a dataset of `work_precision` as CSV: its attributes as lines that begin with #, then one line per run."""
-    with path.open("w", newline="") as file:
+    with files.replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         for name, value in data.attrs.items():
             file.write(f"# {name}: {value}\n")
         writer = csv.DictWriter(file, COLUMNS)

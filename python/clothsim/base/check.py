@@ -220,6 +220,15 @@ def choices(name: str, value: Any, options: Collection[Name]) -> list[Name]:
     return [option for option in options if option in value]
 
 
+def text(name: str, value: Any) -> str:
+    """`value`, a str that UTF-8 can hold."""
+    if not isinstance(value, str):
+        raise TypeError(_wrong(name, "a text", value))
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        raise ValueError(_wrong(name, "a text without lone surrogates, which no file can hold", value))
+    return value
+
+
 def path(name: str, value: Any, accepted: str = "a path") -> Path:
     """`value` as a path: a str, or an object that `os.fspath` turns into a str."""
     if not isinstance(value, (str, os.PathLike)):

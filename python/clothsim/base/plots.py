@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from .extras import needed
+from .files import replacing
 
 # Okabe and Ito's palette: readers with any colour vision tell these colours apart.
 BLACK, BLUE, GREEN, RED, YELLOW = "#000000", "#0072B2", "#009E73", "#D55E00", "#F0E442"
@@ -42,6 +44,12 @@ def figure(
     for one in axes.ravel():
         tidy(one)
     return made, axes
+
+
+def save(drawn: Any, path: Path) -> None:
+    """Write a figure to a picture file, whole or not at all."""
+    with replacing(path) as part:
+        drawn.savefig(part, dpi=DPI)
 
 
 def tidy(axes: Any) -> None:

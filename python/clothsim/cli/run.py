@@ -16,7 +16,7 @@ import clothsim as cs
 from ..base.files import npz_path
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
-from ..engine.plan import KERNELS
+from ..engine.options import KERNELS
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
 from ..viewing.exports import Target, export

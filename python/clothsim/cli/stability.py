@@ -9,7 +9,7 @@ import numpy as np
 
 import clothsim as cs
 from clothsim.base import check
-from clothsim.engine.plan import INTEGRATORS, PRECISIONS
+from clothsim.engine.options import PRECISIONS
 from clothsim.hard_cases.case_table import hard_case_table, run_hard_cases
 from clothsim.stability.map import measure_map
 from clothsim.stability.map_report import draw_map, map_table, write_csv
@@ -61,7 +61,7 @@ def add_parser(subparsers: Any) -> None:
         type=integrator,
         default="rk4",
         metavar="NAME",
-        help=f"one of {', '.join(INTEGRATORS)} (default: rk4)",
+        help=f"one of {', '.join(cs.integrators())} (default: rk4)",
     )
     command.add_argument("--precision", choices=PRECISIONS, default="double", help="of the map (default: double)")
     command.add_argument("--steps", type=count, default=1000, metavar="N", help="of each run (default: 1000)")

@@ -14,7 +14,7 @@ from clothsim.base import check
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
-from ..engine.plan import PRECISIONS
+from ..engine.options import PRECISIONS
 from ._common import add_command, count, refuse_ignored
 from .run import ready_scenes
 

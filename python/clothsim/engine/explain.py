@@ -11,7 +11,8 @@ from ..methods.integration import UPDATES, Integrator, integrators
 from ..methods.limiting import limiting_term
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
-from .plan import check_options, choose_kernel, choose_threads, core_plan, point_radius
+from .options import Options
+from .plan import core_plan, point_radius
 
 # Floating-point operations, a root and a division counted as one each.
 _FLOPS_SPRING = 19
@@ -97,10 +98,11 @@ def explain(
     integrator: str = "rk4",
 ) -> Explanation:
     """See `Scene.explain`."""
-    integrator = check_options(precision, kernel, strict, integrator)
+    options = Options(integrator, precision, threads, kernel, strict)
+    integrator = options.integrator
     cloth, method = scene.cloth, integrators()[integrator]
-    kernel = choose_kernel(kernel, strict, cloth)
-    plan = core_plan(scene, precision, kernel, strict, integrator)
+    kernel = options.kernel_for(cloth)
+    plan = core_plan(scene, options)
     compensated = precision == "single"
     everything = {
         **{f"{family} springs": family in cloth.families for family in FAMILIES},
@@ -136,7 +138,7 @@ def explain(
             "precision": precision,
             "instruction_set": plan.instruction_set,
             "lanes": plan.lanes,
-            "threads": choose_threads(threads, cloth.shape),
+            "threads": options.threads_for(cloth.shape),
             "flops_per_step": sum(flops.values()) if flops else math.nan,
             "flops": flops,
         }

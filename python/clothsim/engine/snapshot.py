@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,10 @@ import numpy as np
 from ..base import files as _files
 from ..machine.build import build_config
 from ..model.scene import Scene
+from .options import Options
 
 SCHEMA = 1
-OPTIONS = ("integrator", "precision", "threads", "kernel", "strict", "backend")
+_OPTIONS = tuple(field.name for field in fields(Options))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,6 +51,11 @@ class Snapshot:
         """The scene, or the scenes of a batch."""
         scene: Scene | Sequence[Scene] = self.arguments["scene"]
         return scene
+
+    @property
+    def options(self) -> Options:
+        """The options of the steps."""
+        return Options(**{name: self.arguments[name] for name in _OPTIONS})
 
     @property
     def time(self) -> float:
@@ -107,7 +113,7 @@ class Snapshot:
         Raises
         ------
         ValueError
-            If the file is no snapshot.
+            If the file is no snapshot, or is damaged: it has a digest of every array.
         OSError
             If the file cannot be read.
 
@@ -122,10 +128,8 @@ class Snapshot:
         ('start.npz', 0.0)
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
-        try:
+        with _files.reading(path, "snapshot"):
             return from_arrays(arrays)
-        except (ValueError, TypeError, KeyError) as error:
-            raise ValueError(f"{os.fspath(path)} is no snapshot of clothsim: {error}") from None
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
@@ -171,10 +175,10 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     )
 
 
-def take(state: Any, scene: Scene | Sequence[Scene], options: dict[str, Any], track: bool = False) -> Snapshot:
+def take(state: Any, scene: Scene | Sequence[Scene], options: Options, track: bool = False) -> Snapshot:
     """A snapshot of a state that was made with these options."""
     arguments = {
-        **{name: options[name] for name in OPTIONS},
+        **{name: getattr(options, name) for name in _OPTIONS},
         "scene": scene,
         "track_contact_energy": track,
         "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],

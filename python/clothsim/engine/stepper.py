@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ from ..base.keywords import suggesting, suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import checked_state, scenes_of
+from .options import Options
 from .snapshot import Snapshot, take
 from .state import State
 from .stepper_view import StepperView
@@ -72,17 +72,10 @@ class Stepper(StepperView):
         backend: Backend = "cpu",
         track_contact_energy: bool = False,
     ) -> None:
-        self._options: dict[str, Any] = {
-            "integrator": integrator,
-            "precision": precision,
-            "threads": threads,
-            "kernel": kernel,
-            "strict": strict,
-            "backend": backend,
-        }
+        self._options = Options(integrator, precision, threads, kernel, strict, backend)
         self._scene = scene
         self._track = check.boolean("track_contact_energy", track_contact_energy)
-        self._state = State(scene, x, v, t=t, **self._options)
+        self._state = State(scene, x, v, t, self._options)
         self._announce()
         self._state.core.set_track_contact_energy(self._track)
 
@@ -211,7 +204,7 @@ class Stepper(StepperView):
         here = np.empty(state.shape), np.empty(state.shape)
         state.store(*here)
         x, v = (own if new is None else new for own, new in zip(here, (x, v)))
-        x, v = checked_state(x, v, state.scenes, state.batched, self._options["precision"])
+        x, v = checked_state(x, v, state.scenes, state.batched, self._options.precision)
         if x.shape != state.shape:
             raise ValueError(f"x and v must have shape {state.shape}, got {x.shape}")
         time = state.core.time if t is None else check.number("t", t)
@@ -261,7 +254,7 @@ class Stepper(StepperView):
         if scenes[0].cloth.shape != shape:
             raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
         x, v = self.positions, self.velocities
-        new = State(scene, x, v, t=self.time, **self._options, inspect=False)
+        new = State(scene, x, v, self.time, self._options, inspect=False)
         new.core.set_track_contact_energy(self._track)
         origin, steps, dt, states = old.core.snapshot()
         for one, (values, _) in zip(new.scenes, states):
@@ -329,13 +322,11 @@ class Stepper(StepperView):
             hint = "; Snapshot.load reads it from a file" if isinstance(snapshot, (str, os.PathLike)) else ""
             raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
         scene = snapshot.scene
-        kept = ("scene", "frozen")
-        options = {name: value for name, value in snapshot.arguments.items() if name not in kept}
         stepper = cls.__new__(cls)
-        stepper._track = options.pop("track_contact_energy")
-        stepper._scene, stepper._options = scene, options
+        stepper._track = snapshot.arguments["track_contact_energy"]
+        stepper._scene, stepper._options = scene, snapshot.options
         zeros = np.zeros(snapshot.shape, snapshot.dtype)
-        state = State(scene, zeros, zeros, t=snapshot.time, **options, inspect=False)
+        state = State(scene, zeros, zeros, snapshot.time, stepper._options, inspect=False)
         state.core.set_track_contact_energy(stepper._track)
         state.core.restore(*snapshot.core)
         stepper._state = state

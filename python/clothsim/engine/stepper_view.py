@@ -13,6 +13,7 @@ from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Kernel
 from .arrays import FloatArray
+from .options import Options
 from .state import State
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class StepperView:
 
     _state: State
     _scene: Scene | Sequence[Scene]
-    _options: dict[str, Any]
+    _options: Options
     _track: bool
 
     @property
@@ -91,7 +92,7 @@ class StepperView:
     @property
     def backend(self) -> str:
         """Backend used, "cpu" or "gpu"."""
-        return self._state.backend
+        return self._options.backend
 
     @property
     def contact_energy(self) -> float | npt.NDArray[np.float64]:
@@ -124,7 +125,7 @@ class StepperView:
         """The scene, the time, and how steps are computed."""
         scenes, shape = self._state.scenes, self._state.shape
         batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
-        how = f"{self._state.integrator} in {self._options['precision']}, kernel {self.kernel}"
+        how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"
         return [
             f"Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}",
             f"t = {self.time:.6g} s",

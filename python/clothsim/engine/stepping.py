@@ -14,6 +14,7 @@ from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import FloatArray, out_array, out_arrays, refuse_none, start_time, state_arrays
 from .calls import give_back, take, waiting_engines
+from .options import Options
 from .plan import core_plan
 from .state import State
 
@@ -88,16 +89,16 @@ def step(
         If an argument is not as above; nothing has changed then.
     UnstableError
         If the state stops being finite or runs away; nothing is written to `out` then.
+    KeyboardInterrupt
+        On Ctrl-C, between two steps.
+    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+        With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
+        stops responding; if there is none.
 
     Warns
     -----
     StabilityWarning
         If `dt` is above `max_stable_dt`, the step that is guaranteed to be stable.
-    KeyboardInterrupt
-        On Ctrl-C, between two steps.
-    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
-        With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
-        stops answering; if there is none.
 
     Examples
     --------
@@ -116,18 +117,7 @@ def step(
     results = state.call(x, v, t, steps, dt, out) if state else None  # type: ignore[arg-type]
     if not state or not results:
         refuse_none(x=x, v=v)
-        state = State(
-            scene,
-            x,
-            v,
-            t=t,
-            integrator=integrator,
-            precision=precision,
-            threads=threads,
-            kernel=kernel,
-            strict=strict,
-            backend=backend,
-        )
+        state = State(scene, x, v, t, Options(integrator, precision, threads, kernel, strict, backend))
         results = out_arrays(out, state.shape, state.dtype)
         state.warn_of_order()
         state.advance(steps, dt)
@@ -183,7 +173,7 @@ def acceleration(
     result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
     if not state or result is None:
         refuse_none(x=x, v=v)
-        state = State(scene, x, v, t=t, integrator="rk4", precision=precision, threads=threads, kernel=kernel, strict=strict)
+        state = State(scene, x, v, t, Options("rk4", precision, threads, kernel, strict))
         if out is None:
             out = np.empty(state.shape)
         out_array("out", out, state.shape, np.dtype(np.float64))
@@ -256,7 +246,7 @@ def reference_step(
     as_printed = check.boolean("as_printed", as_printed)
     advance = _core.reference_step_as_printed if as_printed else _core.reference_step
     return advance(
-        core_plan(scene),
+        core_plan(scene, Options()),
         x.astype(np.float64),
         v.astype(np.float64),
         check.number("dt", dt, minimum=0, exclusive=True),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.options import Options
 from ..engine.plan import core_plan
 from ..model.mesh import GROUP
 from ..model.scene import Scene
@@ -60,7 +61,7 @@ class Block:
         self.scenes = [scenes[0]] if shared else list(scenes)
         self.origins = origins[: len(self.scenes)]
         self.contacts = np.zeros(len(members), np.int64)  # answered since `begin`, once told
-        self.plans = [core_plan(scene) for scene in self.scenes]
+        self.plans = [core_plan(scene, Options()) for scene in self.scenes]
         self.rows, self.columns = scenes[0].cloth.shape
         self.points = self.rows * self.columns
         self.features = Features.of(scenes[0])

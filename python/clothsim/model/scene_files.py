@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..base import check
+from ..base import check, files
 from ..base.extras import how_to_install
 from ..base.keywords import suggests
 from .scene import Scene
+
+_FIRST = "# A scene of clothsim. Delete this line and the last line, a digest, before you edit the file.\n"
+_LAST = "\n# sha256 "
 
 _COMMENTS = {
     "schema": "version of this layout",
@@ -55,7 +59,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError
-        If the file is no TOML or has another schema version. Also for an unknown key, a missing key
+        If the file is no TOML, is damaged, or has another schema version. Also for an unknown key, a missing key
         or a refused value. The message begins with the path, and suggests the nearest known key.
     TypeError
         If a value is of a wrong type.
@@ -74,27 +78,48 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = check.path("path", path)
     toml = _toml_reader()
+    content = path.read_bytes()
     try:
-        data = toml.loads(path.read_text(encoding="utf-8"))
-    except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is no TOML file: {error}") from None
+        text = content.decode("utf-8").replace("\r\n", "\n")
+        if not _intact(text):
+            raise ValueError(
+                "it is damaged, cut or edited since clothsim saved it. If you edited it, delete its first line and its "
+                "last line, which begins with '# sha256'"
+            )
+        data = toml.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is no TOML file of a scene: {error}") from None
     try:
         return Scene.from_dict(data)
-    except (ValueError, TypeError) as error:
-        raise type(error)(f"{path}: {error}") from None
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"{path}: {error}") from None
+
+
+def _intact(text: str) -> bool:
+    """Whether the last line has the digest of the lines above it; True where neither first nor last line promises one."""
+    above, mark, digest = text.rstrip("\n").rpartition(_LAST)
+    promised = mark or text.startswith(_FIRST[:20])
+    return not promised or (text.startswith(_FIRST) and digest == _digest(above))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @suggests
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
 
-    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation.
+    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation. The
+    last line has a digest of the lines above it, by which `load_scene` sees damage. Delete the first and the last line
+    before you edit the file.
 
     Parameters
     ----------
     scene : Scene
     path : path-like
-        Replaced if it exists.
+        Replaced if it exists, once the new file is complete. A symbolic link is replaced, not followed.
 
     Returns
     -------
@@ -113,14 +138,14 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     >>> import tempfile, clothsim as cs
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
-    >>> print(text.splitlines()[6])
+    >>> print(text.splitlines()[7])
     mass = 512.0  # kg in all, or per mass point
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     path = check.path("path", path)
-    path.write_text("\n".join(_table(scene.to_dict(), "")) + "\n", encoding="utf-8")
-    return path
+    above = _FIRST + "\n".join(_table(scene.to_dict(), ""))
+    return files.write_bytes(path, f"{above}{_LAST}{_digest(above)}\n".encode())
 
 
 def _toml_reader() -> Any:

@@ -19,7 +19,7 @@ import math
 from ..model.scene import Scene
 from .attempts import Attempts, Exhausted
 from .estimate import Controlled, Estimate
-from .fixed_steps import Options, Solution
+from .fixed_steps import RunOptions, Solution
 from .frames import Schedule
 from .named import compared, estimated
 from .recording import Watch
@@ -27,7 +27,7 @@ from .refined import refined
 
 
 def solve(
-    scene: Scene, duration: float, asked: float, options: Options, frames: Schedule, watch: Watch, most: float = math.inf
+    scene: Scene, duration: float, asked: float, options: RunOptions, frames: Schedule, watch: Watch, most: float = math.inf
 ) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or the best one found."""
     runs = Attempts(scene, duration, options, watch, most)

@@ -8,7 +8,7 @@ from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
 from ..model.scene import Scene
 from .estimate import Controlled, Estimate
-from .fixed_steps import Options, Solution, integrate, run_fixed, size_of
+from .fixed_steps import RunOptions, Solution, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, Schedule
 from .recording import Recording, Watch
 
@@ -58,7 +58,7 @@ class Exhausted(Exception):
 class Attempts:
     """The runs of one call: what they cost, and how many force evaluations are left."""
 
-    def __init__(self, scene: Scene, duration: float, options: Options, watch: Watch, most: float) -> None:
+    def __init__(self, scene: Scene, duration: float, options: RunOptions, watch: Watch, most: float) -> None:
         self.scene, self.duration, self.options = scene, duration, options
         self._watch, self._most = watch, most
         self._done: list[Solution] = []
@@ -69,7 +69,7 @@ class Attempts:
         tolerance: float,
         frames: Schedule | None = None,
         given: list[float] | None = None,
-        options: Options | None = None,
+        options: RunOptions | None = None,
     ) -> Solution:
         """A run with error control; without frames no callback follows it.
 
@@ -98,7 +98,7 @@ class Attempts:
                     raise
             tolerance = max(SMALL**3 * tolerance, smallest)
 
-    def smallest(self, options: Options) -> float:
+    def smallest(self, options: RunOptions) -> float:
         """The smallest tolerance of a step [m]."""
         return SMALLEST[options.precision] * size_of(self.scene)
 

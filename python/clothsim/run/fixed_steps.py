@@ -12,7 +12,8 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..engine.snapshot import OPTIONS, Snapshot
+from ..engine.options import Options
+from ..engine.snapshot import Snapshot
 from ..engine.state import State
 from ..methods.bound import guaranteed_dt
 from ..model.as_core import core_cloth
@@ -53,23 +54,14 @@ def rms(difference: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Options:
-    """The options of the steps, as `step` takes them."""
+class RunOptions(Options):
+    """The options of the steps of a run, its sampling and its start."""
 
-    integrator: str
-    precision: str
-    threads: int | None
-    kernel: str
-    strict: bool
-    backend: str = "cpu"
     sampling: int = 32  # states at which triangles and stretches are sampled, at least
     start: float = 0.0  # time of the initial state [s]
 
     def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
-        return State(scene, x, v, t=self.start, inspect=inspect, **{name: getattr(self, name) for name in OPTIONS})
-
-    def replace(self, **changes: Any) -> Options:
-        return Options(**{**self.__dict__, **changes})
+        return State(scene, x, v, self.start, self, inspect)
 
 
 # Between two states at which triangles and stretches are sampled. An adaptive method's steps are
@@ -90,7 +82,7 @@ class Resumed:
     snapshot: Snapshot
     continuation: Continuation
 
-    def state(self, scene: Scene, options: Options) -> State:
+    def state(self, scene: Scene, options: RunOptions) -> State:
         state = options.state(scene, inspect=False)
         state.core.restore(*self.snapshot.core)
         return state
@@ -117,7 +109,7 @@ class Steps:
 class Solution:
     """Frames of one run and its cost."""
 
-    options: Options
+    options: RunOptions
     t: list[float]
     x: Floats
     v: Floats
@@ -163,7 +155,7 @@ def integrate(
     scene: Scene,
     duration: float,
     tolerance: float,
-    options: Options,
+    options: RunOptions,
     frames: Schedule | None = None,
     watch: Watch | None = None,
     resumed: Resumed | None = None,
@@ -187,7 +179,7 @@ def integrate(
         state, earlier = resumed.state(scene, options), resumed.continuation
         assert earlier.control is not None
         tolerance, rate, longest, controller.state = earlier.control
-    state.warned_of_growth = True  # the steps are the method's own
+    state.judge.warned_of_growth = True  # the steps are the method's own
     state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
     frames = frames or Schedule()
     start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
@@ -206,7 +198,7 @@ def integrate(
             outcome = run.advance_adaptive(
                 until, target, 1, unit, unit * rate, longest, controller, state.threads, state.threads_optional
             )
-            state.judge(outcome, controller.h)
+            state.judge.outcome(outcome, controller.h)
             if not outcome["steps"]:
                 break  # what is left is rounding of the clock
             steps.ends.append(state.core.time)
@@ -227,7 +219,7 @@ def run_fixed(
     scene: Scene,
     duration: float,
     dt: float,
-    options: Options,
+    options: RunOptions,
     frames: Schedule | None = None,
     watch: Watch | None = None,
     own_step: bool = False,
@@ -244,7 +236,7 @@ def run_fixed(
         state, earlier = options.state(scene), Continuation(options.start)
     else:
         state, earlier = resumed.state(scene, options), resumed.continuation
-    state.warned = state.warned_of_growth = own_step
+    state.judge.warned_of_dt = state.judge.warned_of_growth = own_step
     state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
     frames = (frames or Schedule()).in_seconds(dt)
     moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)

@@ -167,7 +167,7 @@ class Recording:
     ----------
     state : State
         State that the run advances.
-    options : runs.Options
+    options : RunOptions
     watch : Watch
     dt : float or None
         Time step [s]; None with error control.
@@ -214,7 +214,7 @@ class Recording:
     def _advance(self, steps: int, dt: float) -> None:
         core = self.state.core
         before, begin = core.time, time.perf_counter()
-        self.state.steps_before = self.steps
+        self.state.judge.steps_before = self.steps
         done = steps
         try:
             self.state.advance(steps, dt)
@@ -231,7 +231,7 @@ class Recording:
         if self._watch.shows:
             most = min(most, self._chunk)
         begin = time.perf_counter()
-        self.state.steps_before = self.steps
+        self.state.judge.steps_before = self.steps
         outcome = self.state.core.advance_adaptive(until, end, most, *arguments)
         self.steps += outcome["steps"]
         self.rejected += outcome["rejected"]

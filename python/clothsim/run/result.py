@@ -235,7 +235,7 @@ class Run(DisplayedRun, ExportedRun):
         Raises
         ------
         ValueError
-            For any other ending.
+            For any other ending, or if the arrays or the report are not those of a run of the scene.
 
         Examples
         --------
@@ -246,6 +246,7 @@ class Run(DisplayedRun, ExportedRun):
         'run.npz'
         """
         path = _files.npz_path(path)
+        _check_arrays(self)
         texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
         if self.snapshot is not None and self.continuation is not None:
             texts |= snapshot.to_arrays(self.snapshot)
@@ -292,7 +293,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     Raises
     ------
     ValueError
-        If the file is no run.
+        If the file is no run, or is damaged: it has a digest of every array.
     OSError
         If the file cannot be read.
 
@@ -306,13 +307,32 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     True
     """
     data = _files.read_npz(path, "run", ("t", "x", "v", "scene", "report"))
-    try:
+    with _files.reading(path, "run"):
         scene = Scene.from_dict(json.loads(str(data["scene"])))
         report = json.loads(str(data["report"]))
         final = continuation = None
         if "continuation" in data:
             continuation = Continuation.from_dict(json.loads(str(data["continuation"])))
             final = snapshot.from_arrays(data)
-        return Run(scene, data["t"], data["x"], data["v"], report, final, continuation)
-    except (ValueError, TypeError, KeyError) as error:
-        raise ValueError(f"{os.fspath(path)} is no run of clothsim: {error}") from None
+        found = Run(scene, data["t"], data["x"], data["v"], report, final, continuation)
+        _check_arrays(found)
+        return found
+
+
+def _check_arrays(run: Run) -> None:
+    """Raise a ValueError where times, frames, report or final state do not fit the scene or each other."""
+    shape = (len(run.t), *run.scene.cloth.shape, 3) if run.t.ndim == 1 else ()
+    for name, array, expected in (("t", run.t, shape[:1]), ("x", run.x, shape), ("v", run.v, shape)):
+        if array.dtype != np.float64 or array.shape != expected or not array.size:
+            raise ValueError(
+                f"{name} must be float64 of shape {expected or '(frames,)'}, got {array.dtype} of shape {array.shape}"
+            )
+        check.check_all(name, array, np.isfinite(array), "finite numbers")
+    check.check_all("t", run.t, np.diff(run.t, prepend=-np.inf) > 0, "increasing times")
+    if not isinstance(run.report, dict):
+        raise ValueError(f"report must be a mapping, got {check.shown(run.report)}")
+    missing = Report.__annotations__.keys() - run.report.keys()
+    if missing and run.continuation is not None:  # a recording of the live viewer knows less
+        raise ValueError(f"report lacks {', '.join(sorted(missing))}")
+    if run.snapshot is not None and run.snapshot.scene != run.scene:
+        raise ValueError("its final state is of another scene")

@@ -11,15 +11,14 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggests
-from ..engine.plan import BACKENDS, check_backend, check_options
-from ..engine.snapshot import OPTIONS, take
+from ..engine.snapshot import take
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.integration import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import Options, Resumed, Solution, checked_tolerances, integrate, run_fixed, size_of
+from .fixed_steps import Resumed, RunOptions, Solution, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
 from .recording import StopRun, Watch, progress_bar
 from .result import Run
@@ -198,16 +197,13 @@ def simulate(
         integrator = "auto" if asked is not None else "rk4"
     integrator = integrator_name(integrator, "auto")
     named = "rk4" if integrator == "auto" else integrator
-    check_options(precision, kernel, strict, named)
-    check.choice("backend", backend, BACKENDS)
-    if backend == "gpu" and asked is not None:
+    sampling = check.integer("sampling", sampling, minimum=1)
+    options = RunOptions(named, precision, threads, kernel, strict, backend, sampling, t)
+    if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
-            "rtol and atol must be None with backend 'gpu', which takes fixed steps: give dt, or "
+            "rtol and atol must be None, and integrator 'rk4', with backend 'gpu', which takes fixed steps: give dt, or "
             "leave it out for a step of half the guaranteed stable one"
         )
-    check_backend(backend, kernel, threads, integrator)
-    sampling = check.integer("sampling", sampling, minimum=1)
-    options = Options(named, precision, threads, kernel, strict, backend, sampling, t)
     warn_of_order(named, scene)
     if dt is not None:
         if integrator == "auto":
@@ -271,7 +267,7 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
-    snapshot = take(solution.state, scene, vars(solution.options))
+    snapshot = take(solution.state, scene, solution.options)
     return Run(
         scene,
         np.array(solution.t),
@@ -305,7 +301,7 @@ def resume(
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     frames.check_memory(duration, before.dt, run.scene.cloth.rows * run.scene.cloth.columns)
     _check_callback(callback)
-    options = Options(**{name: snapshot.arguments[name] for name in OPTIONS}, sampling=before.sampling, start=before.start)
+    options = RunOptions(**vars(snapshot.options), sampling=before.sampling, start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
     def compute(watch: Watch) -> tuple[Solution, Account]:

@@ -14,7 +14,7 @@ from ..base import check
 from ..base.extras import check_installed, check_progress, needed
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
-from ..engine.plan import check_options
+from ..engine.options import Options
 from ..model.scene import Scene
 from ..typing import Integrator, Precision
 from .limit import max_stable_dt
@@ -96,7 +96,7 @@ def measure_map(
     """`clothsim.stability_map` in plain arrays, without xarray."""
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
-    integrator = check_options(precision, "auto", False, integrator)
+    integrator = Options(integrator, precision).integrator
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
     check_progress(check.boolean("progress", progress))

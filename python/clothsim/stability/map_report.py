@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.plots import BLACK, BLUE, DPI, RED, figure
+from ..base import files
+from ..base.plots import BLACK, BLUE, RED, figure, save
 from ..base.table import aligned
 from .map import StabilityMap
 
@@ -34,7 +35,7 @@ def map_table(found: StabilityMap) -> str:
 
 def write_csv(found: StabilityMap, path: Path) -> None:
     """One row per cell."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with files.replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["stiffness", "dt", "stable", "predicted", "limit", "guarantee"])
         for i, k in enumerate(found.stiffness):
@@ -64,4 +65,4 @@ def draw_map(found: StabilityMap, path: Path) -> None:
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
     )
     drawn.legend(loc="outside lower center", ncols=4, frameon=False)
-    drawn.savefig(path, dpi=DPI)
+    save(drawn, path)

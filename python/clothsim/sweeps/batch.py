@@ -78,7 +78,8 @@ class _Batch:
         self.keep_frames = "frames" in needs
         self.stepper = SilentStepper([m.scene for m in members], threads=threads, **first.numerics)
         # A sweep tells of each member's limit in its results.
-        self.stepper._state.warned = self.stepper._state.warned_of_growth = True
+        judge = self.stepper._state.judge
+        judge.warned_of_dt = judge.warned_of_growth = True
         self.core = self.stepper._state.core
         if "watch" in needs:
             self.core.set_watch(sample_every(first.duration / first.dt, sampling), 0.0)

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..engine.plan import check_options
+from ..engine.options import Options
 from ..errors import ContactError, UnstableError
 from ..methods.integration import integrator_name
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
-from ..run.fixed_steps import Options, Solution, checked_tolerances
+from ..run.fixed_steps import RunOptions, Solution, checked_tolerances
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from .fields import change_scene, split
@@ -83,7 +83,7 @@ class Member:
         numerics["integrator"] = integrator_name(numerics["integrator"], "auto")
         automatic = numerics["integrator"] == "auto"
         named = "rk4" if automatic else numerics["integrator"]
-        check_options(numerics["precision"], numerics["kernel"], numerics["strict"], named)
+        Options(named, numerics["precision"], None, numerics["kernel"], numerics["strict"])
         duration = check.number("duration", run.get("duration", settings.duration), minimum=0, exclusive=True)
         if isinstance(settings.every, float):
             check.frame_count(duration, settings.every)
@@ -192,7 +192,7 @@ class Outcome:
         member = self.member
         evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
         solution = Solution(
-            Options(**member.numerics, threads=self.state.threads),
+            RunOptions(**member.numerics, threads=self.state.threads),
             self.t,
             np.array(self.x),
             np.array(self.v),

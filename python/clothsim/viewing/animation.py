@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import check, files
 from ..base.extras import needed
 from ..base.progress import ProgressBar
 from .camera import camera_for
@@ -49,8 +49,8 @@ def animate(
     # H.264 halves the resolution of colour, so it wants even sides; a black row would be an edge.
     even = suffix == ".mp4"
     pictures = _drawn(run, shown, camera, width - width % 2 if even else width, even)
-    with ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar:
-        write(path, bar.count(pictures), len(shown), fps)
+    with ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar, files.replacing(path) as part:
+        write(part, bar.count(pictures), len(shown), fps)
     return path
 
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..base import check
+from ..base import check, files
 from ..base.extras import needed
 from ..base.on_demand import module_of
 from ..base.progress import ProgressBar
@@ -76,24 +73,14 @@ def export(
     """Write the files of an export of the run `Run.export`; with `progress`, a bar counts frames."""
     target = Target.of(run.scene, path, fps, z_up)
     if target.path.suffix.lower() == ".csv":
-        with _temporary(target.path) as work:
-            return _put(target.module.write(run, work), target.path.parent)
+        return _written(target, run)
     clip = Clip(run, target.fps, target.z_up)
     with ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar:
         clip.advance = bar.advance
-        with _temporary(target.path) as work:
-            return _put(target.module.write(clip, work), target.path.parent)
+        return _written(target, clip)
 
 
-@contextmanager
-def _temporary(path: Path) -> Iterator[Path]:
-    """A file with the name of `path` in a new temporary folder beside it; the folder is removed at the end."""
-    with tempfile.TemporaryDirectory(prefix=".clothsim-", dir=path.parent) as folder:
-        yield Path(folder, path.name)
-
-
-def _put(files: list[Path], folder: Path) -> list[Path]:
-    """Move complete files to their places. The file to open is moved last, when all others are in place."""
-    for file in reversed(files):
-        os.replace(file, folder / file.name)
-    return [folder / file.name for file in files]
+def _written(target: Target, content: Any) -> list[Path]:
+    """The files of an export, moved to their places once all are complete."""
+    with files.folder_beside(target.path) as folder:
+        return files.put(target.module.write(content, folder / target.path.name), target.path.parent)

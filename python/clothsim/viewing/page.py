@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..base import check
+from ..base.files import write_bytes
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..run.result import Run
@@ -91,7 +92,7 @@ class Comparison:
             If an argument is not as above.
         """
         path = file_path("path", path)
-        title = " and ".join(self.runs) if title is None else str(title)
+        title = " and ".join(self.runs) if title is None else check.text("title", str(title))
         return self._write(path, title)
 
     def _write(self, path: Path, title: str, progress: bool = False) -> Path:
@@ -99,8 +100,8 @@ class Comparison:
         # Every frame is measured, its springs are, and it is packed.
         frames = sum(len(run.t) for run in self.runs.values())
         with ProgressBar(progress, total=(PARTS + 2) * frames, unit="frame", desc="page") as bar:
-            path.write_text(_page(title, self.runs, bar.advance), encoding="utf-8")
-        return path
+            content = _page(title, self.runs, bar.advance).encode()
+        return write_bytes(path, content)
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
@@ -147,6 +148,7 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
     for label, run in runs.items():
         if not isinstance(label, str) or not isinstance(run, Run):
             raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
+        check.text("a label of runs", label)
     return Comparison(runs)
 
 
@@ -159,7 +161,7 @@ def _title_of(run: Run) -> str:
 
 def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
     """`Run.to_html`; with `progress`, a bar counts frames."""
-    title = _title_of(run) if title is None else str(title)
+    title = _title_of(run) if title is None else check.text("title", str(title))
     return Comparison({title: run})._write(file_path("path", path), title, progress)
 
 

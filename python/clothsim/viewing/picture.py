@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
+from ..base import check, files
 from ..base.extras import needed
 from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
@@ -85,12 +85,13 @@ class Picture:
         """
         path = file_path("path", path)
         if path.suffix.lower() == ".png":
-            path.write_bytes(self._repr_png_())
+            files.write_bytes(path, self._repr_png_())
         else:
             image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
             if path.suffix.lower() not in image.registered_extensions():
                 raise ValueError(f"path must end in .png or in another suffix that Pillow knows, got {str(path)!r}")
-            image.fromarray(self.pixels).save(path)
+            with files.replacing(path) as part:
+                image.fromarray(self.pixels).save(part)
         return path
 
     def _repr_png_(self) -> bytes:

@@ -1,0 +1,109 @@
+"""Warnings and errors of steps: what an outcome of the core means to a user."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
+from ..methods.limiting import limiting_term
+from ..model.scene import Scene
+
+
+class Judge:
+    """Gives each warning of a simulation once, and raises the error of a failed step.
+
+    Parameters
+    ----------
+    core : _core.Simulation
+        Its state is stored in an error.
+    scenes : sequence of Scene
+        One scene for each member.
+    batched : bool
+        Whether messages name the member.
+    integrator : str
+    max_stable_dt : sequence of float
+        The guaranteed time step of each member [s].
+    """
+
+    def __init__(
+        self, core: _core.Simulation, scenes: Sequence[Scene], batched: bool, integrator: str, max_stable_dt: Sequence[float]
+    ) -> None:
+        self._core, self._scenes, self._batched = core, scenes, batched
+        self._integrator, self._max_stable_dt = integrator, max_stable_dt
+        self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)  # inf without springs
+        self.steps_before = 0  # earlier calls of the run; errors count steps from its start
+        self.forget_warnings()
+
+    def forget_warnings(self) -> None:
+        """Give each warning again. A flag that is set keeps its warning from the user."""
+        self.warned_of_dt = self.warned_of_growth = self.warned_of_pins = False
+
+    def time_step(self, dt: float) -> None:
+        """Warn once of a time step above the guarantee of a member that moves."""
+        if self.warned_of_dt or dt <= self.least_stable_dt:
+            return
+        active = [k for k, frozen in enumerate(self._core.frozen) if not frozen]
+        limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
+        if dt > limit:
+            self.warned_of_dt = True
+            term = str(limiting_term(self._scenes[member], self._integrator))
+            warn_of_dt(dt, limit, self._integrator, self._named(member), term)
+
+    def outcome(self, outcome: dict[str, Any], dt: float) -> None:
+        """Give a warning for each finding of the core, and raise an error for a failed step."""
+        if "pinned_inside" in outcome and not self.warned_of_pins:
+            self._warn_of_pins(*outcome["pinned_inside"])
+        if "grown" in outcome and not self.warned_of_growth:
+            self._warn_of_growth(outcome["grown"], dt)
+        if "point" in outcome:
+            self._raise_error(outcome, dt)
+
+    def _named(self, member: int) -> int | None:
+        return member if self._batched else None
+
+    def _state(self, member: int) -> tuple[Any, Any]:
+        shape = (len(self._scenes), *self._scenes[0].cloth.shape, 3) if self._batched else (*self._scenes[0].cloth.shape, 3)
+        x, v = np.empty(shape), np.empty(shape)
+        self._core.store(x, v)
+        return (x[member], v[member]) if self._batched else (x, v)
+
+    def _warn_of_pins(self, member: int, point: int) -> None:
+        self.warned_of_pins = True
+        warn_caller(
+            f"a sphere has run into the pinned mass point {divmod(point, self._scenes[member].cloth.columns)}"
+            f"{f' of batch member {member}' if self._batched else ''}; a pinned point never "
+            "moves, so it, and triangles at it, are inside while the sphere is there",
+            ContactWarning,
+        )
+
+    def _warn_of_growth(self, member: int, dt: float) -> None:
+        from ..stability.limit import max_stable_dt
+
+        self.warned_of_growth = True
+        try:
+            limit = max_stable_dt(self._scenes[member], self._integrator, *self._state(member))
+        except ValueError:  # points too near for a direction; no reason to end the run
+            limit = self._max_stable_dt[member]
+        warn_of_growth(self._core.time, dt, limit, self._integrator, self._named(member))
+
+    def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
+        member = outcome["member"]
+        scene = self._scenes[member]
+        x, v = self._state(member)
+        found: dict[str, Any] = {
+            "step": self.steps_before + outcome["step"],
+            "time": outcome["time"],
+            "point": divmod(outcome["point"], scene.cloth.columns),
+            "x": x,
+            "v": v,
+            "member": self._named(member),
+        }
+        if outcome["trapped"]:
+            raise ContactError(**found)
+        term = str(limiting_term(scene, self._integrator))
+        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=term)

@@ -1,0 +1,81 @@
+"""The options that every stepping function takes, checked once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, get_args
+
+from .. import _core
+from ..base import check
+from ..methods.integration import integrator_name
+from ..typing import Backend, Kernel, Precision
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+    from ..model.cloth import Cloth
+
+PRECISIONS: tuple[Precision, ...] = ("double", "single")
+KERNELS: tuple[Kernel, ...] = get_args(Kernel)
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+
+# Mass points for each further thread of one cloth. With fewer, the threads wait for each other in each stage of a step
+# for longer than they save: found on cloths of 8 x 8 to 32 x 32; half or twice costs up to a fifth of a step there.
+_POINTS_PER_THREAD = 128
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of the steps, as `step` takes them.
+
+    Made once from the arguments of a call, and handed down to the core. An integrator's alias becomes its name.
+    """
+
+    integrator: str = "rk4"
+    precision: str = "double"
+    threads: int | None = None
+    kernel: str = "auto"
+    strict: bool = False
+    backend: str = "cpu"
+
+    def __post_init__(self) -> None:
+        check.choice("precision", self.precision, PRECISIONS)
+        check.choice("kernel", self.kernel, KERNELS)
+        object.__setattr__(self, "integrator", integrator_name(self.integrator))
+        if check.boolean("strict", self.strict) and self.kernel == "edge":
+            raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
+        if check.choice("backend", self.backend, BACKENDS) == "gpu":
+            self._check_gpu()
+        if self.threads is not None:
+            check.integer("threads", self.threads, minimum=1, maximum=_core.most_threads)
+
+    def _check_gpu(self) -> None:
+        for name, value, accepted in (
+            ("integrator", self.integrator, ("rk4",)),
+            ("kernel", self.kernel, ("gather", "auto")),
+            ("threads", self.threads, (None,)),
+        ):
+            if value not in accepted:
+                raise ValueError(f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', got {value!r}")
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with other values."""
+        return replace(self, **changes)
+
+    def kernel_for(self, cloth: Cloth) -> str:
+        """The kernel that "auto" stands for: "edge", unless the strict class or a family that it lacks needs "gather"."""
+        lacking = [family for family in cloth.families if family not in _core.edge_families]
+        if self.kernel == "edge" and lacking:
+            raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {lacking[0]} springs, got 'edge'")
+        return self.kernel if self.kernel != "auto" else "gather" if self.strict or lacking else "edge"
+
+    def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
+        """The number of threads: `threads`, or a choice by the size of the cloth or batch."""
+        if self.threads is not None:
+            return self.threads
+        rows, columns = shape
+        if members > 1:  # a thread each, or the whole team for a few large members
+            parts = max(members, rows * columns // _core.least_points_per_thread)
+        else:
+            parts = max(1, rows * columns // _POINTS_PER_THREAD)
+        return min(_core.available_threads(), parts)

@@ -1,0 +1,76 @@
+"""The checked input of a stepping call: scenes, state and time, and a warning where a sphere starts on the cloth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ContactWarning, warn_caller
+from ..model.scene import Scene
+from .arrays import FloatArray, checked_state, scenes_of, start_time
+from .plan import point_radius
+
+
+@dataclass(frozen=True)
+class Start:
+    """The state from which a call steps.
+
+    Attributes
+    ----------
+    scenes : list of Scene
+        One scene for each state.
+    batched : bool
+        Whether the state has a first axis of members.
+    x, v : numpy.ndarray
+    t : float
+    """
+
+    scenes: list[Scene]
+    batched: bool
+    x: FloatArray
+    v: FloatArray
+    t: float
+
+    @classmethod
+    def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, precision: str) -> Start:
+        """The arguments of a call. The state or time that a call leaves out is the scenes' own."""
+        scenes = scenes_of(scene)
+        batched = not isinstance(scene, Scene)
+        time = 0.0 if t is None and x is None else start_time(t, scenes)
+        if x is None:
+            x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
+        if v is None:
+            v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
+            v = np.broadcast_to(v, np.shape(x))
+        x, v = checked_state(x, v, scenes, batched, precision)
+        members = x.ndim == 4
+        return cls(scenes if batched or not members else scenes * len(x), members, x, v, time)
+
+
+# Rounding of float32 positions, as part of the radius and the distance of the centre. With half of it float32 states on
+# the surface give false warnings; twice as much hides 2e-6 of the radius.
+_START_ROUNDING = 1e-6
+
+
+def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> None:
+    """Warn where a continuous sphere is on the cloth at the start, with the deepest point."""
+    for k, sphere in enumerate(scene.spheres):
+        if sphere.response != "continuous":
+            continue
+        radius, center = point_radius(sphere, scene.cloth), sphere.center_at(t)
+        with np.errstate(invalid="ignore"):  # the checks name a value that is not finite
+            depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+        inside = depth > _START_ROUNDING * (radius + np.abs(center).sum())
+        if not inside.any():
+            continue
+        row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
+        warn_caller(
+            f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
+            f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
+            f"{depth[row, column]:.3g} m; they are pushed out at {sphere.push_out_speed:g} m/s "
+            "at most (push_out_speed)",
+            ContactWarning,
+        )

@@ -1,0 +1,306 @@
+"""Files of the package: whole or not at all, and damage is seen."""
+
+import errno
+import os
+import re
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.accuracy import cache
+from clothsim.base import files
+
+SCENE = cs.Scene(cs.Cloth((3, 3)), cs.Sphere((0.5, -0.5, 0.5), 0.1))
+RUN = cs.simulate(SCENE, 0.003, dt=1e-3, every="step")
+
+# Each way to write a file, and its name.
+WRITERS = {
+    "scene.toml": lambda path: cs.save_scene(SCENE, path),
+    "run.npz": RUN.save,
+    "snapshot.npz": lambda path: cs.Stepper(SCENE).snapshot().save(path),
+    "page.html": RUN.to_html,
+    "picture.png": lambda path: RUN.picture(path=path),
+    "film.gif": RUN.animate,
+    "film.mp4": RUN.animate,
+    "measures.csv": RUN.export,
+    "cloth.glb": lambda path: RUN.export(path, fps=None),
+    "cloth.usdc": lambda path: RUN.export(path, fps=None),
+    "cloth.vtkhdf": lambda path: RUN.export(path, fps=None),
+    "cloth.pc2": lambda path: RUN.export(path, fps=None),
+}
+
+
+def write(name, path):
+    """Write the file `name` as `path`; skip where its writer's program or package is missing."""
+    try:
+        WRITERS[name](path)
+    except (ImportError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "is not on the PATH" not in str(error):
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # h5py cannot close the file that failed
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
+    path = tmp_path / name
+    write(name, path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    most, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before[name]) // 2, hard))
+    try:
+        with pytest.raises(Exception) as caught:  # libraries and ffmpeg raise their own
+            WRITERS[name](path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    if isinstance(caught.value, OSError) and caught.value.errno == errno.EFBIG:
+        assert str(path) in str(caught.value)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_symbolic_link_is_replaced_and_not_followed(name, tmp_path):
+    other = tmp_path / "other"
+    other.write_text("mine")
+    path = tmp_path / name
+    path.symlink_to(other)
+    write(name, path)
+    assert other.read_text() == "mine"
+    assert path.is_file() and not path.is_symlink()
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "run.npz", "page.html"])
+def test_a_file_has_the_mode_of_the_file_that_it_replaces(name, tmp_path):
+    path = tmp_path / name
+    before = os.umask(0o027)
+    try:
+        write(name, path)
+        assert stat.S_IMODE(path.stat().st_mode) == 0o640
+        path.chmod(0o604)
+        write(name, path)
+        assert stat.S_IMODE(path.stat().st_mode) == 0o604
+    finally:
+        os.umask(before)
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "run.npz", "page.html"])
+def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
+    path, failed = tmp_path / name, []
+    write(name, path)
+    load = {"scene.toml": cs.load_scene, "run.npz": cs.load_run, "page.html": lambda path: path.read_bytes()}[name]
+    expected = load(path)
+
+    def save():
+        try:
+            for _ in range(6):
+                WRITERS[name](path)
+                assert load(path) == expected
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=save) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failed == []
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+CHILD = """
+import sys, clothsim as cs
+from clothsim.base import files
+path, k = sys.argv[1], 0
+while True:
+    k += 1
+    files.write_npz(files.npz_path(path), {"t": [k], "x": list(range(20_000))})
+    print(k, flush=True)
+"""
+
+
+def test_a_kill_in_the_middle_leaves_a_whole_file_and_the_next_save_cleans_up(tmp_path):
+    path, left = tmp_path / "a.npz", 0
+    for k in range(8):
+        child = subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE)
+        child.stdout.readline()
+        time.sleep(0.002 * k)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+        child.stdout.close()
+        assert len(files.read_npz(path, "file", ("t", "x"))["x"]) == 20_000
+        left += len(list(tmp_path.iterdir())) - 1
+    assert left > 0  # else no kill came in the middle
+    files.write_npz(path, {"t": [0]})
+    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_save_leaves_the_parts_of_another_save_alone(tmp_path):
+    path = tmp_path / "a.txt"
+    with files.replacing(path) as part:
+        part.write_text("slow")
+        files.write_bytes(path, b"quick")
+        assert part.read_text() == "slow" and path.read_text() == "quick"
+    assert path.read_text() == "slow"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_block_that_raises_changes_nothing(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(KeyError), files.replacing(path) as part:
+        part.write_text("new")
+        raise KeyError
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_odd_places_are_refused(tmp_path):
+    for place, error, words in (
+        (tmp_path, ValueError, "which is a folder or device"),
+        ("/dev/null", ValueError, "which is a folder or device"),
+        (tmp_path / "none" / "a.toml", FileNotFoundError, "existing folder"),
+        (tmp_path / ("a" * 300), OSError, "too long"),
+    ):
+        with pytest.raises(error, match=words) as caught:
+            cs.save_scene(SCENE, place)
+        assert str(place) in str(caught.value)
+    assert cs.load_scene(cs.save_scene(SCENE, tmp_path / ("a" * 255))) == SCENE
+
+
+def test_a_text_that_no_file_can_hold_is_refused_before_the_file_is_touched(tmp_path):
+    path = RUN.to_html(tmp_path / "page.html")
+    before = path.read_bytes()
+    for write_page in (
+        lambda: RUN.to_html(path, title="a\ud800"),
+        lambda: cs.compare({"a\udfff": RUN}).to_html(path),
+        lambda: cs.compare({"a": RUN}).to_html(path, title="a\ud800"),
+    ):
+        with pytest.raises(ValueError, match="a text without lone surrogates"):
+            write_page()
+    assert path.read_bytes() == before
+
+
+# Damage
+
+
+def flips(data, count):
+    """The file with one bit changed, at up to `count` bytes spread over the file."""
+    for place in np.unique(np.linspace(0, len(data) - 1, count).astype(int)):
+        changed = bytearray(data)
+        changed[place] ^= 1 << (int(place) * 5 + 3) % 8
+        yield f"byte {place}", bytes(changed)
+
+
+def cuts(data, count):
+    """The file cut after up to `count` lengths."""
+    for length in np.unique(np.linspace(0, len(data) - 1, count).astype(int)):
+        yield f"cut at {length}", data[:length]
+
+
+RESUMED = RUN.resume(0.001)
+SAVED = {
+    "run.npz": (cs.load_run, lambda run: run == RUN and run.resume(0.001) == RESUMED),
+    "snapshot.npz": (cs.Snapshot.load, lambda one: one.scene == SCENE and cs.Stepper.restore(one).time == 0),
+    "scene.toml": (cs.load_scene, lambda scene: scene == SCENE),
+}
+
+
+@pytest.mark.parametrize("name", SAVED)
+def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
+    """A changed byte that no reader uses, as a time in the archive, is harmless."""
+    load, equal = SAVED[name]
+    path = tmp_path / name
+    WRITERS[name](path)
+    data, loaded = path.read_bytes(), []
+    count = int(os.environ.get("CLOTHSIM_TEST_FLIPS", "1500"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # zipfile warns of names that occur twice
+        for what, damaged in (*flips(data, count), *cuts(data, count // 4)):
+            path.write_bytes(damaged)
+            try:
+                found = load(path)
+            except ValueError as error:
+                assert str(error).startswith(str(path)), what
+            else:
+                assert equal(found), what
+                loaded.append(what)
+    if name.endswith("toml"):
+        assert loaded in ([], [f"cut at {len(data) - 1}"])  # the last line break
+    assert len(loaded) < count // 4
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"x": RUN.x[:, :2]}, r"x must be float64 of shape \(4, 3, 3, 3\), got float64 of shape \(4, 2, 3, 3\)"),
+        ({"v": RUN.v.astype(np.float32)}, "v must be float64 .* got float32"),
+        ({"x": np.where(RUN.x == RUN.x[1, 1, 1], np.nan, RUN.x)}, "x must be finite numbers"),
+        ({"t": RUN.t[::-1]}, "t must be increasing times"),
+        ({"t": RUN.t[:, None]}, r"t must be float64 of shape \(frames,\)"),
+        ({"report": "[]"}, "report must be a mapping"),
+        ({"report": "{}"}, "report lacks backend, chaotic,"),
+        ({"report": "[" * 100_000}, "recursion"),
+        ({"scene": '{"schema": 1, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
+        ({"scene": '{"schema": 1, "cloth": {"shape": [3, 3], "mass": 2.0}}'}, "final state is of another scene"),
+    ],
+)
+def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):
+    arrays = files.read_npz(RUN.save(tmp_path / "run"), "run", ())
+    path = files.write_npz(tmp_path / "run.npz", {**arrays, **change})
+    with pytest.raises(ValueError, match=f"^{re.escape(str(path))} is no run of clothsim: .*{words}"):
+        cs.load_run(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\xef\xbb\xbfschema = 1\n", "no TOML file"),
+        (b"a = " + b"[" * 50_000, "no TOML file"),
+        (b"schema = " + b"1" * 5_000, "no TOML file"),
+        (b"schema = 1\n[cloth]\nshape = [" + b"9" * 4_000 + b", 3]\n", "shape"),
+        (b"schema = 1\n[cloth]\nmass = 1" + b"0" * 4_000 + b"\n", "mass"),
+    ],
+)
+def test_odd_toml_is_a_value_error_with_the_path(content, words, tmp_path):
+    path = tmp_path / "odd.toml"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=words) as caught:
+        cs.load_scene(path)
+    assert str(caught.value).startswith(str(path)) and len(str(caught.value)) < 1000
+
+
+def test_an_edited_scene_file_loads_without_its_first_and_last_line(tmp_path):
+    path = cs.save_scene(SCENE, tmp_path / "scene.toml")
+    text = path.read_text().replace("radius = 0.1", "radius = 0.2")
+    path.write_text(text)
+    with pytest.raises(ValueError, match="delete its first line and its last line"):
+        cs.load_scene(path)
+    path.write_text("\n".join(text.splitlines()[1:-1]))
+    assert cs.load_scene(path).spheres[0].radius == 0.2
+    path.write_bytes(cs.save_scene(SCENE, path).read_bytes().replace(b"\n", b"\r\n"))
+    assert cs.load_scene(path) == SCENE
+
+
+def test_a_damaged_reference_is_computed_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path))
+    arrays = {"x": np.arange(6.0)}
+    cache.save("key", dict(arrays))
+    (path,) = (tmp_path / "references").iterdir()
+    data = path.read_bytes()
+    for _, damaged in (*flips(data, 300), *cuts(data, 50)):
+        path.write_bytes(damaged)
+        cache.forget()
+        found = cache.load("key")
+        assert found is None or np.array_equal(found[0]["x"], arrays["x"])
+    cache.forget()
+    cache.save("key", dict(arrays))
+    cache.forget()
+    assert cache.load("key")[1] == "disk"
+    cache.forget()
