@@ -25,12 +25,25 @@ class Controls:
     playground : Playground
     attempt : callable
         Calls its argument and returns whether that succeeded. A refusal is shown in the browser.
+    release : callable
+        Called at a reset: lets all handles follow the scene again.
+
+    Attributes
+    ----------
+    inputs : list
+        The handles whose values a browser may change.
     """
 
     def __init__(
-        self, viser: Any, server: Any, playground: Playground, attempt: Callable[[Callable[[], None]], bool]
+        self,
+        viser: Any,
+        server: Any,
+        playground: Playground,
+        attempt: Callable[[Callable[[], None]], bool],
+        release: Callable[[], None],
     ) -> None:
-        self.playground, self._attempt = playground, attempt
+        self.playground, self._attempt, self._release = playground, attempt, release
+        self.inputs: list[Any] = []
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=CURVES)
         self._settled = False  # False: a reset has to be shown
         self.entries: list[tuple[Any, Callable[[], Any]]] = []
@@ -53,10 +66,13 @@ class Controls:
         play = self.playground
         self._pause = gui.add_checkbox("pause", False, hint="stop and go on")
         self._pause.on_update(lambda _: setattr(play, "paused", bool(self._pause.value)))
-        gui.add_button("one step", hint="pause, and take one time step").on_click(lambda _: self._one_step())
-        gui.add_button("reset", hint="the scene as it was given, at t = 0").on_click(lambda _: self._reset())
+        step = gui.add_button("one step", hint="pause, and take one time step")
+        step.on_click(lambda _: self._one_step())
+        reset = gui.add_button("reset", hint="the scene as it was given, at t = 0")
+        reset.on_click(lambda _: self._reset())
         self._record = gui.add_checkbox("record", False, hint="keep each picture's state, for viewer.recorded()")
         self._record.on_update(lambda _: play.record(bool(self._record.value)))
+        self.inputs += [self._pause, step, reset, self._record]
 
     def _build_time(self, gui: Any) -> None:
         play = self.playground
@@ -157,6 +173,7 @@ class Controls:
     def _entry(self, handle: Any, change: Callable[[Any], None], read: Callable[[], Any]) -> None:
         """A control that changes the playground, and returns to its old value if the change is refused."""
         self.entries.append((handle, read))
+        self.inputs.append(handle)
 
         def updated(event: Any) -> None:
             if event.client is not None and not self._attempt(lambda: change(handle.value)):
@@ -170,6 +187,7 @@ class Controls:
 
     def _reset(self) -> None:
         self.playground.reset()
+        self._release()
         self._samples.clear()
         self._settled = False
 

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import atexit
 import math
+import warnings
 from collections.abc import Callable
 from threading import Event, Thread
 from time import perf_counter
+from typing import Any
 
 from ..base.extras import needed
 from ..run.result import Run
 from .controls import Controls
+from .gate import Gate, accepts
 from .playground import Playground
 from .stage import Stage
 
@@ -31,20 +34,31 @@ class Viewer:
     Attributes
     ----------
     url : str
-        Address of the page.
+        Address of the page, with its token. A browser without the token is refused.
     playground : Playground
         The scene, its stepper and its clock.
     """
 
     def __init__(self, playground: Playground, host: str, port: int) -> None:
         viser = needed("viser", "the live viewer", "view")
-        self.playground = playground
-        self.server = viser.ViserServer(host=host, port=port, label="clothsim", verbose=False)
-        shown = "localhost" if host in ("127.0.0.1", "0.0.0.0") else host
-        self.url = f"http://{shown}:{self.server.get_port()}"
+        self.playground, self._gate = playground, Gate(host)
+        self.server = _served(viser, self._gate, host, port)
+        shown = "localhost" if host in ("127.0.0.1", "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+        self.url = f"http://{shown}:{self.server.get_port()}/?token={self._gate.token}"
+        if self._gate.public:
+            warnings.warn(
+                f"host={host!r} lets other machines reach the live viewer: who has its address with the token can "
+                "change the scene, and the connection is not encrypted. host='127.0.0.1' serves this machine alone",
+                RuntimeWarning,
+                stacklevel=4,
+            )
         self._over = Event()
         self.stage = Stage(self.server, playground, self._attempt)
-        self.controls = Controls(viser, self.server, playground, self._attempt)
+        self.controls = Controls(viser, self.server, playground, self._attempt, self.stage.release)
+        self._gate.admit(
+            {handle._impl.uuid: accepts(handle) for handle in self.controls.inputs},
+            {handle.name for handle in (*self.stage.gizmos, *self.stage.pin_gizmos)},
+        )
         self.server.on_client_disconnect(self.stage.let_go)
         self._thread = Thread(target=self._loop, name="clothsim view", daemon=True)
         self._thread.start()
@@ -54,7 +68,7 @@ class Viewer:
         """Do an action and return whether it succeeded; a refusal is shown in the browser."""
         try:
             action()
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, ArithmeticError) as error:
             for client in self.server.get_clients().values():
                 client.add_notification("Not possible", str(error), auto_close_seconds=8.0)
             return False
@@ -96,3 +110,24 @@ class Viewer:
 
     def __repr__(self) -> str:
         return f"<Viewer at {self.url}>"
+
+
+def _served(viser: Any, gate: Gate, host: str, port: int) -> Any:
+    """A viser server behind the gate, without viser's public tunnel."""
+    from rich import get_console
+
+    console = get_console()
+    quiet, console.quiet = console.quiet, True  # viser prints its address, which lacks the token
+    server = None
+    try:
+        with gate.before():
+            server = viser.ViserServer(host=host, port=port, label="clothsim", verbose=False)
+        for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
+            server._websock_server.unregister_handler(getattr(viser._messages, name))
+    except BaseException:
+        if server is not None:
+            server.stop()
+        raise
+    finally:
+        console.quiet = quiet
+    return server

@@ -9,7 +9,6 @@ too, in short pieces.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from threading import RLock
 from time import perf_counter
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from ..base import check
 from ..base.clocks import seconds_per_step
 from ..engine.stepper import Stepper
-from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError
+from ..errors import ContactError, UnstableError
 from ..measure.measures import energy, penetration
 from ..model.motion import Keyframes
 from ..model.ready import PAPER_DT
@@ -34,6 +33,7 @@ SHARE = 0.6  # part of the wall time that stepping may take for a time step to c
 DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a jerk tears the cloth apart
 PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time
 LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause is not followed by a rush
+MOST_STEPS = 10**9  # of a tick; no machine takes as many, and a tiny time step asks for more than an integer holds
 RECORDED = 500_000_000  # bytes of a recording; it stops there
 
 Floats = npt.NDArray[np.float64]
@@ -197,8 +197,8 @@ class Playground:
         with self.lock:
             if self.problem or (self.paused and not single):
                 return 0
-            self._owed = min(self._owed + wall, LONGEST)
-            steps = 1 if single else int(self._owed / self.dt)
+            self._owed = min(self._owed + wall, max(LONGEST, self.dt))
+            steps = 1 if single else int(min(self._owed / self.dt, MOST_STEPS))
             if not steps:
                 return 0
             self._aim_spheres(steps * self.dt)
@@ -225,10 +225,8 @@ class Playground:
             self._move_pins(piece * self.dt)
             before = perf_counter()
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", StabilityWarning)
-                    warnings.simplefilter("ignore", ContactWarning)
-                    self.stepper.advance(piece, self.dt)
+                self._silence()
+                self.stepper.advance(piece, self.dt)
             except UnstableError as error:
                 self.problem = (
                     f"UNSTABLE at point {error.point}, t = {self.time:.4g} s: the time step of "
@@ -243,6 +241,12 @@ class Playground:
             done += piece
             self._steps += piece
         return done
+
+    def _silence(self) -> None:
+        """Let the stepper give no warnings: the page shows the limit, and filters of warnings are for one thread alone."""
+        state = self.stepper._state
+        state.announced = True
+        state.judge.warned_of_dt = state.judge.warned_of_growth = state.judge.warned_of_pins = True
 
     def _aim_spheres(self, span: float) -> None:
         """Let dragged spheres travel to their targets within `span` seconds."""

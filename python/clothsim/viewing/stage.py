@@ -117,6 +117,10 @@ class Stage:
         for name in [name for name, holder in self._dragging.items() if holder == client.client_id]:
             del self._dragging[name]
 
+    def release(self) -> None:
+        """Let all handles follow the scene again."""
+        self._dragging.clear()
+
     def draw(self) -> None:
         """Send the present state, if it differs from the last one sent."""
         play = self.playground

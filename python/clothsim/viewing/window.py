@@ -43,14 +43,15 @@ def view(
         As for `clothsim.Stepper`.
     host : str, default "127.0.0.1"
         Address to serve at. The default serves this machine alone. "0.0.0.0" serves every machine that can reach this
-        one, and each of them can change the scene.
+        one. Each of them that has the token can change the scene, and the connection is not encrypted.
     port : int, default 8080
         Port to serve at; the next free one if it is taken.
 
     Returns
     -------
     Viewer or None
-        With `block` False, a viewer with ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``.
+        With `block` False, a viewer with ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``. The address
+        ends with a token, without which a browser is refused.
 
     Raises
     ------
@@ -58,6 +59,13 @@ def view(
         If an argument is not as above.
     ImportError
         Without viser (extra "view").
+    RuntimeError
+        If this version of viser gives no place to check its clients.
+
+    Warns
+    -----
+    RuntimeWarning
+        If `host` lets other machines reach the viewer.
 
     Examples
     --------
