@@ -15,7 +15,7 @@ from .base import openmp as _openmp  # noqa: F401  # before the core is loaded
 from . import errors as errors
 from . import scenes
 from . import typing as typing
-from .sweeps.registration import register as _register_accessor
+from .sweeps import register as _register_accessor
 from .base.on_demand import on_demand as _on_demand
 from .machine.build import build_config
 from .model.cloth import Cloth
@@ -114,7 +114,7 @@ __getattr__, __dir__ = _on_demand(
         "reference": ".accuracy",
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
-        "open_sweep": ".sweeps.dataset",
+        "open_sweep": ".sweeps.stored",
         "sweep": ".sweeps.api",
         "sweepable": ".sweeps.fields",
         "Camera": ".viewing.camera",

@@ -1,14 +1,12 @@
 """Packages beyond NumPy: missed before any work is done, and the xarray accessor."""
 
 import importlib
-import json
 import subprocess
 import sys
 
 import clothsim as cs
 import pytest
 import xarray
-import zarr
 
 SCENE = cs.scenes.oscillator()
 HINT = r"pip install '\.\[{}\]' in a clone"
@@ -25,7 +23,7 @@ def nothing_runs(monkeypatch):
         ("stability.map", "is_stable"),
         ("accuracy.work", "Bench"),
         ("accuracy.work", "solution_for"),
-        ("sweeps.session", "run_all"),
+        ("sweeps.workers", "run_task"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
 
@@ -100,20 +98,6 @@ def test_a_store_that_xarray_opens_has_the_accessor(tmp_path):
     opened = xarray.open_zarr(tmp_path / "s.zarr", chunks=None)
     assert callable(opened.clothsim.plot) and opened.clothsim.scene == SCENE
     assert list(opened.attrs) == ["clothsim_sweep"]
-
-
-def test_stores_with_the_attributes_old_name_are_read_and_resumed(tmp_path):
-    path = tmp_path / "s.zarr"
-    sweep(path)
-    file = path / "zarr.json"
-    text = json.loads(file.read_text())
-    text["attributes"] = {"clothsim": text["attributes"]["clothsim_sweep"]}
-    file.write_text(json.dumps(text))
-    assert dict(zarr.open_group(path, mode="r").attrs).keys() == {"clothsim"}
-    assert xarray.open_zarr(path, chunks=None, consolidated=False).clothsim.scene == SCENE
-    again = cs.open_sweep(path)
-    assert again.clothsim.scene == SCENE and list(again.attrs) == ["clothsim_sweep"]
-    assert sweep(path).clothsim.provenance["sessions"][-1]["tasks"] == 0
 
 
 def test_sweepable_names_have_units():

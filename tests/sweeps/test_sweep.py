@@ -3,9 +3,9 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import batch
-from clothsim.sweeps.member import Member, Settings
+from clothsim.sweeps.member import Member, SweepOptions
 from clothsim.sweeps.reference import solve
+from clothsim.sweeps.task import Batch
 
 xarray = pytest.importorskip("xarray")
 
@@ -18,8 +18,7 @@ def sweep(*args, **options):
 
 
 def member(scene, dt, duration=0.2, index=0, **numerics):
-    settings = Settings(duration, dt, "rk4", "double", "auto", False, None, False, 32, ())
-    return Member.make(index, scene, numerics, settings)
+    return Member.make(index, scene, numerics, SweepOptions(duration, dt))
 
 
 # The same bits as alone
@@ -50,7 +49,7 @@ def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, preci
     scenes = [SMALL.replace(cloth=SMALL.cloth.replace(stiffness=k)) for k in stiffness]
     members = [member(s, 3e-3, 0.5, k, precision=precision) for k, s in enumerate(scenes)]
     assert len({m.batch_key for m in members}) == 1
-    outcomes = batch.run_batch(members, frozenset({"stretch"}))
+    outcomes = Batch(members, SweepOptions()).run()
     diverged = [k for k, outcome in enumerate(outcomes) if outcome.error is not None]
     assert diverged == [1, 3]
     for k, (scene, outcome) in enumerate(zip(scenes, outcomes, strict=True)):

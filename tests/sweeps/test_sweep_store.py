@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,8 +10,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import planning, session, store
-from clothsim.sweeps import workers as engine
+from clothsim.sweeps import api, store, stored, workers
 
 xarray = pytest.importorskip("xarray")
 zarr = pytest.importorskip("zarr")
@@ -38,16 +38,15 @@ def same(a, b, but=()):
 @pytest.fixture
 def counted(monkeypatch):
     """Indices of the members that are run, in order; each task has one, to be stopped anywhere."""
-    run_task, indices = engine.run_task, []
+    run_task, indices = workers.run_task, []
 
     def counting(task, **options):
-        indices.extend(index for index, _ in task.members)
+        indices.extend(task.values)
         return run_task(task, **options)
 
-    monkeypatch.setattr(engine, "run_task", counting)
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "SHORTEST_HERE", 1e-9)
-    monkeypatch.setattr(planning, "LONGEST", 1e-9)
+    monkeypatch.setattr(workers, "run_task", counting)
+    for name in ("SHORTEST", "SHORTEST_HERE", "LONGEST"):
+        monkeypatch.setattr(workers, name, 1e-9)
     monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 0.0)
     return indices
 
@@ -111,63 +110,75 @@ def test_what_is_missing_is_done_and_nothing_twice(tmp_path, counted, monkeypatc
     assert counted == []
 
 
-@pytest.mark.parametrize("killed_at", [0, 1, 7, 16, 21, *range(22, 43, 2)])
-def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, monkeypatch, killed_at):
-    """The writes to the disk, file by file, end at any of them, as with a power cut."""
-    from zarr.storage import _local
+class Killed(BaseException):
+    pass
 
-    class Killed(BaseException):
-        pass
+
+def killed(monkeypatch, after, run):
+    """Run with writes to the disk, file by file, that end after so many, as with a power cut; whether they ended."""
+    from zarr.storage import _local
 
     writes, write = [], _local._put
 
     def writing(*args, **options):
         writes.append(args)
-        if len(writes) > killed_at:
+        if len(writes) > after:
             raise Killed
         return write(*args, **options)
 
-    path, over = tmp_path / "s.zarr", {"stiffness": [1e3, 2e3], "dt": [1e-3, 2e-2]}
     with monkeypatch.context() as patch:
         patch.setattr(_local, "_put", writing)
-        with pytest.raises(Killed):
-            sweep(path, over, metrics="energy_drift")
-    expected = cs.sweep(SCENE, over, duration=0.3, metrics="energy_drift", progress=False)
-    done = np.zeros((2, 2), bool)
-    try:
-        before = cs.open_sweep(path)
-    except ValueError:  # it has nothing yet
-        assert killed_at < 22
-    else:
-        done = before.status.values > 0
-        for name in ("energy_drift", "unstable_step", "max_stable_dt"):
-            left, right = before[name].values[done], expected[name].values[done]
-            assert np.array_equal(left, right, equal_nan=True)
-    counted.clear()
-    same(sweep(path, over, metrics="energy_drift"), expected)
-    assert len(counted) == 4 - int(done.sum())
+        try:
+            run()
+        except Killed:
+            return True
+    return False
+
+
+SMALL = {"stiffness": [1e3, 2e3], "dt": [1e-3, 2e-2]}
+
+
+def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, monkeypatch):
+    expected = cs.sweep(SCENE, SMALL, duration=0.3, metrics="energy_drift", progress=False)
+    readable, after, ended = [], 0, False
+    while not ended:
+        path = tmp_path / f"{after}.zarr"
+        ended = not killed(monkeypatch, after, lambda: sweep(path, SMALL, metrics="energy_drift"))
+        done = np.zeros((2, 2), bool)
+        try:
+            before = cs.open_sweep(path)
+        except ValueError as error:
+            assert "stopped before it had anything" in str(error) or "no store" in str(error) or "folder" in str(error)
+        else:
+            done = before.status.values > 0
+            for name in ("energy_drift", "unstable_step", "max_stable_dt"):
+                left, right = before[name].values[done], expected[name].values[done]
+                assert np.array_equal(left, right, equal_nan=True)
+        readable.append(done.sum())
+        counted.clear()
+        same(sweep(path, SMALL, metrics="energy_drift"), expected)
+        assert len(counted) == 4 - int(done.sum())
+        after += 1 if after % 5 else 4
+    assert readable == sorted(readable) and set(readable) == {0, 1, 2, 3, 4}
 
 
 # The command line, with tasks of a member and a write after each. It waits half-way, to be stopped there.
 SCRIPT = """
 import sys, time
 from clothsim.cli import main
-from clothsim.sweeps import planning, session, store
-planning.SHORTEST_HERE = planning.LONGEST = 1e-9
+from clothsim.sweeps import store, workers
+workers.SHORTEST = workers.SHORTEST_HERE = workers.LONGEST = 1e-9
 store._SECONDS_BETWEEN_WRITES = 0.0
-run_all = session.run_all
+learn, done = workers.Planner.learn, []
 
-def halting(workers, planner, record, meanwhile):
-    done = []
-    def counted(result):
-        record(result)
-        done.append(result)
-        if len(done) == 3:
-            print("half-way", flush=True)
-            time.sleep(60)
-    run_all(workers, planner, counted, meanwhile)
+def halting(self, result):
+    learn(self, result)
+    done.append(result)
+    if len(done) == 3:
+        print("half-way", flush=True)
+        time.sleep(60)
 
-session.run_all = halting
+workers.Planner.learn = halting
 sys.exit(main(sys.argv[1:]))
 """
 COMMAND = [
@@ -244,11 +255,11 @@ def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):
 
 def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
     sweep(tmp_path / "s.zarr")
-    monkeypatch.setattr(session, "build_config", lambda: {"version": "99.0"})
+    monkeypatch.setattr(api, "build_config", lambda: {"version": "99.0"})
     with pytest.raises(ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'):
         sweep(tmp_path / "s.zarr")
-    monkeypatch.setattr(store, "SCHEMA", 3)
-    with pytest.raises(ValueError, match="schema 2, the version read here is 3"):
+    monkeypatch.setattr(stored, "SCHEMA", 4)
+    with pytest.raises(ValueError, match="schema 3, the version read here is 4"):
         sweep(tmp_path / "s.zarr")
 
 
@@ -277,13 +288,36 @@ def test_resume_false_refuses_what_exists(tmp_path):
         sweep(tmp_path / "s.zarr", resume=False)
 
 
+WRITER = """
+import sys, time
+import clothsim as cs
+
+def wait(run):
+    print("writing", flush=True)
+    time.sleep(60)
+    return 0.0
+
+cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"mass": [1.0]}, dt=1e-3, metrics=wait, store=sys.argv[1], progress=False)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks")
 def test_one_writer_at_a_time(tmp_path):
     path = tmp_path / "s.zarr"
+    with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout.readline() == "writing\n"
+        with pytest.raises(ValueError, match=f"s.zarr' is being written by process {writer.pid} on .*; wait for its end"):
+            sweep(path, {"mass": [1.0]}, dt=1e-3)
+        writer.kill()
+    # The lock of a dead process is taken over, and none is left behind.
+    assert f"process {writer.pid} " in (tmp_path / "s.zarr.lock").read_text()
+    shutil.rmtree(path)
     sweep(path)
-    lock = store._locked(path)
-    with pytest.raises(ValueError, match="being written by another process"):
+    assert [entry.name for entry in tmp_path.iterdir()] == ["s.zarr"]
+    lock = stored.Lock(path)  # of two threads of one process too
+    with pytest.raises(ValueError, match=f"being written by process {os.getpid()}; "):
         sweep(path)
-    os.close(lock)
+    lock.release()
     sweep(path)
 
 

@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps.member import Member, Settings
+from clothsim.sweeps.member import Member, SweepOptions
 
 pytest.importorskip("xarray")
 
@@ -136,6 +136,5 @@ def test_what_is_refused(options, message):
 
 
 def test_members_with_error_control_cost_something():
-    settings = Settings(1.0, None, None, "double", "auto", False, None, False, 32, (), rtol=1e-6)
-    member = Member.make(0, SCENE, {}, settings)
+    member = Member.make(0, SCENE, {}, SweepOptions(rtol=1e-6))
     assert member.controlled and member.expected_steps > 1.0 / cs.max_stable_dt(SCENE)

@@ -69,8 +69,9 @@ def is_iterable(value: Any) -> bool:
 
 def is_masked(value: Any) -> bool:
     """Whether `value` is a masked array or the constant ``numpy.ma.masked``."""
-    ma = sys.modules.get("numpy.ma")  # where nobody has imported it, nobody has one
-    return ma is not None and isinstance(value, ma.MaskedArray)
+    # No masked array exists before numpy.ma is imported. Another thread may be importing it now.
+    masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    return masked is not None and isinstance(value, masked)
 
 
 def is_number(value: Any) -> bool:

@@ -119,9 +119,8 @@ def run(args: argparse.Namespace) -> None:
             progress=wanted_by_command(),
             **settings,
         )
-    except KeyboardInterrupt:
-        if args.store:
-            print(f"\n{_so_far(args.store)}", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"\n{stop}", file=sys.stderr)
         raise
     print(as_json(as_data(dataset)) if args.json else summary(dataset))
     if picture is not None:
@@ -226,8 +225,3 @@ def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: An
     matplotlib.use("Agg")
     axes = dataset.clothsim.plot(kind, **options)
     axes.figure.savefig(picture, dpi=120)
-
-
-def _so_far(store: str) -> str:
-    status = cs.open_sweep(store)["status"].values
-    return f"{int((status > 0).sum())} of {status.size} members are in {store}; the same command does the rest"

@@ -2,22 +2,59 @@
 
 Each file has one concept:
 
-- `fields` has the names that can be swept, `grid` the members, `member` a single member.
-- `batch` runs members that share a call, `controlled` a member with error control, `task` the members of one task.
-- `session` runs a whole sweep: `planning` cuts it into tasks, and `workers` executes them.
-- `metrics` and `reference` measure; `results`, `store` and `dataset` keep and label.
+- `api` runs a whole sweep: `workers` cuts it into tasks and executes them.
+- `fields` has the names that can be swept, `grid` the members, `member` a single member, `task` the members of one task.
+- `metrics` and `reference` measure. `results` keeps and labels, `store` writes a store, and `stored` reads and checks it.
 - `sweep_plots` and `accessor` draw.
 """
 
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ..base.on_demand import on_demand
 
 if TYPE_CHECKING:
+    from .accessor import ClothsimAccessor
     from .api import sweep
-    from .dataset import open_sweep
     from .metrics import METRICS
+    from .stored import open_sweep
 
-__all__ = ["METRICS", "open_sweep", "sweep"]
+__all__ = ["METRICS", "ClothsimAccessor", "open_sweep", "sweep"]
 
-__getattr__, __dir__ = on_demand(globals(), {"METRICS": ".metrics", "open_sweep": ".dataset", "sweep": ".api"})
+_PLACES = {"METRICS": ".metrics", "ClothsimAccessor": ".accessor", "open_sweep": ".stored", "sweep": ".api"}
+__getattr__, __dir__ = on_demand(globals(), _PLACES)
+
+
+def register() -> None:
+    """Register ``Dataset.clothsim``: now if xarray is imported, else at its import."""
+    if sys.modules.get("xarray") is not None:
+        __getattr__("ClothsimAccessor")
+    else:
+        sys.meta_path.insert(0, _AfterXarray())
+
+
+class _AfterXarray(MetaPathFinder):
+    """Finds xarray by the other finders, and registers the accessor after its import."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        if name != "xarray":
+            return None
+        others = (finder for finder in sys.meta_path if not isinstance(finder, _AfterXarray))
+        spec = next(filter(None, (finder.find_spec(name, path, target) for finder in others)), None)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
+                    __getattr__("ClothsimAccessor")
+
+            spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec

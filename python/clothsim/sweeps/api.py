@@ -1,18 +1,31 @@
-"""`sweep`: many cloths from one call."""
+"""`sweep`: many cloths from one call, from checked arguments to a labelled Dataset."""
 
 from __future__ import annotations
 
-import inspect
 import os
 import textwrap
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..base import check
+from ..base.extras import check_installed, needed
 from ..base.keywords import suggests
+from ..base.progress import ProgressBar
+from ..errors import warn_caller
+from ..machine.build import build_config
+from ..machine.provenance import provenance
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
-from .metrics import DEFAULT_METRICS, listing
-from .session import run_sweep
+from .fields import RUN
+from .grid import Grid, make_grid, plain
+from .member import FAILED, PENDING, SweepOptions
+from .metrics import DEFAULT_METRICS, choose_metrics, describe, listing
+from .results import SCHEMA, Results
+from .store import Store
+from .stored import open_sweep
+from .task import TaskResult
+from .workers import SHORTEST, Members, Planner, Workers
 
 if TYPE_CHECKING:
     import xarray
@@ -130,29 +143,155 @@ def sweep(
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
     ('N/m', 2)
     """
-    return run_sweep(
-        scene,
-        over,
-        defaults={name: one.default for name, one in inspect.signature(sweep).parameters.items()},
-        duration=duration,
-        metrics=metrics,
-        dt=dt,
-        integrator=integrator,
-        precision=precision,
-        rtol=rtol,
-        atol=atol,
-        every=every,
-        frames=frames,
-        store=store,
-        resume=resume,
-        executor=executor,
-        threads=threads,
-        progress=progress,
-        kernel=kernel,
-        strict=strict,
-        sampling=sampling,
-        task_seconds=task_seconds,
-    )
+    _check_packages(store, progress)
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    grid = make_grid(over)
+    chosen = choose_metrics(metrics)
+    options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, sampling, chosen, rtol, atol)
+    _check_grid(grid, options)
+    members = Members(scene, grid, options)
+    if task_seconds is not None:
+        task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
+    workers = Workers(executor, threads)
+    try:
+        identity, session = _identity(scene, grid, options), _session()
+        results = Results(grid, options, scene)
+        if store is not None:
+            where = check.path("store", store)
+            results = Store(where, grid, options, scene, identity, session, check.boolean("resume", resume))
+        _run(workers, members, results, session, _Bar(progress, members, results.pending), task_seconds)
+    finally:
+        workers.close()
+    _warn_of_failures(results)
+    if store is not None and frames:
+        return open_sweep(store)
+    sessions = results.sessions if isinstance(results, Store) else [session]
+    return results.dataset({"schema": SCHEMA, "identity": identity, "sessions": sessions})
+
+
+def _check_packages(store: Any, progress: Any) -> None:
+    """Import the packages that are needed at the end, so that an ImportError comes before the runs."""
+    needed("xarray", "sweep")
+    if store is not None:
+        needed("zarr", "store=...")
+    if check.boolean("progress", progress):
+        check_installed("tqdm", "progress=True")
+
+
+def _check_grid(grid: Grid, options: SweepOptions) -> None:
+    """Refuse arguments that swept values would replace, and frames that have no common times."""
+    if options.frames and "duration" in grid.names:
+        raise ValueError("frames must be False where duration is swept: the times would differ")
+    if options.frames and isinstance(options.every, int) and ("dt" in grid.names or options.dt is None):
+        raise ValueError(f"every must be in seconds (a float) to store frames of different dt, got {options.every} steps")
+    default = SweepOptions()
+    for name in grid.names:
+        if name in RUN and (given := getattr(options, name)) != getattr(default, name):
+            raise ValueError(f"{name} must be left out where over has it, got {name} = {given!r} beside its swept values")
+
+
+def _identity(scene: Scene, grid: Grid, options: SweepOptions) -> dict[str, Any]:
+    """Identity of a sweep, as JSON can hold it."""
+    settings = {**vars(options), "metrics": [describe(metric) for metric in options.metrics]}
+    return {
+        "version": build_config()["version"],
+        "scene": scene.to_dict(),
+        "over": grid.describe(),
+        "settings": {name: plain(value) for name, value in settings.items()},
+    }
+
+
+def _session() -> dict[str, Any]:
+    return {**provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [], "instruction_sets": []}
+
+
+def _run(
+    workers: Workers, members: Members, results: Results, session: dict[str, Any], bar: _Bar, task_seconds: float | None
+) -> None:
+    start = time.perf_counter()
+    planner = Planner(members, results.pending, workers.count, task_seconds, workers.shortest_task)
+    planner.threads = workers.threads_of(planner.expected_tasks)
+
+    def record(result: TaskResult) -> None:
+        for one in result.records:
+            results.record(one)
+        session["wall_time"] = time.perf_counter() - start
+        session["tasks"] += 1
+        session["task_seconds"] += result.seconds
+        for name in ("host", "instruction_set"):
+            known = session[f"{name}s"]
+            if getattr(result, name) not in known:
+                known.append(getattr(result, name))
+        results.flush()
+        bar.record(result)
+
+    try:
+        workers.run_all(planner, record, results.prepare, lambda: bar.move(workers.under_way))
+    except KeyboardInterrupt:
+        results.flush(final=True)
+        raise KeyboardInterrupt(_so_far(results)) from None
+    finally:
+        session["wall_time"] = time.perf_counter() - start
+        bar.close()
+        try:
+            results.flush(final=True)
+        finally:
+            results.close()
+
+
+def _so_far(results: Results) -> str:
+    status = results.variables["status"].values
+    done = f"{int((status != PENDING).sum())} of {status.size} members"
+    if isinstance(results, Store):
+        return f"{done} are in {results.path}; repeat the sweep to compute the rest"
+    return f"{done} were done; give a store to keep them"
+
+
+def _warn_of_failures(results: Results) -> None:
+    failed = results.variables["status"].values == FAILED
+    if failed.any():
+        first = results.variables["message"].values[failed][0]
+        warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
+
+
+class _Bar:
+    """The progress bar: members done and their rate; its length is work, as a member may cost a thousand times another's."""
+
+    def __init__(self, shown: bool, members: Members, pending: Any) -> None:
+        self._weights, self._members = members.weights, members.grid.size
+        self._done = self._before = self._members - len(pending)
+        self._unstable, self._recorded = 0, 0.0
+        self._start = time.monotonic()
+        self._bar = ProgressBar(
+            shown,
+            total=float(self._weights[pending].sum()),
+            bar_format="{desc}{percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]",
+            desc="sweep: ",
+            postfix=[self._text()],
+        )
+
+    def _text(self) -> str:
+        seconds = time.monotonic() - self._start
+        rate = (self._done - self._before) / seconds if seconds > 0.05 else 0.0
+        unstable = f", {self._unstable} unstable" if self._unstable else ""
+        return f"{self._done}/{self._members} members{unstable}, {rate:.3g}/s"
+
+    def record(self, result: TaskResult) -> None:
+        """Count the members of a task that has ended."""
+        self._done += len(result.records)
+        self._unstable += sum(one.unstable_step >= 0 for one in result.records)
+        self._recorded += float(self._weights[[one.index for one in result.records]].sum())
+
+    def move(self, under_way: float) -> None:
+        """Show the work of tasks that have ended and of tasks under way."""
+        if (bar := self._bar.bar) is not None:
+            bar.postfix[0] = self._text()
+            bar.update(max(0.0, min(self._recorded + under_way, bar.total) - bar.n))
+            bar.refresh()
+
+    def close(self) -> None:
+        self._bar.close()
 
 
 _INDENT = " " * 8

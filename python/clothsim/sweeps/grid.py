@@ -1,11 +1,12 @@
-"""The members of a sweep: products of values, zipped lists, or given samples."""
+"""The members of a sweep: products of values, zipped lists, or given samples; and values as plain data, labels and digests."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +16,54 @@ from ..base import check
 from ..base.record import Record
 from ..methods.integration import integrator_name
 from .fields import NUMERICS, check_name, units
-from .plain import digest, label, plain
+
+_LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
+
+
+def plain(value: Any) -> Any:
+    """`value` as data for JSON; equal values give equal data."""
+    if isinstance(value, Record):
+        return plain(value.to_dict())
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray) and value.size > _LARGEST_LISTED:
+        return {
+            "shape": list(value.shape),
+            "dtype": value.dtype.str,
+            "sha256": sha256(np.ascontiguousarray(value).tobytes()),
+        }
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}")
+
+
+def digest(value: Any) -> str:
+    """A short text that is equal for equal values alone."""
+    return sha256(json.dumps(plain(value), sort_keys=True).encode())
+
+
+def sha256(data: bytes) -> str:
+    import hashlib  # loads OpenSSL, which `import clothsim` shall not wait for
+
+    return hashlib.sha256(data).hexdigest()
+
+
+def label(value: Any) -> str:
+    """`value` as a short text for a coordinate."""
+    if isinstance(value, (bool, int, float, str)):
+        return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, (list, tuple)) and value:
+        for kind, separator in ((str, "+"), (int, "x"), ((int, float), ",")):
+            if all(isinstance(entry, kind) for entry in value):
+                return separator.join(map(label, value))
+    if isinstance(value, Mapping) and value:
+        return ",".join(f"{key}={label(entry)}" for key, entry in value.items())
+    text = json.dumps(plain(value))
+    return text if len(text) <= 24 else f"{type(value).__name__} {digest(value)[:8]}"
 
 
 @dataclass(frozen=True)
@@ -52,7 +100,7 @@ class Coordinate:
     name: str
     dimension: str
     values: np.ndarray
-    attrs: dict[str, Any]
+    attrs: dict[str, Any] = field(default_factory=dict)
 
 
 class Grid:
@@ -75,6 +123,11 @@ class Grid:
             values |= axis.places[int(place)]
         return values
 
+    def along(self) -> list[np.ndarray]:
+        """Indices of the members along each axis, at the first place of all others."""
+        steps = [math.prod(self.shape[k + 1 :]) for k in range(len(self.shape))]
+        return [step * np.arange(length) for step, length in zip(steps, self.shape, strict=True)]
+
     @cached_property
     def physics(self) -> np.ndarray:
         """A number per member. Numbers are equal for members that differ only in numerics."""
@@ -83,18 +136,6 @@ class Grid:
             numbers = axis.physics
             result = result[..., None] * (numbers.max() + 1) + numbers
         return np.broadcast_to(result, self.shape).ravel()
-
-    def column(self, name: str, default: Any) -> np.ndarray:
-        """The value of `name` of every member, as an array of objects or numbers."""
-        for k, axis in enumerate(self.axes):
-            if name in axis.names:
-                values = np.empty(len(axis), object)
-                values[:] = axis.column(name)
-                shape = [len(axis) if j == k else 1 for j in range(len(self.axes))]
-                return np.broadcast_to(values.reshape(shape), self.shape).ravel()
-        whole = np.empty(1, object)
-        whole[0] = default
-        return np.broadcast_to(whole, (self.size,))
 
     def coordinates(self) -> list[Coordinate]:
         """Labels of the dimensions, one per swept name and two more for a swept shape."""
@@ -105,7 +146,7 @@ class Grid:
                 result += _coordinates(name, axis.dimension, axis.column(name), labels)
             if axis.dimension not in axis.names:
                 numbers = np.arange(len(axis))
-                result.append(Coordinate(axis.dimension, axis.dimension, numbers, {}))
+                result.append(Coordinate(axis.dimension, axis.dimension, numbers))
         return result
 
     def describe(self) -> list[dict[str, Any]]:
@@ -139,7 +180,7 @@ def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[
     result = [Coordinate(name, dimension, np.array(texts), attrs)]
     if name == "shape" and labels is None:
         for part, side in enumerate(("rows", "columns")):
-            result.append(Coordinate(side, dimension, np.array([v[part] for v in values]), {}))
+            result.append(Coordinate(side, dimension, np.array([v[part] for v in values])))
     return result
 
 

@@ -1,9 +1,9 @@
-"""One cloth of a sweep: its scene, its settings and its result."""
+"""One cloth of a sweep: its scene, its options and its result."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,10 +17,10 @@ from ..methods.integration import integrator_name
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
 from ..run.fixed_steps import RunOptions, Solution, checked_tolerances
+from ..run.frames import checked_every
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from .fields import change_scene, split
-from .grid import Grid
 
 Floats = npt.NDArray[np.float64]
 
@@ -30,29 +30,56 @@ _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where non
 # large tolerance is less, of a small one more.
 _COST_OF_CONTROL = 3.0
 
-_POINTS_KEPT = 1 << 21  # mass points in all members that are kept; some 10 bytes each
-
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
 """What a member's status, the index into this, means."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Settings of all members, unless they are swept; see `sweep`."""
+Pause = Callable[[float], None]
+"""Called from time to time by running members, with the steps of mass points since its last call; may raise Stopped."""
 
-    duration: float
-    dt: float | None
-    integrator: str | None
-    precision: str
-    kernel: str
-    strict: bool
-    every: int | float | None
-    frames: bool
-    sampling: int
-    metrics: tuple[Any, ...]
+
+class Stopped(Exception):
+    """The sweep is to stop; members under way are given up."""
+
+
+def never(_cost: float = 0.0) -> None:
+    """The pause of a task that nobody stops."""
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """The arguments of `sweep` on which results depend. All members share them, unless they are swept."""
+
+    duration: float = 1.0
+    dt: float | None = None
+    integrator: str | None = None
+    precision: str = "double"
+    kernel: str = "auto"
+    strict: bool = False
+    every: Any = None  # checked: steps (int), seconds (float) or None
+    frames: bool = False
+    sampling: int = 32
+    metrics: tuple[Any, ...] = ()
     rtol: float | None = None
     atol: float | None = None
+
+    def __post_init__(self) -> None:
+        checked = {
+            "duration": check.number("duration", self.duration, minimum=0, exclusive=True),
+            "dt": None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
+            "integrator": None if self.integrator is None else integrator_name(self.integrator, "auto"),
+            "strict": check.boolean("strict", self.strict),
+            "every": checked_every(self.every),
+            "frames": check.boolean("frames", self.frames),
+            "sampling": check.integer("sampling", self.sampling, minimum=1),
+        }
+        self.__dict__.update(checked)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """The data that the metrics and the store need; see `Metric`."""
+        return frozenset(need for metric in self.metrics for need in metric.needs) | ({"frames"} if self.frames else set())
 
 
 @dataclass(frozen=True)
@@ -72,21 +99,21 @@ class Member:
     atol: float | None = None
 
     @classmethod
-    def make(cls, index: int, base: Scene, values: Mapping[str, Any], settings: Settings) -> Member:
+    def make(cls, index: int, base: Scene, values: Mapping[str, Any], options: SweepOptions) -> Member:
         """Make the member with these swept values; a refused value raises the error of its argument."""
         of_scene, run = split(values)
         scene = change_scene(base, of_scene)
-        numerics = {name: run.get(name, getattr(settings, name)) for name in ("integrator", "precision", "kernel", "strict")}
-        dt, rtol, atol = (run.get(name, getattr(settings, name)) for name in ("dt", "rtol", "atol"))
+        numerics = {name: run.get(name, getattr(options, name)) for name in ("integrator", "precision", "kernel", "strict")}
+        dt, rtol, atol = (run.get(name, getattr(options, name)) for name in ("dt", "rtol", "atol"))
         if numerics["integrator"] is None:
             numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
         numerics["integrator"] = integrator_name(numerics["integrator"], "auto")
         automatic = numerics["integrator"] == "auto"
         named = "rk4" if automatic else numerics["integrator"]
         Options(named, numerics["precision"], None, numerics["kernel"], numerics["strict"])
-        duration = check.number("duration", run.get("duration", settings.duration), minimum=0, exclusive=True)
-        if isinstance(settings.every, float):
-            check.frame_count(duration, settings.every)
+        duration = check.number("duration", run.get("duration", options.duration), minimum=0, exclusive=True)
+        if isinstance(options.every, float):
+            check.frame_count(duration, options.every)
         limit = float(max_stable_dt(scene, named))
         if automatic or rtol is not None or atol is not None:
             rtol, atol = checked_tolerances(dt, rtol, atol)
@@ -105,6 +132,11 @@ class Member:
         return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel, "strict": self.strict}
 
     @property
+    def steps_by(self) -> dict[str, Any]:
+        """Arguments of `simulate` that choose its steps."""
+        return {"rtol": self.rtol, "atol": self.atol} if self.controlled else {"dt": self.dt}
+
+    @property
     def controlled(self) -> bool:
         """Whether tolerances choose the step; see `run_controlled`."""
         return math.isnan(self.dt)
@@ -112,6 +144,10 @@ class Member:
     @property
     def likely_unstable(self) -> bool:
         return self.dt > self.max_stable_dt
+
+    @property
+    def points(self) -> int:
+        return math.prod(self.scene.cloth.shape)
 
     @property
     def expected_steps(self) -> float:
@@ -126,37 +162,6 @@ class Member:
         alone = self.index if self.likely_unstable else None
         shared = (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values())
         return (*shared, alone)
-
-
-class Members:
-    """The members of a sweep, made by index. Some are kept for their next use.
-
-    A member is made for the check of the sweep, for its cost, and for its run. In one process,
-    small members are kept between these.
-    """
-
-    def __init__(self, scene: Scene, grid: Grid, settings: Settings) -> None:
-        self.scene, self.grid, self.settings = scene, grid, settings
-        self._kept: dict[int, Member] = {}
-        self._room = _POINTS_KEPT
-
-    def make(self, index: int) -> Member:
-        """Make the member, and keep it if there is room; a refused value raises the error of its argument."""
-        if index in self._kept:
-            return self._kept[index]
-        member = Member.make(index, self.scene, self.grid.member(index), self.settings)
-        points = math.prod(member.scene.cloth.shape)
-        if points <= self._room:
-            self._room -= points
-            self._kept[index] = member
-        return member
-
-    def take(self, index: int) -> Member | None:
-        """The member if it is kept; no longer kept then."""
-        member = self._kept.pop(index, None)
-        if member is not None:
-            self._room += math.prod(member.scene.cloth.shape)
-        return member
 
 
 @dataclass

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +21,8 @@ import numpy as np
 from ..accuracy.in_double import solve_in_double
 from ..errors import ContactError, UnstableError
 from ..model.scene import Scene
-from .batch import Stopped
-from .member import Floats, Member, Outcome
-from .plain import digest
+from .grid import digest
+from .member import Floats, Member, Outcome, Pause, never
 
 _BYTES_KEPT = 1 << 27
 
@@ -52,15 +51,10 @@ def incomparable(outcome: Outcome) -> str:
     )
 
 
-def solve(scene: Scene, duration: float, threads: int | None = 1, stopped: Callable[[], bool] = lambda: False) -> Reference:
+def solve(scene: Scene, duration: float, threads: int | None = 1, pause: Pause = never) -> Reference:
     """The reference of one scene at `duration`."""
-
-    def pause() -> None:
-        if stopped():
-            raise Stopped
-
     try:
-        found = solve_in_double(scene, [duration], threads, pause)
+        found = solve_in_double(scene, [duration], threads, lambda: pause(0.0))
     except (UnstableError, ContactError):
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
     # Both runs may err by rounding, each as much as the other.
@@ -77,7 +71,7 @@ class _Kept:
         self._making: dict[str, threading.Lock] = {}
         self._bytes = 0
 
-    def get(self, scene: Scene, duration: float, threads: int | None, stopped: Callable[[], bool]) -> Reference:
+    def get(self, scene: Scene, duration: float, threads: int | None, pause: Pause) -> Reference:
         key = digest([scene, duration])
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
@@ -87,7 +81,7 @@ class _Kept:
                 if key in self._references:
                     self._references.move_to_end(key)
                     return self._references[key]
-            reference = solve(scene, duration, threads, stopped)
+            reference = solve(scene, duration, threads, pause)
             with self._lock:
                 self._references[key] = reference
                 self._bytes += reference.x.nbytes
@@ -101,8 +95,6 @@ class _Kept:
 _kept = _Kept()
 
 
-def references(
-    members: Sequence[Member], threads: int | None = 1, stopped: Callable[[], bool] = lambda: False
-) -> list[Reference]:
-    """The reference of each member; raises Stopped if `stopped` says so."""
-    return [_kept.get(m.scene, m.duration, threads, stopped) for m in members]
+def references(members: Sequence[Member], threads: int | None = 1, pause: Pause = never) -> list[Reference]:
+    """The reference of each member; a Stopped that `pause` raises passes through."""
+    return [_kept.get(m.scene, m.duration, threads, pause) for m in members]

@@ -1,25 +1,36 @@
-"""Results in memory, as arrays over the grid; `store` also keeps them on disk."""
+"""Results in memory, as arrays over the grid, and as a Dataset; `store` also keeps them on disk."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.extras import needed
 from ..model.scene import Scene
 from ..run.frames import Schedule
 from .grid import Coordinate, Grid
-from .member import FAILED, PENDING, STATUS, Record, Settings
+from .member import FAILED, PENDING, STATUS, Record, SweepOptions
+
+if TYPE_CHECKING:
+    import xarray
 
 FRAMES = ("position", "velocity")
 """The variables that have the frames of every member."""
 
 SESSIONS = "sessions"
 """Beside the variables a store has this: where they come from."""
+
+ATTRIBUTE = "clothsim_sweep"
+"""The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim": that is the accessor,
+which xarray would hide behind it."""
+
+SCHEMA = 3
+"""Version of the layout of a store, and of the attribute."""
 
 
 @dataclass
@@ -28,15 +39,9 @@ class Variable:
 
     name: str
     values: np.ndarray
-    attrs: dict[str, Any] = field(default_factory=dict)
+    attrs: dict[str, Any]
     more: tuple[str, ...] = ()
     fill: Any = np.nan  # of members that have no value
-
-    @cached_property
-    def by_member(self) -> np.ndarray:
-        """A view of `values` by the member's index; not for frames on disk."""
-        own = self.values.ndim - len(self.more)
-        return self.values.reshape(math.prod(self.values.shape[:own]), *self.values.shape[own:])
 
 
 class Results:
@@ -45,12 +50,12 @@ class Results:
     The status of a member is set last, so a member that is marked as done is always complete.
     """
 
-    def __init__(self, grid: Grid, settings: Settings, scene: Scene) -> None:
-        self.grid, self.settings, self.scene = grid, settings, scene
+    def __init__(self, grid: Grid, options: SweepOptions, scene: Scene) -> None:
+        self.grid, self.options, self.scene = grid, options, scene
         self.variables: dict[str, Variable] = {}
         self.coordinates: list[Coordinate] = grid.coordinates()
         self._open_variables()
-        if settings.frames:
+        if options.frames:
             self._open_frames()
 
     def _open_variables(self) -> None:
@@ -59,23 +64,21 @@ class Results:
         self._add("unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1"))
         self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
         self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
-        for metric in self.settings.metrics:
+        for metric in self.options.metrics:
             for name, attrs in metric.variables.items():
                 dtype, fill = (np.bool_, False) if name == "stable" else (float, np.nan)
                 self._add(name, dtype, fill, dict(attrs))
 
     def _open_frames(self) -> None:
-        settings = self.settings
-        frames = Schedule.of_every(settings.every).in_seconds(settings.dt or math.inf)
-        times = np.array([t for _, t in frames.moments(0.0, settings.duration)])
-        rows, columns = self._largest_shape()
+        options = self.options
+        frames = Schedule.of_every(options.every).in_seconds(options.dt or math.inf)
+        times = np.array([t for _, t in frames.moments(0.0, options.duration)])
         dims = ("time", "row", "column", "component")
         for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):
-            shape = (len(times), rows, columns, 3)
+            shape = (len(times), *self._largest_shape(), 3)
             self._add(name, float, np.nan, _attrs(f"{name} of the mass points", unit), dims, shape)
         self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
-        names = np.array(["x", "y", "z"])
-        self.coordinates.append(Coordinate("component", "component", names, {}))
+        self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
 
     def _largest_shape(self) -> tuple[int, int]:
         shapes = {self.scene.cloth.shape}
@@ -95,10 +98,9 @@ class Results:
         more: tuple[str, ...] = (),
         more_shape: tuple[int, ...] = (),
     ) -> None:
-        taken = {*self.grid.dimensions, *(c.name for c in self.coordinates)}
         if name == SESSIONS:
             raise ValueError(f"metrics: a function must not be named {name!r}, a store has that")
-        if name in taken:
+        if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
             raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
         values = self._allocate(name, (*self.grid.shape, *more_shape), dtype, fill)
         self.variables[name] = Variable(name, values, dict(attrs), more, fill)
@@ -112,45 +114,30 @@ class Results:
         status = self.variables["status"].values.ravel()
         return np.flatnonzero((status == PENDING) | (status == FAILED))
 
-    def count(self, status: str) -> int:
-        return int((self.variables["status"].values == STATUS.index(status)).sum())
-
     def record(self, record: Record) -> None:
         """Store the result of a member."""
+        place = tuple(int(k) for k in np.unravel_index(record.index, self.grid.shape))
         for name, value in record.values.items():
             if name not in self.variables:
                 self._add_function(name, np.asarray(value))
-            self._set(name, record.index, value)
+            accepted = self.variables[name].values.shape[len(place) :]
+            if np.shape(value) != accepted:
+                raise ValueError(
+                    f"metric {name!r} must give every member an array of one shape, got {np.shape(value)} and {accepted}"
+                )
+            self.variables[name].values[place] = value
         if record.frames is not None:
-            place = tuple(int(k) for k in np.unravel_index(record.index, self.grid.shape))
             for name, frames in zip(FRAMES, record.frames, strict=True):
-                self._set_frames(name, place, frames)
-        for name in ("max_stable_dt", "unstable_step", "unstable_time", "message"):
-            self._set(name, record.index, getattr(record, name))
-        self._set("status", record.index, record.status)
+                values = self.variables[name].values
+                whole = np.full(values.shape[len(place) :], np.nan)
+                whole[:, : frames.shape[1], : frames.shape[2]] = frames
+                values[place] = whole
+        for name in ("max_stable_dt", "unstable_step", "unstable_time", "message", "status"):
+            self.variables[name].values[place] = getattr(record, name)
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         dims = tuple(f"{name}_{k}" for k in range(value.ndim))
         self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, dims, value.shape)
-
-    def _set(self, name: str, index: int, value: Any) -> None:
-        places = self.variables[name].by_member
-        if np.shape(value) != places.shape[1:]:
-            raise ValueError(
-                f"metric {name!r} must give every member an array of one shape, got {np.shape(value)} and {places.shape[1:]}"
-            )
-        before = places[index]
-        if places.ndim > 1 or (value != before and not (value != value and before != before)):
-            places[index] = value
-            self._changed(name, index)
-
-    def _changed(self, name: str, index: int) -> None:
-        """Called after a member's value of a variable has changed. In memory there is nothing to do."""
-
-    def _set_frames(self, name: str, place: tuple[int, ...], frames: np.ndarray) -> None:
-        rows, columns = frames.shape[1:3]
-        inside: Any = (*place, slice(None), slice(rows), slice(columns))
-        self.variables[name].values[inside] = frames
 
     def prepare(self) -> None:
         """Prepare for the first result, while the first members are computed."""
@@ -161,14 +148,21 @@ class Results:
     def close(self) -> None:
         """End writing."""
 
+    def dataset(self, attrs: Mapping[str, Any]) -> xarray.Dataset:
+        """The results as a Dataset, with `attrs` as its identity."""
+        dims = self.grid.dimensions
+        found: xarray.Dataset = needed("xarray", "sweep").Dataset(
+            {v.name: ((*dims, *v.more), v.values, v.attrs) for v in self.variables.values()},
+            {c.name: (c.dimension, c.values, c.attrs) for c in self.coordinates},
+            {ATTRIBUTE: json.dumps(attrs)},
+        )
+        return found
+
 
 def _attrs(long_name: str, units: str) -> dict[str, Any]:
     return {"long_name": long_name, "units": units}
 
 
 def _status_attrs() -> dict[str, Any]:
-    return {
-        "long_name": "what became of the member",
-        "flag_values": list(range(len(STATUS))),
-        "flag_meanings": " ".join(STATUS),
-    }
+    flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+    return {"long_name": "what became of the member", **flags}

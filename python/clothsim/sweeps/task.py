@@ -1,39 +1,48 @@
-"""A part of a sweep for one worker, in this process or another."""
+"""The members of one task, run in this process or another: side by side where they share a call, else alone."""
 
 from __future__ import annotations
 
+import dataclasses
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..engine.stepper import SilentStepper
 from ..errors import ContactError, UnstableError
 from ..machine.build import build_config
 from ..model.scene import Scene
-from .batch import Stopped, run_batch
-from .controlled import run_controlled
-from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Record, Settings
+from ..run.between import Ends
+from ..run.fixed_steps import pass_frames, sample_every
+from ..run.frames import Schedule, as_every
+from ..run.simulate import simulate
+from ..stability.limit import max_stable_dt
+from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
 from .reference import incomparable, references
 
 # Members of a call; more save nothing, and all of their states are held at once.
 _LARGEST_BATCH = 64
+
+_SECONDS_BETWEEN_PAUSES = 0.1
+_FIRST_STEPS = 64
+_OF_ERRORS = ("time", "point", "x", "v")
 
 
 @dataclass(frozen=True)
 class Task:
     """Members by their index and swept values; it pickles.
 
-    `made` has members that are made already. Another process makes the members from their values, which are smaller to
+    `made` has the members as the planner made them. Another process makes them from their values, which are smaller to
     send.
     """
 
     scene: Scene
-    settings: Settings
-    members: tuple[tuple[int, Mapping[str, Any]], ...]
-    weight: float = 0.0  # what it costs, in the planner's unit
+    options: SweepOptions
+    values: Mapping[int, Mapping[str, Any]]
+    weight: float = 0.0  # what it costs, in steps of a mass point
     threads: int | None = 1
     made: Mapping[int, Member] = field(default_factory=dict)
 
@@ -53,89 +62,192 @@ class TaskResult:
     stopped: bool = False
 
 
-def run_task(task: Task, stopped: Callable[[], bool] | None = None) -> TaskResult:
-    """Run the members of a task. If `stopped` returns True, only the finished members are returned."""
+def run_task(task: Task, pause: Pause = never) -> TaskResult:
+    """Run the members of a task. If `pause` raises Stopped, only the finished members are returned."""
     start = time.perf_counter()
     records: list[Record] = []
-    gave_up = False
+    stopped = False
     try:
-        for record in _records(task, stopped or (lambda: False)):
-            records.append(record)
+        for outcome in _outcomes(task, pause, records):
+            records.append(_record(outcome, task.options))
     except Stopped:
-        gave_up = True
-    return TaskResult(
-        tuple(records),
-        time.perf_counter() - start,
-        task.weight,
-        platform.node(),
-        str(build_config()["instruction_set"]),
-        gave_up,
-    )
+        stopped = True
+    seconds = time.perf_counter() - start
+    return TaskResult(tuple(records), seconds, task.weight, platform.node(), str(build_config()["instruction_set"]), stopped)
 
 
-def _records(task: Task, stopped: Callable[[], bool]) -> Iterable[Record]:
-    settings = task.settings
-    needs = frozenset(need for metric in settings.metrics for need in metric.needs)
-    if settings.frames:
-        needs |= {"frames"}
-    options: dict[str, Any] = {
-        "every": settings.every,
-        "sampling": settings.sampling,
-        "threads": task.threads,
-        "stopped": stopped,
-    }
+def _outcomes(task: Task, pause: Pause, failed: list[Record]) -> Iterator[Outcome]:
+    """Outcomes of the members; a member that cannot be made or run is recorded in `failed`."""
     batches: dict[Any, list[Member]] = {}
-    for index, values in task.members:
+    for index, values in task.values.items():
         try:
-            member = task.made.get(index) or Member.make(index, task.scene, values, settings)
+            member = task.made.get(index) or Member.make(index, task.scene, values, task.options)
             if member.controlled:
-                outcome = run_controlled(member, needs, **options)
-                yield from _measured([outcome], task, needs, stopped)
-                continue
+                yield from _compared([run_controlled(member, task.options, task.threads, pause)], task, pause)
+            else:
+                batches.setdefault(member.batch_key, []).append(member)
         except (ValueError, TypeError) as error:
-            yield Record(index, FAILED, message=f"{type(error).__name__}: {error}")
-        else:
-            batches.setdefault(member.batch_key, []).append(member)
+            failed.append(Record(index, FAILED, message=f"{type(error).__name__}: {error}"))
     for members in batches.values():
         for first in range(0, len(members), _LARGEST_BATCH):
-            outcomes = run_batch(members[first : first + _LARGEST_BATCH], needs, **options)
-            yield from _measured(outcomes, task, needs, stopped)
+            batch = Batch(members[first : first + _LARGEST_BATCH], task.options, task.threads, pause)
+            yield from _compared(batch.run(), task, pause)
 
 
-def _measured(outcomes: list[Outcome], task: Task, needs: frozenset[str], stopped: Callable[[], bool]) -> Iterable[Record]:
-    """The records of outcomes. Members that reached their end are compared with a reference, if a metric needs it."""
-    if "reference" in needs:
+def _compared(outcomes: list[Outcome], task: Task, pause: Pause) -> list[Outcome]:
+    """The outcomes. Members that reached their end get a reference, if a metric needs it."""
+    if "reference" in task.options.needs:
         finished = [outcome for outcome in outcomes if outcome.error is None]
-        solutions = references([o.member for o in finished], task.threads, stopped)
+        solutions = references([o.member for o in finished], task.threads, pause)
         for outcome, solution in zip(finished, solutions, strict=True):
             outcome.reference = solution
-    return (_record(outcome, task.settings) for outcome in outcomes)
+    return outcomes
 
 
-def _record(outcome: Outcome, settings: Settings) -> Record:
+def _record(outcome: Outcome, options: SweepOptions) -> Record:
     member, error = outcome.member, outcome.error
     record = Record(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
-        return _diverged(record, error, settings)
-    for metric in settings.metrics:
+        record.status, record.message = UNSTABLE, str(error)
+        record.unstable_step, record.unstable_time = error.step, error.time
+        return record
+    for metric in options.metrics:
         try:
             record.values |= metric.compute(outcome)
         except Exception as failure:  # of a user's function: that member's loss alone
-            record.status = FAILED
-            record.message = f"metric {metric.name!r}: {type(failure).__name__}: {failure}"
-            record.values.clear()
-            return record
+            message = f"metric {metric.name!r}: {type(failure).__name__}: {failure}"
+            return dataclasses.replace(record, status=FAILED, message=message, values={})
     if outcome.reference is not None:
         record.message = incomparable(outcome)
-    if settings.frames:
+    if options.frames:
         record.frames = np.array(outcome.x), np.array(outcome.v)
     return record
 
 
-def _diverged(record: Record, error: UnstableError | ContactError, settings: Settings) -> Record:
-    record.status = UNSTABLE
-    record.unstable_step, record.unstable_time = error.step, error.time
-    record.message = str(error)
-    if any(metric.name == "stable" for metric in settings.metrics):
-        record.values["stable"] = False
-    return record
+def run_controlled(member: Member, options: SweepOptions, threads: int | None = 1, pause: Pause = never) -> Outcome:
+    """Run a member whose step is chosen by `rtol` and `atol`, alone. `pause` is called before the run, not during it."""
+    outcome = Outcome(member)
+    pause(0.0)
+    every = as_every(options.every)
+    try:
+        run = simulate(
+            member.scene,
+            member.duration,
+            every=every,
+            threads=threads,
+            sampling=options.sampling,
+            **member.numerics,
+            **member.steps_by,
+        )
+    except (UnstableError, ContactError) as error:
+        outcome.error = error
+        return outcome
+    report = run.report
+    limit = float(max_stable_dt(member.scene, report["integrator"]))
+    outcome.member = dataclasses.replace(member, max_stable_dt=limit)
+    outcome.itself = run
+    outcome.watched = {
+        "first_contact": report["first_contact"]["time"],
+        "point_depth": report["penetration"]["points"],
+        "triangle_depth": report["penetration"]["triangles"],
+        "stretch": report["stretch"]["largest"],
+        "energy_gained": report["energy"]["gained"],
+    }
+    outcome.steps, outcome.seconds = report["steps"], report["wall_time"]
+    kept = slice(None) if "frames" in options.needs else slice(None, None, len(run.t) - 1)
+    outcome.t, outcome.x, outcome.v = run.t[kept].tolist(), list(run.x[kept]), list(run.v[kept])
+    return outcome
+
+
+class Batch:
+    """Members whose `batch_key` differs only in the scene, in one `Stepper`. Each gets the result of `simulate`.
+
+    A member that diverges leaves the batch. The others continue with unchanged bits. `pause` is called from time to time
+    with the steps of mass points since its last call.
+    """
+
+    def __init__(
+        self, members: Sequence[Member], options: SweepOptions, threads: int | None = 1, pause: Pause = never
+    ) -> None:
+        first = members[0]
+        self.all = [Outcome(member) for member in members]
+        self.live = dict(enumerate(self.all))  # by the index into the batch
+        self.pause, self.dt, self.points = pause, first.dt, first.points
+        self.moments = Schedule.of_every(options.every).in_seconds(first.dt).moments(0.0, first.duration)
+        self.keep_frames = "frames" in options.needs
+        self.stepper = SilentStepper([m.scene for m in members], threads=threads, **first.numerics)
+        # The results have each member's limit, so nothing warns of it.
+        judge = self.stepper._state.judge
+        judge.warned_of_dt = judge.warned_of_growth = True
+        self.core = self.stepper._state.core
+        if "watch" in options.needs:
+            self.core.set_watch(sample_every(first.duration / first.dt, options.sampling), 0.0)
+        self.total = self.uncounted = 0  # steps since the start; steps of mass points since the last pause
+        self.chunk = _FIRST_STEPS
+
+    def run(self) -> list[Outcome]:
+        """Run all members to their end; a Stopped that `pause` raises passes through."""
+        self.store(0.0, 0.0)
+        pass_frames(self, self.moments if self.keep_frames else [self.moments[0], self.moments[-1]], self.dt)
+        for outcome, watched, evaluations in zip(self.all, self.core.watched, self.core.evaluations, strict=True):
+            outcome.watched, outcome.state, outcome.evaluations = watched, self.stepper._state, evaluations
+        return self.all
+
+    def advance(self, steps: int, dt: float) -> None:
+        """Advance `steps` steps in chunks."""
+        done = 0
+        while done < steps and self.live:
+            self.pause(self.uncounted)
+            self.uncounted = 0
+            count = min(self.chunk, steps - done)
+            start = time.perf_counter()
+            error = None
+            try:
+                self.stepper.advance(count, dt)
+            except (UnstableError, ContactError) as caught:
+                error, count = caught, caught.step - 1
+            seconds = time.perf_counter() - start
+            self._account(count, seconds)
+            if error is None:
+                self.chunk = max(1, int(_SECONDS_BETWEEN_PAUSES * count / max(seconds, 1e-9)))
+            else:
+                self._drop(error)
+            done += count
+
+    def _account(self, steps: int, seconds: float) -> None:
+        self.total += steps
+        self.uncounted += steps * self.points * len(self.live)
+        share = seconds / len(self.live)
+        for outcome in self.live.values():
+            outcome.steps += steps
+            outcome.seconds += share
+
+    def _drop(self, error: UnstableError | ContactError) -> None:
+        """Exclude the diverged member; all members stand at the last good step."""
+        assert error.member is not None
+        self.stepper.freeze(error.member)
+        outcome = self.live.pop(error.member)
+        # As the member alone would have raised it: of a run, not of a call or a batch.
+        names = _OF_ERRORS + (("dt", "max_stable_dt", "term") if isinstance(error, UnstableError) else ())
+        outcome.error = type(error)(step=self.total + 1, **{name: getattr(error, name) for name in names})
+
+    def arrays_now(self) -> tuple[Any, Any]:
+        """Positions and velocities of all members."""
+        return self.stepper._arrays()
+
+    def store(self, seconds: float, t: float) -> None:
+        """Store the present state of each live member."""
+        if self.live:
+            self.core.sample()
+            self._keep(t, dict(enumerate(zip(*self.arrays_now()))))
+
+    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
+        """Store a frame between two steps of each live member."""
+        self._keep(t, {k: ends.member(k).at(t, outcome.scene) for k, outcome in self.live.items()})
+
+    def _keep(self, t: float, states: dict[int, tuple[Any, Any]]) -> None:
+        for k, outcome in self.live.items():
+            x, v = states[k]
+            outcome.t.append(t)
+            outcome.x.append(x)
+            outcome.v.append(v)

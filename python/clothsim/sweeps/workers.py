@@ -1,25 +1,188 @@
-"""Execute the tasks, on threads of this process or on the workers of an executor."""
+"""Cut a sweep into tasks, and execute them on threads of this process or on the workers of an executor."""
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .. import _core
+from ..accuracy.in_double import steps_in_double
 from ..base import check
-from . import planning
-from .planning import Planner
-from .task import TaskResult, run_task
+from ..methods.integration import warn_of_order
+from ..model.scene import Scene
+from ..stability.limit import max_stable_dt
+from .grid import Grid
+from .member import Member, Stopped, SweepOptions
+from .task import Task, TaskResult, run_task
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
+SHORTEST = 0.3  # s that a task should take: 0.2, and a margin for what is estimated
+SHORTEST_HERE = 0.05  # s, on threads of this process, to which it costs nothing to send a task
+LONGEST = 1.0  # s, unless `sweep` is given another: results are written as tasks end
+
 _AHEAD = 2  # tasks a worker has waiting, so that none is idle while another is planned
-_WORKERS_UNKNOWN = 32  # of an executor that does not tell
+_WORKERS_UNKNOWN = 32  # of an executor that does not say
+_TASKS_LEFT = 2  # a worker, of the size of the next: tasks get shorter, so that all end together
+_SECONDS_BETWEEN_SIGNS = 0.5  # that the sweep is alive, while no task ends
+
+_CHECKED = 2048  # members that are made before anything is run, to find what cannot be
+_POINTS_KEPT = 1 << 21  # mass points in all members that are kept; some 10 bytes each
+_STEP_OF_REFERENCE = 3.0  # of dop853, over a step of RK4
+_STEPS_TO_DIVERGE = 128  # about; most members above the limit are gone by then
+_OVERHEAD = 1e4  # of a member, in steps of a mass point: 0.26 ms (benchmarks/sweep_throughput.py --plan)
+_FIRST_GUESS = 2e-8  # s of a step of a mass point, until the first task ends
+
+
+class Members:
+    """The members of a sweep. As many are made at once as check every swept value, and show what all cost.
+
+    A member is made once: members of the check are kept for their run, unless they are large.
+    """
+
+    def __init__(self, scene: Scene, grid: Grid, options: SweepOptions) -> None:
+        self.scene, self.grid, self.options = scene, grid, options
+        self.references = "reference" in options.needs
+        most = _CHECKED // max(1, len(grid.axes))
+        self._places = [np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for n in grid.shape]
+        along = [indices[places] for indices, places in zip(grid.along(), self._places, strict=True)]
+        indices = np.arange(grid.size) if grid.size <= _CHECKED else np.unique(np.concatenate([[0], *along]))
+        self._made: dict[int, Member] = {}
+        costs: dict[int, tuple[float, ...]] = {}
+        room, warned = _POINTS_KEPT, False
+        for index in indices.tolist():
+            member = self._checked(index)
+            warned = warned or (member.integrator != "auto" and bool(warn_of_order(member.integrator, member.scene)))
+            costs[index] = (member.points, member.expected_steps, self.reference_steps(member))
+            room -= member.points
+            if room >= 0:
+                self._made[index] = member
+        known = [np.array([costs[index] for index in line.tolist()]).T for line in along]
+        self.points, steps, reference = (self._everywhere(costs[0][k], [line[k] for line in known]) for k in range(3))
+        shared = np.bincount(grid.physics)[grid.physics]
+        self.weights: np.ndarray = self.points * (steps + reference / shared) + _OVERHEAD
+
+    def _checked(self, index: int) -> Member:
+        values = self.grid.member(index)
+        try:
+            return Member.make(index, self.scene, values, self.options)
+        except (ValueError, TypeError) as error:
+            if not values:
+                raise
+            which = ", ".join(f"{name}={value!r}" for name, value in values.items())
+            raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+
+    def _everywhere(self, first: float, lines: list[np.ndarray]) -> np.ndarray:
+        """An estimate for all members from the members along each axis: a product of the changes along all axes."""
+        result = np.array(first)
+        for places, length, line in zip(self._places, self.grid.shape, lines, strict=True):
+            result = np.multiply.outer(result, np.interp(np.arange(length), places, line) / (first or 1.0))
+        return result.ravel()
+
+    def reference_steps(self, member: Member) -> float:
+        """Cost of the reference, if a metric needs it, in steps of RK4."""
+        if not self.references:
+            return 0.0
+        return _STEP_OF_REFERENCE * steps_in_double(member.duration, max_stable_dt(member.scene))
+
+    def take(self, index: int) -> Member | None:
+        """The member, which is kept no longer; None if it cannot be made, as its task will record."""
+        if index in self._made:
+            return self._made.pop(index)
+        try:
+            return Member.make(index, self.scene, self.grid.member(index), self.options)
+        except (ValueError, TypeError):
+            return None
+
+
+class Planner:
+    """Cuts pending members into tasks, each sized when it is asked for by the time that earlier tasks took.
+
+    Members of one shape come together, so that a task shares its calls. Within a shape, members of
+    one physics come together, so that members that differ in numerics share a reference.
+    """
+
+    def __init__(
+        self, members: Members, pending: np.ndarray, workers: int, longest: float | None = None, shortest: float = SHORTEST
+    ) -> None:
+        self.members, self.workers, self.shortest = members, workers, shortest
+        self.longest = LONGEST if longest is None else longest
+        self.threads: int | None = 1
+        self.physics = members.grid.physics
+        self.order = pending[np.lexsort((pending, self.physics[pending], members.points[pending]))]
+        # Two workers must not wait for one reference, unless there is nothing else to do.
+        self.whole_physics = members.references and len(np.unique(self.physics[pending])) >= 2 * workers
+        self.rate, self.known = _FIRST_GUESS, False  # seconds per weight
+        # Weight of this and all later members, by its place in the order.
+        self._left = np.cumsum(members.weights[self.order][::-1])[::-1]
+
+    @property
+    def expected_tasks(self) -> int:
+        """Approximate number of tasks."""
+        if len(self.order) < 2:
+            return 1
+        return min(len(self.order), max(1, int(self._left[0] * self.rate / self._target(0))))
+
+    def _target(self, place: int) -> float:
+        """Seconds that a task should take, by its place in the order."""
+        left = float(self._left[place]) * self.rate
+        longest = self.longest if self.known else self.shortest
+        return min(longest, max(self.shortest, left / (_TASKS_LEFT * self.workers)))
+
+    def learn(self, result: TaskResult) -> None:
+        """Take into account how long a task took."""
+        if result.weight > 0 and not result.stopped:
+            self.rate += (0.3 if self.known else 1.0) * (result.seconds / result.weight - self.rate)
+            self.known = True
+
+    def tasks(self) -> Iterator[Task]:
+        """Iterate over the tasks. A short last task joins the task before."""
+        held: Task | None = None
+        for task in self._cut():
+            if held is not None and task.weight * self.rate < self.shortest:
+                values, made = {**held.values, **task.values}, {**held.made, **task.made}
+                task = replace(task, values=values, made=made, weight=held.weight + task.weight)
+            elif held is not None:
+                yield held
+            held = task
+        if held is not None:
+            yield held
+
+    def _cut(self) -> Iterator[Task]:
+        made: dict[int, Member | None] = {}
+        weight = target = 0.0
+        before = -1
+        for place, index in enumerate(self.order.tolist()):
+            new, before = self.physics[index] != before, self.physics[index]
+            if made and weight * self.rate >= target and (new or not self.whole_physics):
+                yield self._task(made, weight)
+                made, weight = {}, 0.0
+            if not made:
+                target = self._target(place)
+            made[index] = member = self.members.take(index)
+            weight += 0.0 if member is None else self._weight(member, new)
+        if made:
+            yield self._task(made, weight)
+
+    def _weight(self, member: Member, new_physics: bool) -> float:
+        """Cost of a member, in steps of a mass point."""
+        steps = member.expected_steps
+        if member.likely_unstable:
+            steps = min(steps, _STEPS_TO_DIVERGE)
+        if new_physics:
+            steps += self.members.reference_steps(member)
+        return steps * member.points + _OVERHEAD
+
+    def _task(self, made: dict[int, Member | None], weight: float) -> Task:
+        values = {index: self.members.grid.member(index) for index in made}
+        kept = {index: member for index, member in made.items() if member is not None}
+        return Task(self.members.scene, self.members.options, values, weight, self.threads, kept)
 
 
 class Workers:
@@ -30,113 +193,98 @@ class Workers:
 
         if threads is not None:
             threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
-        self.threads = threads
-        self.stop: threading.Event | None = None
-        self._close: Callable[[], Any] = lambda: None
-        self._client: Any = None
+        self.threads, self.own, self.client = threads, executor is None, None
+        self._stop = threading.Event()
+        self._under_way: dict[int, float] = {}  # by the number of the task
         if executor is None:
             self.count = threads or _core.available_threads()
-            self.stop = threading.Event()
             self.executor: Executor = ThreadPoolExecutor(self.count, "clothsim-sweep")
-            self._close = self.executor.shutdown
-            return
-        if isinstance(executor, Executor):
+        elif isinstance(executor, Executor):
             self.executor = executor
             self.count = int(getattr(executor, "_max_workers", _WORKERS_UNKNOWN))
         elif callable(getattr(executor, "get_executor", None)):  # a distributed.Client
-            self._client = executor
+            self.client = executor
             self.executor = executor.get_executor(pure=False)
-            self.count = self._cluster_threads()
+            self.limit()
         else:
             raise TypeError(
                 "executor must be None, a concurrent.futures.Executor or a dask.distributed "
                 f"Client, got {check.shown(executor)}"
             )
 
-    def _cluster_threads(self) -> int:
-        return max(1, int(sum(self._client.nthreads().values())))
+    @property
+    def under_way(self) -> float:
+        """Steps of mass points that running tasks of this process have done."""
+        return sum(list(self._under_way.values()))
+
+    def _pause(self, task: int, cost: float) -> None:
+        """The pause of tasks on threads of this process."""
+        self._under_way[task] = self._under_way.get(task, 0.0) + cost
+        if self._stop.is_set():
+            raise Stopped
 
     @property
     def shortest_task(self) -> float:
         """Seconds that a task should take at least."""
-        return planning.SHORTEST if self.stop is None else planning.SHORTEST_HERE
+        return SHORTEST_HERE if self.own else SHORTEST
 
     def threads_of(self, tasks: int) -> int | None:
         """Threads of each task: one, or all threads (None) for a single task."""
-        if self.stop is None:
-            return self.threads or 1
-        return self.threads if tasks == 1 else 1
+        if self.own:
+            return self.threads if tasks == 1 else 1
+        return self.threads or 1
 
     def limit(self) -> int:
         """Largest number of simultaneous tasks. It changes, because a cluster may grow."""
-        if self._client is not None:
-            self.count = self._cluster_threads()
+        if self.client is not None:
+            self.count = max(1, int(sum(self.client.nthreads().values())))
         return _AHEAD * self.count
 
-    def submit(self, task: Any) -> Future[TaskResult]:
-        function = partial(run_task, stopped=self.stop.is_set) if self.stop else run_task
-        return self.executor.submit(function, task)
+    def run_all(
+        self,
+        planner: Planner,
+        record: Callable[[TaskResult], None],
+        meanwhile: Callable[[], None] = lambda: None,
+        sign: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Execute all tasks. `record` is called in this thread with each result.
+
+        `meanwhile` is called once, before that, when the first tasks are under way, and `sign` while no task ends.
+
+        If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are recorded before the
+        error is raised.
+        """
+        from concurrent.futures import FIRST_COMPLETED, wait
+
+        waiting: dict[Future[TaskResult], int] = {}
+        tasks = enumerate(planner.tasks())
+
+        def fill() -> None:
+            while len(waiting) < self.limit() and (numbered := next(tasks, None)) is not None:
+                number, task = numbered
+                function = partial(run_task, pause=partial(self._pause, number)) if self.own else run_task
+                waiting[self.executor.submit(function, task)] = number
+
+        try:
+            fill()
+            meanwhile()
+            while waiting:
+                for future in wait(waiting, _SECONDS_BETWEEN_SIGNS, FIRST_COMPLETED).done:
+                    number = waiting.pop(future)
+                    result = future.result()
+                    self._under_way.pop(number, None)
+                    record(result)
+                    planner.learn(result)
+                sign()
+                fill()
+        except BaseException:
+            self._stop.set()
+            for future in [future for future in list(waiting) if not future.cancel()]:
+                # Threads of this process give up within a tenth of a second; others' are not waited for.
+                if (self.own or future.done()) and future.exception() is None:
+                    record(future.result())
+            raise
 
     def close(self) -> None:
-        self._close()
-
-
-def run_all(
-    workers: Workers, planner: Planner, record: Callable[[TaskResult], None], meanwhile: Callable[[], None] = lambda: None
-) -> None:
-    """Execute all tasks. `record` is called in this thread with each result.
-
-    `meanwhile` is called once, before that, when the first tasks are under way.
-
-    If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are recorded before the
-    error is raised.
-    """
-    finished: queue.SimpleQueue[Future[TaskResult]] = queue.SimpleQueue()
-    waiting: set[Future[TaskResult]] = set()
-    with _cleared(workers, waiting, finished, record):
-        tasks = planner.tasks()
-        _fill(workers, tasks, waiting, finished)
-        meanwhile()
-        while True:
-            _fill(workers, tasks, waiting, finished)
-            if not waiting:
-                return
-            future = finished.get()
-            waiting.discard(future)
-            result = future.result()
-            record(result)
-            planner.learn(result)
-
-
-def _fill(
-    workers: Workers, tasks: Iterator[Any], waiting: set[Future[TaskResult]], finished: queue.SimpleQueue[Future[TaskResult]]
-) -> None:
-    room = workers.limit() - len(waiting)
-    for _ in range(room):
-        task = next(tasks, None)
-        if task is None:
-            return
-        future = workers.submit(task)
-        waiting.add(future)
-        future.add_done_callback(finished.put)
-
-
-@contextmanager
-def _cleared(
-    workers: Workers,
-    waiting: set[Future[TaskResult]],
-    finished: queue.SimpleQueue[Future[TaskResult]],
-    record: Callable[[TaskResult], None],
-) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        if workers.stop is not None:
-            workers.stop.set()
-        left = {future for future in list(waiting) if not future.cancel()}
-        for future in left:
-            # Our own threads give up within a tenth of a second; others' are not waited for.
-            if workers.stop is not None or future.done():
-                if future.exception() is None:
-                    record(future.result())
-        raise
+        if self.own:
+            self.executor.shutdown()
