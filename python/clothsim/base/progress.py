@@ -62,6 +62,14 @@ class ProgressBar:
             # With None, tqdm itself finds out whether stderr is a terminal.
             bar = tqdm(disable=False if in_notebook() else None, **options)
             self.bar = None if bar.disable else bar
+        if self.bar is not None:
+            self._show_warning = warnings.showwarning
+            warnings.showwarning = self._above
+
+    def _above(self, *warning: Any, **options: Any) -> None:
+        """Show a warning above the bar, as it would have been shown without."""
+        with self.bar.external_write_mode(file=sys.stderr):
+            self._show_warning(*warning, **options)
 
     def advance(self, count: float = 1) -> None:
         """Advance the bar by `count` units."""
@@ -90,6 +98,8 @@ class ProgressBar:
         """Leave the bar as it is and start a new line."""
         if self.bar is not None:
             self.bar.close()
+            if warnings.showwarning == self._above:  # else somebody has replaced it since
+                warnings.showwarning = self._show_warning
 
     def __enter__(self) -> ProgressBar:
         return self

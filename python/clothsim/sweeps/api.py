@@ -14,7 +14,7 @@ from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..errors import warn_caller
 from ..machine.build import build_config
-from ..machine.provenance import provenance
+from ..machine.origin import provenance
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
 from .fields import RUN

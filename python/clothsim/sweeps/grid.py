@@ -1,4 +1,4 @@
-"""The members of a sweep: products of values, zipped lists, or given samples; and values as plain data, labels and digests."""
+"""The members of a sweep: products of values, zipped lists, or given samples; values as plain data, labels and digests."""
 
 from __future__ import annotations
 

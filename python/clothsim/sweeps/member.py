@@ -44,7 +44,7 @@ class Stopped(Exception):
 
 
 def never(_cost: float = 0.0) -> None:
-    """The pause of a task that nobody stops."""
+    """The pause of a task that runs to its end."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Outcome:
     evaluations: int = 0
     state: Any = None  # that stepped it
     reference: Any = None
-    itself: Run | None = None  # of a member with error control
+    itself: Run | None = None  # as a run, if it has been one already
 
     @property
     def scene(self) -> Scene:
@@ -191,26 +191,16 @@ class Outcome:
         return not math.isnan(self.watched.get("first_contact", math.nan))
 
     def run(self) -> Run:
-        """The result as a run of `simulate`, for metrics that are functions of a run."""
-        if self.itself is not None:
-            return self.itself
-        member = self.member
-        evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
-        solution = Solution(
-            RunOptions(**member.numerics, threads=self.state.threads),
-            self.t,
-            np.array(self.x),
-            np.array(self.v),
-            self.steps,
-            0,
-            evaluations,
-            self.seconds,
-            self.watched,
-            member.dt,
-            self.state,
-        )
-        facts = report(self.scene, solution, of_nothing())
-        return Run(self.scene, np.array(self.t), solution.x, solution.v, facts)
+        """The result as a run of `simulate`, with its report, for metrics that are functions of a run."""
+        if self.itself is None:
+            x, v, member = np.array(self.x), np.array(self.v), self.member
+            options = RunOptions(**member.numerics, threads=self.state.threads)
+            evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
+            solution = Solution(
+                options, self.t, x, v, self.steps, 0, evaluations, self.seconds, self.watched, member.dt, self.state
+            )
+            self.itself = Run(self.scene, np.array(self.t), x, v, report(self.scene, solution, of_nothing()))
+        return self.itself
 
 
 @dataclass
