@@ -45,6 +45,27 @@ py::dict build_facts() {
     return facts;
 }
 
+// Whether the class "fused" fuses products and sums under an instruction set.
+bool fuses(const std::string& instruction_set) {
+#if XSIMD_WITH_NEON64
+    static_cast<void>(instruction_set);
+    return true;
+#else
+    return choose_instruction_set(instruction_set).flags.find("-mfma") != std::string_view::npos;
+#endif
+}
+
+// The state of these objects lies in C++: pickle would copy an object without it, and end the process.
+void refuse_pickle(const py::module_& m) {
+    const auto refuse = [](const py::object& self, int) {
+        throw py::type_error("cannot pickle an object of " + py::str(py::type::of(self)).cast<std::string>());
+    };
+    for (const auto& [name, value] : py::cast<py::dict>(m.attr("__dict__")))
+        if (py::isinstance<py::type>(value))
+            value.attr("__reduce_ex__") =
+                py::cpp_function(refuse, py::name("__reduce_ex__"), py::is_method(value));
+}
+
 // Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths
 // and for 1/l, for the tests.
 template <class T>
@@ -65,6 +86,7 @@ py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, c
 
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
+    m.def("fuses", &fuses);
     m.def("choose_instruction_set",
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
     m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
@@ -145,4 +167,5 @@ PYBIND11_MODULE(_core, m) {
     clothsim::bind_simulation(m);
     clothsim::bind_diagnostics(m);
     clothsim::bind_reference(m);
+    clothsim::refuse_pickle(m);
 }

@@ -51,6 +51,20 @@ std::vector<const KernelTable*> supported_instruction_sets() {
     return supported;
 }
 
+namespace {
+
+constexpr std::size_t shown_length = 40;  // characters of a wrong name that a message repeats
+
+// A name from outside as a message can show it: short, of printable ASCII.
+std::string shown(const std::string& name) {
+    std::string found = name.substr(0, shown_length);
+    for (char& c : found)
+        if (c < ' ' || c > '~') c = '?';
+    return "'" + found + (name.size() > shown_length ? "...'" : "'");
+}
+
+}  // namespace
+
 const KernelTable& choose_instruction_set(const std::string& name) {
     const char* environment = std::getenv("CLOTHSIM_ISA");
     const std::string wanted = !name.empty() ? name : environment ? environment : "";
@@ -61,8 +75,9 @@ const KernelTable& choose_instruction_set(const std::string& name) {
         if (table->name == wanted) return *table;
         accepted += (accepted.empty() ? "" : ", ") + std::string(table->name);
     }
-    throw std::invalid_argument((name.empty() ? "CLOTHSIM_ISA" : "instruction_set") + (" is '" + wanted) +
-                                "'; this processor runs, of those built: " + accepted);
+    throw std::invalid_argument((name.empty() ? "CLOTHSIM_ISA" : "instruction_set") +
+                                (" is " + shown(wanted)) +
+                                "; this processor runs, of those built: " + accepted);
 }
 
 namespace {
@@ -101,7 +116,7 @@ bool forwards_in_registers() {
     const std::string wanted = environment ? environment : "";
     if (wanted.empty()) return !takes_512_bits_at_once();
     if (wanted == "registers" || wanted == "memory") return wanted == "registers";
-    throw std::invalid_argument("CLOTHSIM_FORWARD is '" + wanted + "'; accepted: registers, memory");
+    throw std::invalid_argument("CLOTHSIM_FORWARD is " + shown(wanted) + "; accepted: registers, memory");
 }
 
 }  // namespace clothsim

@@ -13,11 +13,19 @@ def how_to_install(extra: str) -> str:
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
-    """The module of that name, or an ImportError that says which extra brings it."""
+    """The module of that name, or an ImportError: which extra brings it, or why it cannot be loaded."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise ImportError(_lacking(name, what, extra)) from error
+        raise ImportError(reason_of(error, name, what, extra)) from error
+
+
+def reason_of(error: ImportError, name: str, what: str, extra: str) -> str:
+    """The message for a package that could not be imported. An installed package may lack memory or a package of its own."""
+    package = name.partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == package:
+        return _lacking(name, what, extra)
+    return f"{what} needs {package}, which is installed but could not be loaded: {error}"
 
 
 def check_installed(name: str, what: str, extra: str = "sweep") -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from .. import _core
 from ..base.table import aligned
 from ..methods.integration import UPDATES, Integrator, integrators
 from ..methods.limiting import limiting_term
@@ -134,7 +135,7 @@ def explain(
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
             "kernel": kernel,
-            "arithmetic": "strict" if strict else "fused",
+            "arithmetic": "strict" if strict else "fused" if _core.fuses(plan.instruction_set) else "not fused",
             "precision": precision,
             "instruction_set": plan.instruction_set,
             "lanes": plan.lanes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -289,6 +290,18 @@ class Stepper(StepperView):
         0.0
         """
         return take(self._state, self._scene, self._options, self._track)
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise TypeError(
+            "a Stepper cannot be pickled, as its state lies in the core: pickle stepper.snapshot() and call Stepper.restore"
+        )
+
+    def __copy__(self) -> Stepper:
+        """A stepper with an own copy of the state; it continues with the same bits."""
+        return self.restore(self.snapshot())
+
+    def __deepcopy__(self, memo: object) -> Stepper:
+        return self.__copy__()
 
     @classmethod
     def restore(cls, snapshot: Snapshot) -> Stepper:

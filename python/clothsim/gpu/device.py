@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..base.extras import how_to_install
+from ..base.extras import reason_of
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # float64, and the integers of its size that `keep` takes it through.
@@ -57,7 +57,7 @@ def load_wgpu() -> Any:
         import wgpu
         from wgpu.backends.wgpu_native import extras
     except ImportError as error:
-        raise ImportError(f"backend 'gpu' needs wgpu, which is not installed: {how_to_install('gpu')}") from error
+        raise ImportError(reason_of(error, "wgpu", "backend 'gpu'", "gpu")) from error
     global _restricted
     if not _restricted:
         # Without OpenGL's search for a display, which writes to stderr if there is none. No effect

@@ -40,6 +40,8 @@ class Watch:
     ----------
     recording : Recording or None
         The present run, or the last run that ended.
+    failed : bool
+        Whether the callback has ended with an exception, or is at work.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ class Watch:
         self._callback, self._bar = callback, bar
         self._here = 0.0
         self.recording: Recording | None = None
+        self.failed = False
 
     def begin(self, recording: Recording, seconds: float) -> None:
         """Follow a run from `seconds` after its start."""
@@ -76,12 +79,12 @@ class Watch:
         """Call the callback; StopRun if it returns True."""
         if self._callback is None:
             return
-        views = x.view(), v.view()
-        for view in views:
-            view.flags.writeable = False
-        stop = self._callback(t, *views)
+        copies = [np.frombuffer(values.tobytes()).reshape(values.shape) for values in (x, v)]  # bytes never change
+        self.failed = True
+        stop = self._callback(t, *copies)
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(f"callback must return True to stop the run, or False or None to go on, got {check.shown(stop)}")
+        self.failed = False
         if stop:
             raise StopRun
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -152,7 +153,8 @@ def simulate(
         If an argument is not as above.
     UnstableError, ContactError
         If the state stops being finite or runs away (see `Stepper.advance`), or spheres trap a
-        mass point. ``error.run`` is the run up to the state before that step.
+        mass point. ``error.run`` is the run up to the state before that step. An exception of the callback has the
+        frames so far as ``error.run`` too.
     RunInterrupted
         On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
@@ -261,6 +263,12 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
         raise
     except ContactError as error:
         error.run = so_far("contact")
+        raise
+    except Exception as error:
+        with suppress(Exception):  # as where memory lacks
+            run = so_far("callback" if watch.failed else "error")
+            if run is not None:
+                error.run = run  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
         raise RunInterrupted(so_far("interrupted")) from None
