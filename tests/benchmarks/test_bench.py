@@ -1,11 +1,14 @@
 """A run of the bench: its report, its files, and what it refuses."""
 
 import itertools
+import os
 import re
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
+import clothsim as cs
 import pytest
-from bench import Settings, bench, machine_facts, saved, works
+from bench import FULL, NORMAL, QUICK, SECTIONS, Settings, bench, machine_facts, plots, saved, works
 from bench.report import text
 
 BRIEF = Settings(
@@ -87,44 +90,6 @@ def test_report_prints_every_figure(report):
             assert any(f"{figure['error']:.1e}" in line for line in found)
 
 
-def test_report_prints_machine_and_limits(report):
-    result, _ = report
-    about, limits = result["machine"], result["limits"]
-    known = {**about, "family": 25, "model": 17, "stepping": 1}
-    printed = text({**result, "machine": known})
-    assert f"{about['cpu']} (family 25, model 17, stepping 1), {about['cores']} cores" in printed
-    unknown = {**about, **dict.fromkeys(("family", "model", "stepping"))}
-    assert f"{about['cpu']}, {about['cores']} cores" in text({**result, "machine": unknown})
-    sets, counts = about["build"]["instruction_sets_supported"], {1, min(2, about["cores"])}
-    labels = {(p["instruction_set"], p["precision"], p["threads"]) for p in limits["peak"]}
-    assert labels >= set(itertools.product(sets, ("single", "double"), counts))
-    for p in limits["peak"]:
-        rate = f"{p['flops_per_second'] / 1e9:.1f}"
-        assert lines_with(printed, p["instruction_set"], p["precision"], p["threads"], rate)
-    for name in ("bandwidth", "triad", "cache_bandwidth"):
-        for threads, rate in limits[name].items():
-            start = f"\n{name.replace('_', ' ')} [GB/s]: "
-            line = printed[printed.index(start) :].split("\n")[1]
-            assert rate > 0 and f"{rate / 1e9:.1f} on {threads}" in line
-    if about["cores"] > 1:
-        assert "core to core and back: 123 ns" in printed
-    for one in result["efficiency"]:
-        percent = f"{100 * one['share_of_peak']:.0f}"
-        times = (f"{1e9 * one[k]:.2f}" for k in one if k.endswith("seconds_per_point"))
-        assert lines_with(printed, one["work"], one["kernel"], one["precision"], percent, *times)
-    assert {one["work"] for one in result["efficiency"]} == {"swing+bend"}
-
-
-def test_ratios_stand_beside_times(report):
-    result, _ = report
-    lines = text(result).splitlines()
-    for work in ("static+bend", "feature: all springs, damped"):
-        one = next(f for f in result["figures"] if f["work"] == work)
-        ratios = [f"{one[column]:.1f}" for column in ("x_reference", "x_numpy")]
-        rows = [line.split() for line in lines if f"{1e6 * one['minimum']:.2f}" in line.split()]
-        assert any(row[-2:] == ratios for row in rows)
-
-
 def test_what_a_call_adds_is_printed(report):
     result, _ = report
     assert {f["threads"] for f in result["figures"] if f["work"] == "32 x 32, cs.step"} == {
@@ -153,39 +118,6 @@ def test_what_a_call_adds_is_printed(report):
         ["single", "1", "8.00", "1.00", "12.00"],
         ["single", "2", "5.00", "3.00", "16.00"],
     ]
-
-
-@pytest.mark.parametrize(("together", "told"), [(231e9, False), (117e9, True)])
-def test_report_tells_of_processors_on_one_core(report, together, told):
-    """A virtual machine's: the second adds nothing while it lasts."""
-    result, _ = report
-    rates = [("single", 1, 117e9), ("single", 2, together), ("double", 1, 58e9), ("double", 2, 115e9)]
-    peak = [{"instruction_set": "avx512", "precision": p, "threads": n, "flops_per_second": rate} for p, n, rate in rates]
-    speeds = dict.fromkeys(("bandwidth", "triad", "cache_bandwidth"), {1: 2e10, 2: 4e10})
-    limits = {"peak": peak, **speeds, "round_trip": 1.2e-7}
-    printed = text({**result, "limits": limits})
-    assert ("processors shared a core" in printed) == told
-    assert ("2 threads reached 1.00 times the peak of one" in printed) == told
-
-
-@pytest.mark.parametrize(("load", "told"), [(0.4, False), (0.6, True)])
-def test_report_tells_of_load_before_the_run(report, load, told):
-    result, _ = report
-    printed = text({**result, "machine": {**result["machine"], "load_average": (load, 2.0, 3.0)}})
-    assert f"before the run {load:.2f}, 2.00, 3.00" in printed
-    assert ("Something ran in the minute before" in printed) == told
-
-
-def test_report_tells_windows_and_steps_of_errors(report):
-    result, _ = report
-    settings = asdict(replace(BRIEF, windows=40, seconds=4e-3, large_windows=7))
-    printed = text({**result, "settings": settings})
-    assert "least of 40 windows of 4 ms" in printed
-    assert "batch, 5 of 32 ms; grids above 1024 x 1024, 7 one after the other" in printed
-    assert "32 x 32 mass points; the error is that of the position after 3 steps" in printed
-    assert "calls; the error is that of the position after 20 steps" in printed
-    with_error = {f["work"] for f in result["figures"] if f["error"] is not None}
-    assert with_error == {"swing", "swing+bend", "static", "static+bend", "grid 8", "grid 16"}
 
 
 def test_csv_is_read_as_it_was_written(report):
@@ -230,3 +162,80 @@ def test_a_run_is_compared_with_the_file_that_was_there(report, tmp_path):
     told = saved.compare({**result, "figures": slower}, path)
     assert "median 1.250" in told and f"({len(slower)} figures)" in told
     assert told in text({**result, "before": told})
+
+
+@pytest.mark.parametrize(
+    "settings, sections, lacks",
+    [
+        (NORMAL, SECTIONS, ""),
+        (FULL, SECTIONS, ""),
+        (QUICK, SECTIONS, "-quick"),
+        (FULL, ("frames", "calls"), "-frames-calls"),
+        (QUICK, ("limits",), "-quick-limits"),
+        (replace(FULL, windows=3), SECTIONS, "-custom"),
+    ],
+)
+def test_files_say_what_a_run_lacks(settings, sections, lacks):
+    about = machine_facts.describe()
+    run = {"machine": about, "settings": asdict(settings), "sections": list(sections)}
+    assert saved.name(run) == machine_facts.slug(about) + lacks
+
+
+def test_a_table_or_a_plot_that_fails_loses_nothing_else(tmp_path, monkeypatch):
+    """Nor does a grid of the size that the frames have."""
+
+    def broken(*arguments):
+        raise ZeroDivisionError("by hand")
+
+    monkeypatch.setattr("bench.efficiency", broken)
+    monkeypatch.setitem(plots.ALL, "grids", broken)
+    grid = works.grid
+    monkeypatch.setattr(works, "grid", lambda rows: replace(grid(8), name=f"grid {rows}"))
+    settings = replace(BRIEF, sizes=(8, 800))
+    result = bench(tmp_path, settings=settings, sections=["features", "grids", "frames", "calls"])
+    reason = "ZeroDivisionError: by hand"
+    for label in ({"plot": "grids"}, {"table": "efficiency"}):
+        assert {**label, "reason": reason} in result["skipped"]
+    assert [p.stem.rsplit("-")[-1] for p in tmp_path.glob("*.png")] == ["features"]
+    assert f"Left out (plot grids): {reason}" in text(result)
+
+
+def test_limits_are_of_their_instruction_set_precision_and_threads(monkeypatch):
+    def here():
+        return os.environ["CLOTHSIM_ISA"]
+
+    def bandwidth(threads, size):
+        return {kind: (kind, here(), threads, size) for kind in ("update", "triad")}
+
+    limits = SimpleNamespace(
+        multiply_add_peak=lambda precision, threads: (here(), precision, threads),
+        memory_bandwidth=bandwidth,
+        core_round_trip=lambda: 1e-7,
+    )
+    monkeypatch.setattr(machine_facts, "this_machine", limits)
+    found = machine_facts.limits(("avx2", "sse2"), (1, 2))
+    assert set(found["peak"]) == set(itertools.product(("avx2", "sse2"), ("single", "double"), (1, 2)))
+    assert all(rate == key for key, rate in found["peak"].items())
+    for name, kind, size in (
+        ("bandwidth", "update", 1 << 29),
+        ("triad", "triad", 1 << 29),
+        ("cache_bandwidth", "update", 1 << 14),
+    ):
+        assert found[name] == {n: (kind, "avx2", n, size) for n in (1, 2)}
+    assert found["round_trip"] == 1e-7
+    assert machine_facts.limits(("sse2",), (1,))["round_trip"] is None
+    rows = machine_facts.as_plain(found)["peak"]
+    assert {
+        "instruction_set": "sse2",
+        "precision": "double",
+        "threads": 2,
+        "flops_per_second": ("sse2", "double", 2),
+    } in rows
+    assert len(rows) == 8 and machine_facts.as_plain({}) == {}
+
+
+def test_instruction_set_is_put_back(monkeypatch):
+    monkeypatch.delenv("CLOTHSIM_ISA", raising=False)
+    with machine_facts.instruction_set("sse2"):
+        assert cs.build_config()["instruction_set"] == "sse2"
+    assert cs.build_config()["instruction_set"] != "sse2"

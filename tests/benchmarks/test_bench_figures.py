@@ -86,16 +86,6 @@ def test_numba_on_one_thread_or_on_its_best_is_beside_ours():
         assert alone["value"] == pytest.approx(3.0)
 
 
-def test_share_of_the_peak():
-    ours = figure(work="swing+bend", threads=1, minimum=8e-6, flops=760_000)
-    limits = {"peak": {("avx512", "single", 1): 118.75e9}, "bandwidth": {1: 24e9}}
-    given = measured(ours, limits=limits)
-    share = row("share of the multiply-add peak, single, 1 thread", given)
-    assert share["value"] == pytest.approx(80.0)
-    wrong = measured(ours, replace(ours, instruction_set="avx2", minimum=1e-6), limits=limits)
-    assert row("share of the multiply-add peak, single, 1 thread", wrong) == share
-
-
 def test_efficiency_is_beside_the_limits_of_its_threads_and_of_memory_where_that_counts():
     small = {"work": "swing+bend", "threads": 1, "minimum": 8e-6, "flops": 760_000}
     large = {"work": "grid 1024", "threads": 2, "points": 1024**2, "minimum": 6.291456e-3, "flops": 786_432_000}
@@ -150,43 +140,6 @@ def test_what_is_left_out_saves_its_share(what):
     less = figure(work=f"feature: no {what}", threads=1, minimum=8.5e-6, flops=800)
     saved = f"time saved without {what} / its share of the flops, single"
     assert row(saved, measured(every, less))["value"] == pytest.approx(0.75)
-
-
-@pytest.mark.parametrize("kind", ["", "continuous ", "continuous face "])
-def test_price_of_a_far_sphere_is_what_it_adds(kind):
-    without = figure(work=measured_run.ALL_SPRINGS, threads=1, minimum=10e-6)
-    far = figure(work=f"feature: {kind or '1 '}sphere, far", threads=1, minimum=10.3e-6)
-    price = f"price of a {kind}sphere out of reach, single"
-    assert row(price, measured(without, far))["value"] == pytest.approx(3)
-
-
-def test_chosen_threads_are_judged_on_the_paper_s_cloth_and_small_grids():
-    def times(work, precision, chosen, **on):
-        labels = {"work": work, "precision": precision}
-        yield figure(**labels, threads=None, minimum=chosen)
-        for threads, seconds in zip((1, 2, 8), (on["one"], on["two"], on["eight"]), strict=True):
-            yield figure(**labels, threads=threads, minimum=seconds)
-
-    given = [
-        *times("grid 8", "single", 2.02, one=2, two=3, eight=9),
-        *times("grid 8", "double", 2.02, one=2, two=3, eight=9),
-        *times("grid 128", "single", 2.05, one=9, two=4, eight=2),
-        *times("grid 128", "double", 4.08, one=9, two=4, eight=5),
-        *times("grid 256", "single", 9.0, one=9, two=4, eight=2),
-        *times("swing+bend", "single", 4.04, one=9, two=4, eight=5),
-    ]
-    name = "threads=None / the best thread count, worst of 32 x 32 and the grids to 128 x 128"
-    counts = {"threads": (1, 2, 8)}
-    for slow, value in ((4.12, 1.03), (4.0, 1.025)):
-        cloth = times("swing+bend", "double", slow, one=9, two=4, eight=5)
-        assert row(name, measured(*given, *cloth, **counts))["value"] == pytest.approx(value)
-    assert row(name, measured(*given, **counts))["missing"] == "not measured in this run"
-
-
-def test_every_target_has_a_name_of_its_own():
-    names = [target.name for target in targets.TARGETS]
-    assert len(set(names)) == len(names)
-    assert all(name == name.strip() for name in names)
 
 
 def peer(by, minimum, **changes):

@@ -92,28 +92,6 @@ def test_grids_have_the_limits_of_one_thread_and_of_the_most():
         assert len(colors) == 2
 
 
-def test_grids_are_labelled_at_whole_numbers():
-    drawn = ALL["grids"](made_up())
-    drawn.canvas.draw()
-    panel = drawn.axes[0]
-    (low, high), labels = panel.get_ylim(), panel.get_yticklabels(which="both")
-    shown = [t.get_text() for t in labels if low <= t.get_position()[1] <= high]
-    assert shown == ["1", "2", "5", "10", "20"]
-
-
-def test_without_limits_there_are_times_only():
-    panel = ALL["grids"]({**made_up(), "limits": {}}).axes[0]
-    assert len(panel.get_lines()) == 6
-
-
-def test_bars_have_a_look_for_each_kernel_and_thread_count():
-    panel = ALL["threads"](made_up()).axes[0]
-    looks = {bars.get_label(): bars.patches[0].get_facecolor() for bars in panel.containers}
-    assert len(looks) == len(set(looks.values())) == 6
-    widths = {bars.get_label(): [patch.get_width() for patch in bars.patches] for bars in panel.containers}
-    assert widths["gather, 8 threads"] == pytest.approx(4 * [1024 * 40e-3 / 8])
-
-
 def test_nothing_is_drawn_of_what_was_not_measured():
     report = {**made_up(), "figures": []}
     assert [draw(report) for draw in ALL.values()] == [None, None, None]

@@ -2,15 +2,13 @@
 No test depends on how fast anything is."""
 
 import itertools
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
 import pytest
-from bench import QUICK, candidates, sections, works
-from bench.figures import Figures, Missing
+from bench import QUICK, candidates, works
+from bench.figures import Figures
 from clothsim.scenes import PAPER_DT
 from peers.numpy_peer import NumpyPeer
 from timing import Work, calibrate, measure
@@ -59,102 +57,11 @@ def test_a_cold_window_has_its_steps_and_nothing_before_them():
     assert (other.minimum, other.steps) == (1.0, 1) and len(warm.log) > 3 * 3
 
 
-def test_measure_takes_turns():
-    clock = Clock()
-    order = []
-
-    class Named(Fake):
-        def prepare(self):
-            order.append(self)
-
-    named = [Named(clock, [1.0]) for _ in range(4)]
-    measure(named, 5, 0.5, clock)
-    rounds = [order[i : i + 4] for i in range(4, 24, 4)]
-    assert all(set(one) == set(named) for one in rounds)
-    assert len({tuple(map(id, one)) for one in rounds}) > 1
-
-
 def test_calibrate_fills_the_window_and_ignores_one_slow_try():
     clock = Clock()
     assert calibrate(Fake(clock, [1e-6]), 1e-3, clock) in range(800, 1300)
     # The first try after the warm-up is a hundred times too slow.
     assert calibrate(Fake(clock, [1e-6, 1e-3] + 100 * [1e-6]), 1e-3, clock) in range(800, 1300)
-
-
-def test_numba_that_is_missing_or_broken_is_told_in_words_of_its_own(monkeypatch):
-    from peers import numba_peer
-
-    monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(ImportError, match=r"not installed: run pip install '\.\[bench\]'"):
-        numba_peer.import_kernels()
-
-    class Broken:
-        def find_spec(self, name, path=None, target=None):
-            if name == "peers.numba_kernels":
-                raise OSError("libllvmlite.so is missing")
-
-    monkeypatch.delitem(sys.modules, "peers.numba_kernels", raising=False)
-    monkeypatch.delattr("peers.numba_kernels", raising=False)
-    monkeypatch.setattr(numba_peer, "find_spec", lambda name: name)
-    monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
-    with pytest.raises(ImportError, match="cannot be imported: OSError: libllvmlite.so is missing"):
-        numba_peer.import_kernels()
-
-
-@pytest.mark.peers
-@pytest.mark.parametrize("parallel", [False, True])
-def test_threads_that_numba_may_not_use_are_left_out_and_told(monkeypatch, parallel):
-    monkeypatch.setattr("peers.numba_peer.most_threads", lambda: 2)
-    figures = Figures()
-    settings = replace(QUICK, numba_parallel=parallel)
-    most = candidates.numba_threads(settings, (1, 2, 8), figures)
-    bench = candidates.Bench(settings, figures, (), ("sse2",), (1, 2, 8), most, print)
-    start = works.paper(False, sphere=False)
-    for kind in ("numba gather", "numba strided"):
-        made = [candidates.numba(bench, start, kind, "single", n) for n in (1, 2, 8)]
-        assert [len(one) for one in made] == [1, 1, 0]
-        with pytest.raises(Missing, match="NUMBA_NUM_THREADS is 2"):
-            figures.get(by=kind, threads=8)
-        few = not parallel and kind == "numba strided"
-        with pytest.raises(Missing, match="on one thread only" if few else "not measured in this"):
-            figures.get(by=kind, threads=2)
-        with pytest.raises(Missing, match="not measured in this run"):
-            figures.get(by=kind, threads=1)
-
-
-def test_paper_s_cloth_has_every_peer(monkeypatch):
-    made = []
-    monkeypatch.setattr(sections, "run", lambda bench, some, *_: made.extend(some))
-    for parallel, counts in ((True, {1, 2}), (False, {1})):
-        made.clear()
-        settings = replace(QUICK, numba_parallel=parallel)
-        bench = candidates.Bench(settings, Figures(), ("edge",), ("sse2",), (1, 2), 2, print)
-        sections.steps(bench)
-        threads = {}
-        for one in made:
-            which = one.start.name, one.labels["by"], one.labels["precision"]
-            threads.setdefault(which, set()).add(one.labels["threads"])
-        for work, strided in (("swing", None), ("swing+bend", counts)):
-            assert threads[work, "reference", "double"] == {1}
-            for precision in ("single", "double"):
-                assert threads[work, "numpy", precision] == {1}
-                assert threads[work, "numba gather", precision] == {1, 2}
-                assert threads.get((work, "numba strided", precision)) == strided
-
-
-def test_numba_takes_the_kernel_of_its_threads(monkeypatch):
-    from peers import numba_peer
-
-    names = ("serial", "parallel", "batch", "serial_slopes", "parallel_slopes")
-    kernels = SimpleNamespace(**{name: name for name in names})
-    module = SimpleNamespace(BORDER=2, strided=lambda shape: kernels)
-    monkeypatch.setattr(numba_peer, "import_kernels", lambda: module)
-    start, batch = works.paper(False, sphere=False), works.batch()
-    for threads, step in ((1, "serial"), (2, "parallel")):
-        for one, kernel in ((start, step), (batch, "batch")):
-            options = (one.scene, one.x, one.v, PAPER_DT, np.float64, threads)
-            assert numba_peer.NumbaStrided(*options).kernel == kernel
-        assert numba_peer.NumbaSlopes(start.scene, threads).kernel == f"{step}_slopes"
 
 
 def check_peer(make, **options):
