@@ -101,12 +101,3 @@ def test_methods_that_take_many_arguments_say_theirs(tmp_path):
     run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
     assert "clothsim calls it 'x'" in message_of(stepper.set_state, positions=1)
     assert "clothsim calls it 'duration'" in message_of(run.resume, t_end=1)
-
-
-def test_missing_arguments_are_named_with_those_that_a_function_takes():
-    for function, message in [
-        (cs.Linear, "Linear() needs the argument 'velocity'; it takes velocity"),
-        (cs.step, "step() needs the arguments 'scene' and 'x' and 'v' and 'dt'; it takes scene, x, v, dt, steps"),
-        (cs.Scene, "Scene() needs the argument 'cloth'; it takes cloth, spheres"),
-    ]:
-        assert message_of(function).startswith(message)

@@ -11,71 +11,41 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C", bound=type)
 
-OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
-    # SciPy's solve_ivp and its likes
-    "method": ("integrator", "kind"),
-    "solver": ("integrator",),
-    "scheme": ("integrator",),
-    "t_span": ("duration",),
-    "tspan": ("duration",),
-    "t_end": ("duration",),
-    "t_final": ("duration",),
-    "t_max": ("duration",),
-    "total_time": ("duration",),
-    "time": ("t", "duration"),
-    "t0": ("t",),
-    "t_eval": ("times", "every"),
-    "saveat": ("times", "every"),
-    "max_step": ("dt", "dts"),
-    "first_step": ("dt", "dts"),
-    "step_size": ("dt", "dts"),
-    "stepsize": ("dt", "dts"),
-    "time_step": ("dt", "dts"),
-    "timestep": ("dt", "dts"),
-    "h": ("dt", "dts"),
-    "y0": ("x", "position"),
-    "x0": ("x", "position"),
-    "v0": ("v", "velocity"),
-    "tol": ("rtol",),
-    "tolerance": ("rtol",),
-    "n_steps": ("steps",),
-    "num_steps": ("steps",),
-    "iterations": ("steps",),
-    # the state
-    "positions": ("x", "position"),
-    "velocities": ("v", "velocity"),
-    "position": ("x",),
-    "velocity": ("v",),
-    "pos": ("x", "position"),
-    "vel": ("v", "velocity"),
-    # the model
-    "centre": ("center",),
-    "centres": ("centers",),
-    "rad": ("radius",),
-    "r": ("radius",),
-    "k": ("stiffness",),
-    "K": ("stiffness",),
-    "spring_constant": ("stiffness",),
-    "c": ("damping",),
-    "m": ("mass",),
-    "g": ("gravity",),
-    "pinned": ("pins",),
-    "fixed": ("pins",),
-    "families": ("springs",),
-    "resolution": ("shape",),
-    "ball": ("sphere", "spheres"),
-    # how it is computed
-    "dtype": ("precision",),
-    "device": ("backend",),
-    "workers": ("threads", "executor"),
-    "n_jobs": ("threads",),
-    "n_threads": ("threads",),
-    "num_threads": ("threads",),
-    "verbose": ("progress",),
-    "filename": ("path",),
-    "file": ("path",),
+OTHER_NAMES = {
+    "integrator": "method solver scheme",
+    "kind": "method",
+    "t": "time t0",
+    "duration": "t_span tspan t_end t_final t_max total_time time",
+    "times": "t_eval saveat",
+    "every": "t_eval saveat",
+    "dt": "max_step first_step step_size stepsize time_step timestep h",
+    "dts": "max_step first_step step_size stepsize time_step timestep h",
+    "rtol": "tol tolerance",
+    "steps": "n_steps num_steps iterations",
+    "x": "y0 x0 positions position pos",
+    "position": "y0 x0 positions pos",
+    "v": "v0 velocities velocity vel",
+    "velocity": "v0 velocities vel",
+    "center": "centre",
+    "centers": "centres",
+    "radius": "rad r",
+    "stiffness": "k K spring_constant",
+    "damping": "c",
+    "mass": "m",
+    "gravity": "g",
+    "pins": "pinned fixed",
+    "springs": "families",
+    "shape": "resolution",
+    "sphere": "ball",
+    "spheres": "ball",
+    "precision": "dtype",
+    "backend": "device",
+    "threads": "workers n_jobs n_threads num_threads",
+    "executor": "workers",
+    "progress": "verbose",
+    "path": "filename file",
 }
-"""Names that other packages, books or other spellings use, and how clothsim calls them."""
+"""How clothsim calls an argument, and the names of it in other packages, books and spellings."""
 
 
 def suggests(function: F) -> F:
@@ -91,7 +61,7 @@ def suggests(function: F) -> F:
         except TypeError as error:
             # Raised by this very call, not by one inside of it.
             own = error.__traceback__.tb_next is None  # type: ignore[union-attr]
-            message = _unknown(function, kwargs) or _missing(function, args, kwargs) if own else None
+            message = _unknown(function, kwargs) if own else None
             if message is None:
                 raise
         raise TypeError(message)
@@ -120,22 +90,9 @@ def _unknown(function: Callable[..., Any], given: Mapping[str, Any]) -> str | No
     )
 
 
-def _missing(function: Callable[..., Any], args: tuple[Any, ...], given: Mapping[str, Any]) -> str | None:
-    """The message for required arguments that a call lacks; None if it has all."""
-    parameters = inspect.signature(function).parameters
-    known = [n for n, one in parameters.items() if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
-    have = {*known[: len(args)], *given}
-    missing = [repr(n) for n in known if n not in have and parameters[n].default is inspect.Parameter.empty]
-    if not missing:
-        return None
-    name = function.__qualname__.removesuffix(".__init__")
-    words = f"argument{'s' * (len(missing) > 1)} {' and '.join(missing)}"
-    return f"{name}() needs the {words}; it takes {', '.join(n for n in known if n != 'self')}"
-
-
 def _suggestion(unknown: str, known: list[str]) -> str:
-    for ours in OTHER_NAMES.get(unknown, ()):
-        if ours in known:
+    for ours, others in OTHER_NAMES.items():
+        if ours in known and unknown in others.split():
             return f"; clothsim calls it {ours!r}"
     close = difflib.get_close_matches(unknown.lower(), known, n=1, cutoff=0.6)
     return f" (did you mean {close[0]!r}?)" if close else ""
