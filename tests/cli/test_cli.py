@@ -8,16 +8,123 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.cli import COMMANDS
 from commands import run
 
 
-@pytest.mark.parametrize("command", [[], ["info"], ["run"], ["reproduce"]])
-def test_help(capsys, command):
+@pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)], ids=str)
+def test_help_has_at_most_80_columns_in_a_wide_terminal(capsys, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "200")
     code, out, err = run(capsys, *command, "--help")
     assert (code, err) == (0, "")
     assert out.startswith(" ".join(["usage: clothsim", *command]))
+    assert max(map(len, out.splitlines())) <= 80
     if command:
         assert "--json" in out
+
+
+def _strict(text):
+    """`text` as JSON for any reader, which knows no NaN."""
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run paper_static --duration 0.3 --dt 1e-3",
+        "run oscillator --duration 0.1",
+        "scene paper_moving",
+        "stability --scene oscillator --stiffness 100 1000 --dt 0.01 1 --cells 2 3 --steps 20",
+        "sweep paper_swing --stiffness 35000,1e12 --dt 1e-3 --duration 0.01 --metric error,energy_gained",
+        "work-precision oscillator --duration 0.2 --method rk4 --windows 1 --out OUT",
+        "work-precision oscillator --duration 0.2 --method rk4 --windows 1 --fastest --errors 1e-3,1e-30",
+    ],
+)
+def test_every_command_prints_strict_json(capsys, tmp_path, monkeypatch, command):
+    pytest.importorskip("xarray")
+    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path))
+    code, out, _ = run(capsys, *command.replace("OUT", str(tmp_path)).split(), "--json")
+    assert code == 0 and _strict(out)
+
+
+def test_an_unknown_number_is_null_beside_its_reason(capsys):
+    _, out, _ = run(capsys, "run", "paper_static", "--duration", "0.3", "--dt", "1e-3", "--json")
+    report = _strict(out)
+    assert report["energy"]["gained"] is None and "a sphere responded" in report["energy"]["reason"]
+    assert report["error_estimate"]["rms"] is None
+
+
+def test_the_text_of_a_run_has_what_was_examined(capsys):
+    """And the energies where a sphere responded."""
+    options = ("--duration", "0.3")
+    _, out, _ = run(capsys, "run", "paper_static", *options, "--dt", "1e-3")
+    shown = dict(line.split("  ", 1) for line in out.splitlines())
+    assert not {"tolerance", "chaotic"} & set(shown)
+    assert shown["energy, start"].strip().startswith("kinetic 0 J") and "kinetic" in shown["energy, end"]
+    assert shown["energy, gained"].strip() == "a sphere responded, and responses change the energy"
+    _, out, _ = run(capsys, "run", "paper_swing", "--duration", "0.05")
+    assert re.search(r"tolerance +0.001 m by default, reached\n", out)
+    _, out, _ = run(capsys, "run", "paper_swing", "--duration", "0.05", "--rtol", "1e-4")
+    assert re.search(r"tolerance +asked 0.0001 m, reached yes\n", out)
+
+
+def test_a_scene_is_printed_as_a_file_to_edit(capsys, tmp_path):
+    code, out, err = run(
+        capsys, "scene", "paper_static", "--response", "continuous", "--friction", "0.3", "--stiffness", "2e4"
+    )
+    assert (code, err) == (0, "")
+    path = tmp_path / "my.toml"
+    path.write_text(out.replace("mass = 512.0", "mass = 500.0"))
+    scene, ready = cs.load_scene(path), cs.scenes.paper_static()
+    (sphere,) = ready.spheres
+    sphere = sphere.replace(response="continuous", friction=0.3)
+    assert scene == ready.replace(cloth=ready.cloth.replace(stiffness=2e4, mass=500.0), spheres=sphere)
+    code, out, _ = run(capsys, "stability", "--scene", path, "--cells", 2, 2, "--steps", 10, "--json")
+    assert code == 0 and json.loads(out)["limit"]
+
+
+def test_options_change_the_scene_of_a_run(capsys, tmp_path):
+    path = tmp_path / "run.npz"
+    options = ("--dt", "1e-3", "--duration", "0.005", "--out", path)
+    changes = ("--damping", "20", "--gravity", "0;-1;0", "--set", "sphere_center_y=-0.6", "--set", "stiffness_shear=2e4")
+    assert run(capsys, "run", "paper_static", *changes, *options)[0] == 0
+    scene = cs.load_run(path).scene
+    assert scene.cloth.damping == 20 and scene.gravity == (0, -1, 0) and scene.spheres[0].center == (0.5, -0.6, 0.5)
+    assert scene.cloth.family_stiffness["shear"] == 2e4
+    assert run(capsys, "run", "1e6 m away", *options)[0] == 0
+    assert cs.load_run(path).scene == cs.scenes.hard_cases()["1e6 m away"].scene
+
+
+@pytest.mark.parametrize(
+    "arguments, named",
+    [
+        (("run", "1e6 m awy"), "did you mean '1e6 m away'?"),
+        (("run", "paper_swing", "--radius", "1"), "sphere_radius needs a sphere"),
+        (("run", "paper_swing", "--shape", "4y4"), "--shape must be like 32x32"),
+        (("run", "paper_swing", "--set", "dt=1e-3"), "--set must name an argument of the scene, got 'dt'"),
+        (("scene", "paper_swing", "--set", "stifness=1"), "did you mean 'stiffness'?"),
+    ],
+)
+def test_changes_that_a_scene_does_not_take_are_refused(capsys, arguments, named):
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "") and named in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["run none.toml", "plot none.npz", "export none.npz a.obj"])
+def test_a_missing_file_is_said_in_words(capsys, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, *command.split())
+    name = command.split()[1]
+    assert code == 1 and err == f"clothsim {command.split()[0]}: error: there is no file '{name}'\n"
+
+
+def test_warnings_are_printed_above_the_bar(capsys, monkeypatch):
+    """tqdm clears its bars, writes the line, and draws the bars again."""
+    tqdm = pytest.importorskip("tqdm")
+    lines = []
+    monkeypatch.setattr(tqdm.tqdm, "write", lambda text, file: lines.append(text))
+    run(capsys, "run", "paper_swing", "--dt", "1.2e-3", "--duration", "0.01")
+    assert len(lines) == 1 and lines[0].startswith("clothsim run: warning: dt = 0.0012 s is above")
 
 
 def test_version(capsys):
@@ -261,8 +368,8 @@ def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path
     assert code == 2 and "needs a surface" in err
     code, _, err = run(capsys, "run", "paper_swing", "--z-up")
     assert code == 2 and "--z-up needs --export" in err
-    code, _, err = run(capsys, "run", "paper_swing", "--gif", tmp_path / "a.avi")
-    assert code == 2 and "--gif must end in one of .gif, .webp, .mp4" in err
+    code, _, err = run(capsys, "run", "paper_swing", "--film", tmp_path / "a.avi")
+    assert code == 2 and "--film must end in one of .gif, .webp, .mp4" in err
     code, _, err = run(capsys, "run", "paper_swing", "--html", tmp_path / "missing" / "a.html")
     assert code == 2 and "--html must be in an existing folder" in err
     monkeypatch.setattr("clothsim.viewing.animation.which", lambda name: None)
@@ -277,5 +384,8 @@ def test_run_writes_a_page_and_a_film(capsys, tmp_path):
     code, out, err = run(capsys, *arguments, "--html", page, "--gif", film)
     assert (code, err) == (0, "")
     assert json.loads(out)["files"] == [str(page), str(film)]
+    saved = tmp_path / "b.npz"
+    code, out, err = run(capsys, *arguments[:-1], "--html", page, "--out", saved)
+    assert out.endswith(f"Written: {saved}\nWritten: {page}\n")
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert image.open(film).n_frames == 4  # 0.1 s at 30 frames a second, both ends

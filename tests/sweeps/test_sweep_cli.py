@@ -157,7 +157,7 @@ def test_zip_and_set(capsys):
         (["paper_swing", "--stiffness", "1e3:1e4"], "--stiffness: a range must be first:last:log9"),
         (["paper_swing", "--metric", "eror"], "did you mean 'error'?"),
         (["paper_swing", "--set", "stifness=3"], "did you mean 'stiffness'?"),
-        (["paper_swing", "--set", "mass"], "NAME=VALUES"),
+        (["paper_swing", "--set", "mass"], "NAME=VALUE"),
         (["paper_swing", "--shape", "16xa"], "like 32x32"),
         (["paper_swing", "--mass", "1,-2"], "mass must be"),
         (["paper_swing", "--mass", "1,2", "--zip", "mass,dt"], "several values"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,13 +11,25 @@ import numpy as np
 
 
 def as_json(data: Any) -> str:
-    """`data` as indented JSON; NumPy arrays and scalars become lists and numbers."""
+    """`data` as indented JSON that every reader takes: a number that is not finite becomes null.
+
+    NumPy arrays and scalars become lists and numbers; other objects become their text.
+
+    Examples
+    --------
+    >>> print(as_json({"speed": [1.0, float("nan")]}).replace("\\n", ""))
+    { "speed": [  1.0,  null ]}
+    """
 
     def plain(value: Any) -> Any:
         if isinstance(value, Mapping):
-            return dict(value)
+            return {str(key): plain(one) for key, one in value.items()}
         if isinstance(value, (np.ndarray, np.generic)):
-            return value.tolist()
-        return str(value)
+            value = value.tolist()
+        if isinstance(value, (list, tuple)):
+            return [plain(one) for one in value]
+        if isinstance(value, float):
+            return value if math.isfinite(value) else None
+        return value if value is None or isinstance(value, (bool, int)) else str(value)
 
-    return json.dumps(data, indent=1, default=plain)
+    return json.dumps(plain(data), indent=1, allow_nan=False)

@@ -6,7 +6,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from . import check
 from .extras import needed
@@ -23,6 +23,16 @@ def in_notebook() -> bool:
     """Whether this process is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and "IPKernelApp" in shell.config
+
+
+def print_above(text: str, file: TextIO) -> None:
+    """Print a line, above the bars that are shown."""
+    tqdm = getattr(sys.modules.get("tqdm"), "tqdm", None)
+    if tqdm is None:
+        print(text, file=file, flush=True)
+    else:
+        tqdm.write(text, file=file)
+        file.flush()
 
 
 class ProgressBar:
@@ -89,10 +99,7 @@ class ProgressBar:
 
     def print(self, text: str) -> None:
         """Print to stdout, in a terminal above the bar."""
-        if self.bar is None:
-            print(text, flush=True)
-        else:
-            self.bar.write(text, file=sys.stdout)
+        print_above(text, sys.stdout)
 
     def close(self) -> None:
         """Leave the bar as it is and start a new line."""

@@ -18,7 +18,8 @@ from typing import NoReturn
 import clothsim as cs
 
 from ..base.on_demand import module_of
-from ._common import COMMANDS, SCRIPTS
+from ..base.progress import print_above
+from ._common import COMMANDS, MODULES, SCRIPTS, Narrow
 
 
 class _Parser(argparse.ArgumentParser):
@@ -28,12 +29,12 @@ class _Parser(argparse.ArgumentParser):
 
 def parser(chosen: str | None) -> argparse.ArgumentParser:
     """The parser of the whole command line. Only the module of the chosen command is imported."""
-    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
+    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.", formatter_class=Narrow)
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, text in COMMANDS.items():
         if name == chosen:
-            module_of("clothsim.cli." + name.replace("-", "_")).add_parser(subparsers)
+            module_of("clothsim.cli." + MODULES.get(name, name.replace("-", "_"))).add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=text)
     return top
@@ -94,10 +95,19 @@ def _run(args: argparse.Namespace) -> int:
         if isinstance(error, BrokenPipeError):  # the reader left, as in `clothsim info | head -1`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        return _failed(args, 1, error)
+        return _failed(args, 1, _in_words(error))
     except KeyboardInterrupt:
         return _failed(args, 130, "interrupted")
     return 0
+
+
+def _in_words(error: Exception) -> object:
+    """An error of a file in words, others as they are."""
+    if not isinstance(error, OSError) or error.filename is None:
+        return error
+    kinds = {FileNotFoundError: "there is no file", IsADirectoryError: "a folder is no file:"}
+    kinds[PermissionError] = "you may not read or write"
+    return f"{kinds.get(type(error), error.strerror)} {error.filename!r}"
 
 
 def _failed(args: argparse.Namespace, code: int, error: object) -> int:
@@ -106,4 +116,4 @@ def _failed(args: argparse.Namespace, code: int, error: object) -> int:
 
 
 def _say(args: argparse.Namespace, message: str) -> None:
-    print(f"clothsim {args.command}: {' '.join(message.split())}", file=sys.stderr)
+    print_above(f"clothsim {args.command}: {' '.join(message.split())}", sys.stderr)

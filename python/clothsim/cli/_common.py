@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from ..run.frames import EVERY_STEP, checked_every
 
 COMMANDS = {
     "info": "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
-    "run": "Simulate a ready scene and print its report.",
+    "run": "Simulate a scene and print its report.",
+    "scene": "Print a scene as the text of a scene file, to edit.",
     "view": "Step a scene live, in the browser.",
     "export": "Write a saved run as files for Blender, ParaView, browsers.",
     "sweep": "Run a scene for every combination of values, and label the results.",
@@ -24,6 +26,9 @@ COMMANDS = {
 }
 """The help of every command, in the order of `clothsim --help`; each is a module of this package."""
 
+MODULES = {"scene": "print_scene"}
+"""Modules that cannot have the name of their command, because a module of another room has it."""
+
 SCRIPTS = {"bench": "python benchmarks/bench", "contact": "python benchmarks/contact", "--peers": "python benchmarks/peers"}
 """Commands and options of an earlier version, and the script of a clone that does their work."""
 
@@ -33,9 +38,18 @@ EVERY_HELP = (
 )
 
 
+class Narrow(argparse.HelpFormatter):
+    """Help of at most 80 columns, also in a wide terminal."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(80, shutil.get_terminal_size().columns) - 2)
+
+
 def add_command(subparsers: Any, name: str, function: Any) -> argparse.ArgumentParser:
     """A subparser that calls `function` with the parsed arguments; it takes --json."""
-    command: argparse.ArgumentParser = subparsers.add_parser(name, help=COMMANDS[name], description=COMMANDS[name])
+    command: argparse.ArgumentParser = subparsers.add_parser(
+        name, help=COMMANDS[name], description=COMMANDS[name], formatter_class=Narrow
+    )
     command.set_defaults(run=function, command=name, parser=command)
     command.add_argument("--json", action="store_true", help="print JSON instead of text")
     return command
@@ -107,7 +121,7 @@ def as_table(data: Mapping[str, Any], units: Mapping[str, str], indent: str = ""
     """One line per entry: its name in words, and its value in four digits with its unit.
 
     A mapping of plain values takes one line. A unit is looked up by the entry's own name, then by that of the mapping
-    it is in. An unknown value shows its "reason" in place of its numbers.
+    it is in. An unknown number gives way to the "reason" of its mapping.
 
     Examples
     --------
@@ -127,19 +141,21 @@ def _rows(data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: 
         own = units.get(key, unit)
         if not isinstance(value, Mapping):
             yield name, short(value, own)
-        elif value.get("reason"):
-            yield name, str(value["reason"])
-        elif any(isinstance(entry, Mapping) for entry in value.values()):
-            yield from _rows(value, units, own, f"{name}, ")
-        else:
-            told = {entry: number for entry, number in value.items() if entry != "reason"}
-            yield (
-                name,
-                ", ".join(
-                    f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}" for entry, number in told.items()
-                )
-                or "none",
+            continue
+        reason = value.get("reason")
+        entries = {entry: number for entry, number in value.items() if entry != "reason"}
+        unknown = [entry for entry, number in entries.items() if number is None or number != number] if reason else []
+        if any(isinstance(entry, Mapping) for entry in entries.values()):
+            yield from _rows(
+                {e: reason if e in unknown else number for e, number in entries.items()}, units, own, f"{name}, "
             )
+            continue
+        told = [
+            f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}"
+            for entry, number in entries.items()
+            if entry not in unknown
+        ]
+        yield name, ", ".join(told) + (f" ({reason})" if told and reason else "") or str(reason or "none")
 
 
 def short(value: Any, unit: str = "") -> str:

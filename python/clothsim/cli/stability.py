@@ -18,7 +18,7 @@ from ..base.extras import check_installed
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ._common import add_command, count, integrator, refuse_ignored
-from .run import ready_scenes
+from ._scenes import SCENE_HELP, scene_of
 
 _OF_THE_MAP = ("--scene", "--stiffness", "--dt", "--cells", "--integrator", "--precision", "--steps", "--threads", "--out")
 
@@ -26,13 +26,7 @@ _OF_THE_MAP = ("--scene", "--stiffness", "--dt", "--cells", "--integrator", "--p
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "stability", run)
     command.add_argument("--hard-cases", action="store_true", help="run these instead of a map")
-    command.add_argument(
-        "--scene",
-        choices=ready_scenes(),
-        default="paper_swing",
-        metavar="SCENE",
-        help="one of " + ", ".join(ready_scenes()) + " (default: paper_swing)",
-    )
+    command.add_argument("--scene", default="paper_swing", metavar="SCENE", help=f"{SCENE_HELP} (default: paper_swing)")
     command.add_argument(
         "--stiffness",
         type=_positive,
@@ -101,7 +95,7 @@ def _map(args: argparse.Namespace) -> None:
     folder = check.folder("--out", args.out) if args.out else None
     if folder:
         check_installed("matplotlib", "a picture", "plot")
-    scene = ready_scenes()[args.scene]()
+    scene = scene_of(args.scene, "--scene")
     softest, stiffest = args.stiffness
     shortest, longest = args.dt or _range(args, scene)
     stiffness = np.geomspace(softest, stiffest, args.cells[0])

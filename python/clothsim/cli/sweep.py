@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from pathlib import Path
@@ -17,8 +16,8 @@ from ..base.extras import check_installed, needed
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ._common import EVERY_HELP, add_command, count, every
+from ._scenes import SCENE_HELP, named_values, option, parsed, parsed_range, scene_of
 from ._sweep_summary import as_data, summary
-from .run import ready_scenes, scene_of
 
 _SPEC = (
     "VALUES: numbers or names with commas between, and ranges first:last:log9 (nine values, equal "
@@ -29,15 +28,12 @@ _SPEC = (
 
 # What an option cannot say.
 _NOT_OPTIONS = ("scene", "position", "velocity", "pins", "sphere_motion", "sphere_times", "sphere_centers")
-_VECTORS = ("shape", "size", "gravity", "sphere_center", "sphere_velocity", "sphere_direction")
-_MAY_BE_NONE = ("dt", "rtol", "atol")
-_BOOLEANS = ("strict", "sphere_literal")
 
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "sweep", run)
     command.allow_abbrev = False
-    command.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or one of " + ", ".join(ready_scenes()))
+    command.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
     command.add_argument(
         "--metric",
         default=",".join(DEFAULT_METRICS),
@@ -69,7 +65,7 @@ def add_parser(subparsers: Any) -> None:
     for name in fields.NAMES:
         if name not in _NOT_OPTIONS:
             unit = fields.units(name)
-            group.add_argument(_option(name), metavar="VALUES", dest=f"over_{name}", help=unit and f"[{unit}]")
+            group.add_argument(option(name), metavar="VALUES", dest=f"over_{name}", help=unit and f"[{unit}]")
     group.add_argument(
         "--set",
         action="append",
@@ -79,10 +75,6 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
-
-
 def run(args: argparse.Namespace) -> None:
     scene = scene_of(args.scene)
     named = {
@@ -90,11 +82,7 @@ def run(args: argparse.Namespace) -> None:
         for name, text in vars(args).items()
         if name.startswith("over_") and text is not None
     }
-    for entry in args.set:
-        name, sign, text = entry.partition("=")
-        if not sign:
-            raise ValueError(f"--set must be NAME=VALUES, got {entry!r}")
-        named[fields.check_name(name)] = text
+    named |= named_values(args.set)
     values = {name: parse_values(name, text) for name, text in named.items()}
     single = {name: several[0] for name, several in values.items() if len(several) == 1}
     of_scene, settings = fields.split(single)
@@ -145,49 +133,8 @@ def parse_values(name: str, text: str) -> list[Any]:
     """
     values: list[Any] = []
     for item in text.split(","):
-        values += _range(name, item) if ":" in item else [_value(name, item.strip())]
+        values += parsed_range(name, item) if ":" in item else [parsed(name, item.strip())]
     return values
-
-
-def _range(name: str, item: str) -> list[float]:
-    try:
-        first, last, kind = item.split(":")
-        rule, number = kind[:3], kind[3:]
-        low, high, steps = float(first), float(last), int(number)
-    except ValueError:
-        rule = ""
-    if rule not in ("log", "lin") or steps < 2 or (rule == "log" and min(low, high) <= 0):
-        raise ValueError(f"{_option(name)}: a range must be first:last:log9 (both > 0) or first:last:lin9, got {item!r}")
-    middle = range(1, steps - 1)
-    if rule == "lin":
-        return [low, *(low + (high - low) * k / (steps - 1) for k in middle), high]
-    a, b = math.log10(low), math.log10(high)
-    # Rounded, so that a range over decades has 1e4 in it and not 9999.999999999998.
-    return [low, *(float(f"{10 ** (a + (b - a) * k / (steps - 1)):.12g}") for k in middle), high]
-
-
-def _value(name: str, item: str) -> Any:
-    if name in _BOOLEANS:
-        if item not in ("true", "false"):
-            raise ValueError(f"{_option(name)} must be true or false, got {item!r}")
-        return item == "true"
-    if name == "springs":
-        return tuple(item.split("+"))
-    if name in _VECTORS:
-        separator, kind = ("x", int) if name == "shape" else (";", float)
-        try:
-            if name == "shape" and item.isdigit():
-                return (int(item), int(item))
-            return tuple(kind(part) for part in item.split(separator))
-        except ValueError:
-            example = "32x32" if name == "shape" else "0;-9.8;0"
-            raise ValueError(f"{_option(name)} must be like {example}, got {item!r}") from None
-    if name in _MAY_BE_NONE and item == "none":
-        return None
-    try:
-        return float(item)
-    except ValueError:
-        return item
 
 
 def _zipped(over: dict[Any, Any], names: tuple[str, ...]) -> dict[Any, Any]:

@@ -5,21 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import clothsim as cs
 from clothsim.viewing.window import view
 
 from ._common import add_command
-from .run import scene_of
+from ._scenes import SCENE_HELP, add_changes, changed_scene
 
 
 def add_parser(subparsers: Any) -> None:
     command = add_command(subparsers, "view", run)
     command.add_argument(
-        "scene",
-        metavar="SCENE",
-        nargs="?",
-        default="paper_static",
-        help="a scene file (TOML) or a ready scene (default: paper_static)",
+        "scene", metavar="SCENE", nargs="?", default="paper_static", help=f"{SCENE_HELP} (default: paper_static)"
     )
     command.add_argument(
         "--dt", type=float, metavar="S", help="time step in seconds (default: what this machine keeps up with)"
@@ -27,8 +22,8 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument("--precision", choices=("double", "single"), default="double", help="default: double")
     command.add_argument("--host", default="127.0.0.1", help="address to serve at (default: this machine alone)")
     command.add_argument("--port", type=int, default=8080, help="default: 8080, or the next that is free")
+    add_changes(command)
 
 
 def run(args: argparse.Namespace) -> None:
-    scene: cs.Scene = scene_of(args.scene)
-    view(scene, dt=args.dt, precision=args.precision, host=args.host, port=args.port)
+    view(changed_scene(args), dt=args.dt, precision=args.precision, host=args.host, port=args.port)

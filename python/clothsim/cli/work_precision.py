@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+from pathlib import Path
 from typing import Any
 
 import clothsim as cs
@@ -16,7 +17,7 @@ from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ..engine.options import PRECISIONS
 from ._common import add_command, count, refuse_ignored
-from .run import ready_scenes
+from ._scenes import SCENE_HELP, ready_scenes, scene_of
 
 
 def add_parser(subparsers: Any) -> None:
@@ -25,9 +26,8 @@ def add_parser(subparsers: Any) -> None:
         "scene",
         nargs="?",
         default="paper_swing",
-        choices=ready_scenes(),
         metavar="SCENE",
-        help="one without contact (default: paper_swing)",
+        help=f"{SCENE_HELP}; without contact (default: paper_swing)",
     )
     command.add_argument("--bend", action="store_true", help="with bend springs (paper_* scenes)")
     command.add_argument("--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)")
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
         progress=progress,
     )
     folder.mkdir(parents=True, exist_ok=True)
-    files = write_runs(data, folder / f"{args.scene}{'_bend' if args.bend else ''}")
+    files = write_runs(data, folder / f"{Path(args.scene).stem}{'_bend' if args.bend else ''}")
     if args.json:
         names = [str(file) for file in files]
         print(as_json({"attributes": data.attrs, "runs": rows_of(data), "files": names}))
@@ -86,9 +86,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _scene(args: argparse.Namespace) -> cs.Scene:
-    function = ready_scenes()[args.scene]
     if not args.bend:
-        return function()
+        return scene_of(args.scene)
+    function = ready_scenes().get(args.scene, scene_of)
     if "bend" not in inspect.signature(function).parameters:
         raise ValueError(f"--bend does not go with {args.scene}, which has no bend springs to add")
     return function(bend=True)

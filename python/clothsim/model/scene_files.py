@@ -144,8 +144,13 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     path = check.path("path", path)
-    above = _FIRST + "\n".join(_table(scene.to_dict(), ""))
+    above = _FIRST + scene_text(scene).rstrip("\n")
     return files.write_bytes(path, f"{above}{_LAST}{_digest(above)}\n".encode())
+
+
+def scene_text(scene: Scene) -> str:
+    """The TOML text of a scene, without a digest, so that it can be edited."""
+    return "\n".join(_table(scene.to_dict(), "")) + "\n"
 
 
 def _toml_reader() -> Any:

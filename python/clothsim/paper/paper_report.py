@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from ..base.plain_json import as_json
 from ..base.table import aligned
 from . import published as paper
 from .paper_tables import tables
@@ -61,4 +61,4 @@ def _items(entries: Iterable[str]) -> list[str]:
 def write(report: dict[str, Any], folder: Path) -> None:
     """Write report.txt and report.json into `folder`."""
     (folder / "report.txt").write_text(text(report), encoding="utf-8")
-    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (folder / "report.json").write_text(as_json(report) + "\n", encoding="utf-8")
