@@ -241,8 +241,8 @@ def cost(made, task):
         scene = PLAIN.replace(cloth=PLAIN.cloth.replace(**changes))
         limit = cs.max_stable_dt(scene)
         steps = 1.0 / dt if dt <= limit else min(1.0 / dt, 128)
-        if made.members.references and made.physics[index] not in solved:
-            solved.add(made.physics[index])
+        if made.members.references and made.members.grid.physics[index] not in solved:
+            solved.add(made.members.grid.physics[index])
             # Four runs of dop853, each with half the step of the one before; a step costs three of RK4.
             steps += 3 * (1 + 2 + 4 + 8) * max(2 / limit, 8)
         yield steps * scene.cloth.rows * scene.cloth.columns + 1e4
@@ -309,7 +309,7 @@ def test_tasks_learn_from_how_long_they_took():
 def test_members_that_share_a_reference_share_a_task():
     made = planner({"dt": [1e-3, 5e-4, 2e-4], "mass": np.linspace(1, 2, 30)}, "error", 1e-7)
     for task in made.tasks():
-        assert len(task.values) == 3 * len({made.physics[index] for index in task.values})
+        assert len(task.values) == 3 * len({made.members.grid.physics[index] for index in task.values})
 
 
 def test_one_small_task_has_all_threads_and_many_have_one_each():

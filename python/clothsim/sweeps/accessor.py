@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,27 +24,24 @@ from .member import Member, SweepOptions
 from .results import ATTRIBUTE
 
 
+def _bound(draw: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(draw)
+    def method(self: Plots, *arguments: Any, **options: Any) -> Any:
+        return draw(self._dataset, *arguments, **options)
+
+    return method
+
+
 class Plots:
-    """`Dataset.clothsim.plot`: call it, or call one of its kinds; see `clothsim.sweeps.sweep_plots`."""
+    """`Dataset.clothsim.plot`: call it, or call one of its kinds."""
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
 
-    def __call__(self, kind: str | None = None, **options: Any) -> Any:
-        """Best fit, or the named kind: "convergence", "stability" or "heatmap"."""
-        return sweep_plots.plot(self._dataset, kind, **options)
-
-    def convergence(self, **options: Any) -> Any:
-        """Error over dt, a line for each value of another dimension."""
-        return sweep_plots.convergence(self._dataset, **options)
-
-    def stability(self, **options: Any) -> Any:
-        """Members that reached their end, with the guaranteed stable time step."""
-        return sweep_plots.stability(self._dataset, **options)
-
-    def heatmap(self, variable: str | None = None, **options: Any) -> Any:
-        """A metric over two dimensions."""
-        return sweep_plots.heatmap(self._dataset, variable, **options)
+    __call__ = _bound(sweep_plots.plot)
+    convergence = _bound(sweep_plots.convergence)
+    stability = _bound(sweep_plots.stability)
+    heatmap = _bound(sweep_plots.heatmap)
 
 
 @xarray.register_dataset_accessor("clothsim")

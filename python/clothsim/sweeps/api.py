@@ -158,8 +158,8 @@ def sweep(
         identity, session = _identity(scene, grid, options), _session()
         results = Results(grid, options, scene)
         if store is not None:
-            where = check.path("store", store)
-            results = Store(where, grid, options, scene, identity, session, check.boolean("resume", resume))
+            resume = check.boolean("resume", resume)
+            results = Store(check.path("store", store), resume, identity, session, grid, options, scene)
         _run(workers, members, results, session, _Bar(progress, members, results.pending), task_seconds)
     finally:
         workers.close()

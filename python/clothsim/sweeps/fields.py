@@ -28,30 +28,19 @@ NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
 RUN = (*NUMERICS, "duration")
 
 _UNITS = {
-    "size": "m",
-    "mass": "kg",
-    "stiffness": "N/m",
-    "damping": "N s/m",
-    "gravity": "m/s^2",
-    "position": "m",
-    "velocity": "m/s",
-    "center": "m",
-    "radius": "m",
-    "offset": "m",
-    "speed": "m/s",
-    "direction": "1",
-    "distance": "m",
-    "period": "s",
-    "deceleration": "1",
-    "phase": "1",
-    "times": "s",
-    "centers": "m",
-    "restitution": "1",
-    "friction": "1",
-    "dt": "s",
-    "duration": "s",
-    "rtol": "1",
-    "atol": "m",
+    name: unit
+    for unit, names in {
+        "m": ("size", "position", "center", "centers", "offsets", "radius", "offset", "distance", "atol"),
+        "s": ("period", "times", "dt", "duration"),
+        "m/s": ("velocity", "speed"),
+        "1": ("direction", "deceleration", "phase", "restitution", "friction", "rtol"),
+        "kg": ("mass",),
+        "N/m": ("stiffness",),
+        "N s/m": ("damping", "drag"),
+        "N": ("force",),
+        "m/s^2": ("gravity",),
+    }.items()
+    for name in names
 }
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}

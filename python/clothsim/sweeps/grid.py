@@ -145,8 +145,7 @@ class Grid:
                 labels = axis.labels if axis.dimension == name else None
                 result += _coordinates(name, axis.dimension, axis.column(name), labels)
             if axis.dimension not in axis.names:
-                numbers = np.arange(len(axis))
-                result.append(Coordinate(axis.dimension, axis.dimension, numbers))
+                result.append(Coordinate(axis.dimension, axis.dimension, np.arange(len(axis))))
         return result
 
     def describe(self) -> list[dict[str, Any]]:
@@ -165,18 +164,14 @@ def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return [Coordinate(name, dimension, np.array(values), attrs)]
+    if unit := "" if all(isinstance(v, str) for v in values) else units(name):
+        attrs["units"] = unit
     given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
-    numbers = labels is None and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given)
-    if numbers and given:
-        if unit := units(name):
-            attrs["units"] = unit
-        array = np.array([np.nan if v is None else v for v in values])
-        return [Coordinate(name, dimension, array, attrs)]
+    if labels is None and given and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given):
+        return [Coordinate(name, dimension, np.array([np.nan if v is None else v for v in values]), attrs)]
     texts = list(labels or map(label, values))
     if dimension == name and len(set(texts)) < len(texts):
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]
-    if any(not isinstance(v, str) for v in values) and (unit := units(name)):
-        attrs["units"] = unit
     result = [Coordinate(name, dimension, np.array(texts), attrs)]
     if name == "shape" and labels is None:
         for part, side in enumerate(("rows", "columns")):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,16 @@ def _attrs(long_name: str, units: str = "1") -> dict[str, str]:
     return {"long_name": long_name, "units": units}
 
 
+def _watched(name: str, variables: Mapping[str, tuple[str, str, str]], needs: tuple[str, ...] = ("watch",)) -> Metric:
+    """A metric of what the core watches: per variable the key in `Outcome.watched`, the long name and the unit."""
+    return Metric(
+        name,
+        lambda outcome: {variable: outcome.watched[key] for variable, (key, _, _) in variables.items()},
+        {variable: _attrs(long_name, unit) for variable, (_, long_name, unit) in variables.items()},
+        needs,
+    )
+
+
 _ALL = (
     Metric(
         "error",
@@ -65,28 +75,18 @@ _ALL = (
         ("reference",),
     ),
     Metric("energy_drift", _energy_drift, {"energy_drift": _attrs("total energy at the end minus that at the start", "J")}),
-    Metric(
-        "energy_gained",
-        lambda outcome: {"energy_gained": outcome.watched["energy_gained"]},
-        {"energy_gained": _attrs("most energy made of nothing, before any response", "J")},
+    _watched(
+        "energy_gained", {"energy_gained": ("energy_gained", "most energy made of nothing, before any response", "J")}, ()
     ),
-    Metric(
-        "largest_stretch",
-        lambda outcome: {"largest_stretch": outcome.watched["stretch"]},
-        {"largest_stretch": _attrs("stretch l/L - 1 of the most stretched spring at any time")},
-        ("watch",),
+    _watched(
+        "largest_stretch", {"largest_stretch": ("stretch", "stretch l/L - 1 of the most stretched spring at any time", "1")}
     ),
-    Metric(
+    _watched(
         "penetration",
-        lambda outcome: {
-            "penetration": outcome.watched["triangle_depth"],
-            "penetration_points": outcome.watched["point_depth"],
-        },
         {
-            "penetration": _attrs("depth of the deepest triangle in a sphere at any time", "m"),
-            "penetration_points": _attrs("depth of the deepest mass point at any time", "m"),
+            "penetration": ("triangle_depth", "depth of the deepest triangle in a sphere at any time", "m"),
+            "penetration_points": ("point_depth", "depth of the deepest mass point at any time", "m"),
         },
-        ("watch",),
     ),
     Metric(
         "stable",
@@ -98,11 +98,7 @@ _ALL = (
         lambda outcome: {"steps_per_second": outcome.steps / max(outcome.seconds, 1e-9)},
         {"steps_per_second": _attrs("steps over the member's share of its batch's time", "1/s")},
     ),
-    Metric(
-        "first_contact",
-        lambda outcome: {"first_contact": outcome.watched["first_contact"]},
-        {"first_contact": _attrs("end of the first step that a sphere changed", "s")},
-    ),
+    _watched("first_contact", {"first_contact": ("first_contact", "end of the first step that a sphere changed", "s")}, ()),
 )
 
 DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
@@ -136,55 +132,39 @@ class FunctionMetric:
     name: str
     function: Callable[..., Any]
     needs: tuple[str, ...] = ("frames", "watch")
-
-    @property
-    def variables(self) -> dict[str, dict[str, str]]:
-        return {}  # known when the first run is through
+    variables: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # known when the first run is through
 
     def compute(self, outcome: Outcome) -> dict[str, Any]:
         result = self.function(outcome.run())
-        if not isinstance(result, Mapping):
-            return {self.name: self._number(result)}
-        return {f"{self.name}_{key}": self._number(value) for key, value in result.items()}
-
-    def _number(self, value: Any) -> Any:
-        array = np.asarray(value)
-        if array.dtype.kind not in "biuf":
-            raise TypeError(
-                f"metric {self.name!r} must give a number, an array of numbers or a mapping of "
-                f"them, got {check.shown(value)}"
-            )
-        return array.astype(np.float64)
+        parts = {f"_{key}": value for key, value in result.items()} if isinstance(result, Mapping) else {"": result}
+        for value in parts.values():
+            if np.asarray(value).dtype.kind not in "biuf":
+                accepted = "a number, an array of numbers or a mapping of them"
+                raise TypeError(f"metric {self.name!r} must give {accepted}, got {check.shown(value)}")
+        return {self.name + part: np.asarray(value, float) for part, value in parts.items()}
 
 
 def choose_metrics(metrics: Any) -> tuple[Metric | FunctionMetric, ...]:
     """The metrics that the argument `metrics` of `sweep` names."""
     if isinstance(metrics, str) or callable(metrics):
         metrics = (metrics,)
-    if isinstance(metrics, Mapping):
-        pairs = list(metrics.items())
-    elif isinstance(metrics, (list, tuple)):
-        pairs = [(None, metric) for metric in metrics]
-    else:
+    if not isinstance(metrics, (Mapping, list, tuple)):
         raise TypeError(f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}")
     chosen: dict[str, Metric | FunctionMetric] = {}
-    for name, metric in pairs:
+    for name, metric in metrics.items() if isinstance(metrics, Mapping) else [(None, metric) for metric in metrics]:
         if callable(metric):
-            name = name or getattr(metric, "__name__", None) or type(metric).__name__
-            name = check_function_name(name, metric)
+            name = _function_name(name or getattr(metric, "__name__", None) or type(metric).__name__, metric)
             chosen[name] = FunctionMetric(name, metric)
         else:
-            metric = check.choice("metrics", metric, METRICS)
-            chosen[metric] = METRICS[metric]
+            chosen[metric] = named(check.choice("metrics", metric, METRICS))
     return tuple(chosen.values())
 
 
-def check_function_name(name: Any, function: Any) -> str:
+def _function_name(name: Any, function: Any) -> str:
     """`name` if a function may give its variable that name."""
-    taken = {variable for metric in _ALL for variable in metric.variables} | set(METRICS)
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
-    if name in taken:
+    if name in METRICS or any(name in metric.variables for metric in _ALL):
         raise ValueError(f"metrics: a function must not be named {name!r}, a metric has that name")
     if name in RESERVED:
         raise ValueError(f"metrics: a function must not be named {name!r}, every sweep has a variable of that name")
@@ -195,7 +175,5 @@ def describe(metric: Metric | FunctionMetric) -> str:
     """A text that identifies a metric in a store."""
     if isinstance(metric, Metric):
         return metric.name
-    function = metric.function
-    where = getattr(function, "__module__", type(function).__module__)
-    name = getattr(function, "__qualname__", type(function).__qualname__)
-    return f"{metric.name} = {where}.{name}"
+    named = metric.function if hasattr(metric.function, "__qualname__") else type(metric.function)
+    return f"{metric.name} = {named.__module__}.{named.__qualname__}"

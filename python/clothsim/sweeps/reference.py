@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import OrderedDict
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -63,32 +63,25 @@ def solve(scene: Scene, duration: float, threads: int | None = 1, pause: Pause =
 
 
 class _Kept:
-    """The references that this process has, the last used first to stay; thread-safe."""
+    """The references that this process has, the last used last; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._references: OrderedDict[str, Reference] = OrderedDict()
-        self._making: dict[str, threading.Lock] = {}
-        self._bytes = 0
+        self._making: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        self._references: dict[str, Reference] = {}
 
     def get(self, scene: Scene, duration: float, threads: int | None, pause: Pause) -> Reference:
         key = digest([scene, duration])
         with self._lock:
-            making = self._making.setdefault(key, threading.Lock())
-        # Whoever comes second waits for the first instead of doing the same work.
-        with making:
+            making = self._making[key]
+        with making:  # the second thread waits for the first, which does the same work
+            reference = self._references.get(key) or solve(scene, duration, threads, pause)
             with self._lock:
-                if key in self._references:
-                    self._references.move_to_end(key)
-                    return self._references[key]
-            reference = solve(scene, duration, threads, pause)
-            with self._lock:
+                self._references.pop(key, None)
                 self._references[key] = reference
-                self._bytes += reference.x.nbytes
-                while self._bytes > _BYTES_KEPT and len(self._references) > 1:
-                    oldest, dropped = self._references.popitem(last=False)
-                    self._making.pop(oldest, None)
-                    self._bytes -= dropped.x.nbytes
+                while len(kept := self._references) > 1 and sum(one.x.nbytes for one in kept.values()) > _BYTES_KEPT:
+                    self._making.pop(oldest := next(iter(kept)), None)
+                    del kept[oldest]
             return reference
 
 

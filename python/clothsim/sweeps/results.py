@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,24 +60,23 @@ class Results:
             self._open_frames()
 
     def _open_variables(self) -> None:
-        self._add("status", np.int8, PENDING, _status_attrs())
-        self._add("max_stable_dt", float, np.nan, _attrs("guaranteed stable time step", "s"))
-        self._add("unstable_step", np.int64, -1, _attrs("step at which it diverged, -1: never", "1"))
-        self._add("unstable_time", float, np.nan, _attrs("time at which it diverged", "s"))
+        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        self._add("status", np.int8, PENDING, {"long_name": "what became of the member", **flags})
+        self._add("max_stable_dt", float, np.nan, {"long_name": "guaranteed stable time step", "units": "s"})
+        self._add("unstable_step", np.int64, -1, {"long_name": "step at which it diverged, -1: never", "units": "1"})
+        self._add("unstable_time", float, np.nan, {"long_name": "time at which it diverged", "units": "s"})
         self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
         for metric in self.options.metrics:
             for name, attrs in metric.variables.items():
-                dtype, fill = (np.bool_, False) if name == "stable" else (float, np.nan)
-                self._add(name, dtype, fill, dict(attrs))
+                self._add(name, *((np.bool_, False) if name == "stable" else (float, np.nan)), attrs)
 
     def _open_frames(self) -> None:
         options = self.options
         frames = Schedule.of_every(options.every).in_seconds(options.dt or math.inf)
         times = np.array([t for _, t in frames.moments(0.0, options.duration)])
-        dims = ("time", "row", "column", "component")
+        more = dict(zip(("time", "row", "column", "component"), (len(times), *self._largest_shape(), 3), strict=True))
         for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):
-            shape = (len(times), *self._largest_shape(), 3)
-            self._add(name, float, np.nan, _attrs(f"{name} of the mass points", unit), dims, shape)
+            self._add(name, float, np.nan, {"long_name": f"{name} of the mass points", "units": unit}, more)
         self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
         self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
 
@@ -90,20 +90,15 @@ class Results:
         return max(rows for rows, _ in shapes), max(columns for _, columns in shapes)
 
     def _add(
-        self,
-        name: str,
-        dtype: Any,
-        fill: Any,
-        attrs: Mapping[str, Any],
-        more: tuple[str, ...] = (),
-        more_shape: tuple[int, ...] = (),
+        self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], more: Mapping[str, int] = MappingProxyType({})
     ) -> None:
+        """Add a variable; `more` has its own dimensions and their lengths."""
         if name == SESSIONS:
             raise ValueError(f"metrics: a function must not be named {name!r}, a store has that")
         if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
             raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
-        values = self._allocate(name, (*self.grid.shape, *more_shape), dtype, fill)
-        self.variables[name] = Variable(name, values, dict(attrs), more, fill)
+        values = self._allocate(name, (*self.grid.shape, *more.values()), dtype, fill)
+        self.variables[name] = Variable(name, values, dict(attrs), tuple(more), fill)
 
     def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
         return np.full(shape, fill, dtype)
@@ -136,8 +131,8 @@ class Results:
             self.variables[name].values[place] = getattr(record, name)
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
-        dims = tuple(f"{name}_{k}" for k in range(value.ndim))
-        self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, dims, value.shape)
+        more = {f"{name}_{k}": length for k, length in enumerate(value.shape)}
+        self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, more)
 
     def prepare(self) -> None:
         """Prepare for the first result, while the first members are computed."""
@@ -157,12 +152,3 @@ class Results:
             {ATTRIBUTE: json.dumps(attrs)},
         )
         return found
-
-
-def _attrs(long_name: str, units: str) -> dict[str, Any]:
-    return {"long_name": long_name, "units": units}
-
-
-def _status_attrs() -> dict[str, Any]:
-    flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
-    return {"long_name": "what became of the member", **flags}

@@ -11,7 +11,7 @@ import json
 import shutil
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,8 @@ import numpy as np
 from ..base import check
 from ..base.extras import needed
 from ..errors import warn_caller
-from ..model.scene import Scene
-from .grid import Coordinate, Grid
-from .member import PENDING, Record, SweepOptions
+from .grid import Coordinate
+from .member import PENDING, Record
 from .results import ATTRIBUTE, FRAMES, SCHEMA, SESSIONS, Results, Variable
 from .stored import Lock, digests, find_damage, part_of, read_attrs, sealed
 
@@ -37,12 +36,14 @@ class Store(Results):
     ----------
     path : path
         Folder of the group; made if missing.
+    resume : bool
+        Whether an existing store may be continued.
     identity : dict
         Identity of the sweep. A store with another identity is refused.
     session : dict
         Provenance of the results, which is stored beside them.
-    resume : bool
-        Whether an existing store may be continued.
+    sweep
+        As for `Results`.
 
     Raises
     ------
@@ -55,39 +56,29 @@ class Store(Results):
         If files of the store are damaged; the message names them. Their members are pending again.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        grid: Grid,
-        options: SweepOptions,
-        scene: Scene,
-        identity: dict[str, Any],
-        session: dict[str, Any],
-        resume: bool,
-    ) -> None:
+    def __init__(self, path: Path, resume: bool, identity: dict[str, Any], session: dict[str, Any], *sweep: Any) -> None:
         self.path = check.folder("store", path)
         self.zarr = needed("zarr", "store=...")
+        self.attrs: dict[str, Any] = {"schema": SCHEMA, "identity": identity}
+        self.session, self.sessions = session, [session]
         self._arrays: dict[str, Any] = {}
         self._touched: set[tuple[int, ...]] = set()  # chunks with values that are not on disk yet
         self._last_write = time.monotonic()
         self._prepared = False
-        self._chunks = _chunks(grid.shape)
-        self.session, self.sessions = session, [session]
-        self.attrs: dict[str, Any] = {"schema": SCHEMA, "identity": identity}
         path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(path)
         try:
-            self._lost = np.zeros(grid.shape, bool)  # members whose values are damaged
-            if path.exists() and any(path.iterdir()):
-                self._reopen(resume)
-            super().__init__(grid, options, scene)
-            self._load()
+            # Members whose values are damaged.
+            lost = self._reopen(resume) if path.exists() and any(path.iterdir()) else None
+            super().__init__(*sweep)
+            self._chunks = _chunks(self.grid.shape)
+            self._load(np.zeros(self.grid.shape, bool) if lost is None else lost)
         except BaseException:
             self.close()
             raise
 
-    def _reopen(self, resume: bool) -> None:
-        """Take over what the store has, if it is of the same sweep and whole."""
+    def _reopen(self, resume: bool) -> np.ndarray | None:
+        """Take over what the store has, if it is of the same sweep; return the members of which something is damaged."""
         attrs, files = read_attrs(self.path)
         where = f"store {str(self.path)!r}"
         if not resume:
@@ -97,25 +88,19 @@ class Store(Results):
             raise ValueError(f"{where} is of another sweep; it differs in {shown}")
         self.sessions = [*attrs.pop("sessions"), self.session]
         if "files" not in attrs:  # stopped before it had anything
-            _clear(self.path)
-            return
-        damage = find_damage(self.path, attrs)
-        damage.files = [*dict.fromkeys(files + damage.files)]
-        self._lost = damage.members
-        for name in damage.arrays:
-            shutil.rmtree(self.path / name, ignore_errors=True)
+            shutil.rmtree(self.path)
+            return None
+        damage = find_damage(self.path, attrs, files)
         if damage.files:
-            warn_caller(
-                f"{where} is damaged, see {damage.named()}; {int(damage.members.sum())} of {damage.members.size} "
-                "members are computed again",
-                RuntimeWarning,
-            )
-        self.attrs = attrs
-        names = {file.partition("/")[0] for file in attrs["files"]} - damage.arrays
-        self._arrays = {name: self._opened(name) for name in names}
-        self.attrs["arrays"] = {name: more for name, more in attrs["arrays"].items() if name in names}
+            warn_caller(f"{where} is damaged, see {damage}, which are computed again", RuntimeWarning)
         if "zarr.json" in damage.files:
             (self.path / "zarr.json").unlink(missing_ok=True)
+        for name in damage.arrays:
+            shutil.rmtree(self.path / name, ignore_errors=True)
+        names = {file.partition("/")[0] for file in attrs["files"]} - damage.arrays
+        self._arrays = {name: self._opened(name) for name in names}
+        self.attrs = {**attrs, "arrays": {name: more for name, more in attrs["arrays"].items() if name in names}}
+        return damage.members
 
     def _opened(self, name: str) -> Any:
         return self.zarr.open_array(self.path / name, mode="r+").with_config({"write_empty_chunks": True})
@@ -127,28 +112,23 @@ class Store(Results):
         found: np.ndarray = self._arrays.get(name, np.broadcast_to(np.full((), fill, dtype), shape))
         return found
 
-    def _load(self) -> None:
+    def _load(self, lost: np.ndarray) -> None:
         """Read the values of all members that are not lost."""
-        for name, more in self.attrs.get("arrays", {}).items():
-            array = self._arrays[name]
+        for name in self.attrs.get("arrays", {}):
             if name not in self.variables:  # of a user's function, known from the first result
-                self._reopen_function(name, array, more)
-        for name, variable in self.variables.items():
-            if name in self._arrays and name not in FRAMES:
-                for place in self._places():
-                    part = part_of(place, self._chunks)
-                    if not self._lost[part].all():
-                        variable.values[part] = self._arrays[name][part]
-        for variable in self.variables.values():
-            if variable.name not in FRAMES:
-                variable.values[self._lost] = variable.fill
+                array = self._arrays[name]
+                more = array.metadata.dimension_names[lost.ndim :] if array.ndim else ()
+                self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), tuple(more))
+        kept = [v for v in self.variables.values() if v.name not in FRAMES and v.name in self._arrays]
         for place in self._places():
-            if self._lost[part_of(place, self._chunks)].any():
+            part = part_of(place, self._chunks)
+            if lost[part].any():
                 self._touched.add(place)
-
-    def _reopen_function(self, name: str, array: Any, more: int) -> None:
-        dims = array.metadata.dimension_names[len(self.grid.shape) :] if more else ()
-        self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), tuple(dims))
+            for variable in kept:
+                if not lost[part].all():
+                    variable.values[part] = self._arrays[variable.name][part]
+        for variable in kept:
+            variable.values[lost] = variable.fill
 
     def _places(self) -> list[tuple[int, ...]]:
         """The chunks of the grid."""
@@ -284,28 +264,29 @@ def _clear(path: Path) -> None:
             entry.unlink()
 
 
-def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
-    """The differences of two plain values, as "path: theirs, mine" texts."""
-    if isinstance(theirs, Mapping) and isinstance(mine, Mapping):
-        found = []
-        for key in dict.fromkeys([*theirs, *mine]):
-            there = f"{path}.{key}" if path else str(key)
-            if key not in mine or key not in theirs:
-                has = "store" if key in theirs else "call"
-                found.append(f"{there} (only in the {has})")
-            else:
-                found += differences(theirs[key], mine[key], there)
-        return found
-    if isinstance(theirs, list) and isinstance(mine, list) and len(theirs) == len(mine):
-        pairs = zip(theirs, mine, strict=True)
-        return [d for k, (a, b) in enumerate(pairs) for d in differences(a, b, f"{path}[{k}]")]
-    if theirs == mine and isinstance(theirs, bool) == isinstance(mine, bool):
-        return []
-    return [f"{path} ({_short(theirs)} in the store, {_short(mine)} given)"]
+def differences(theirs: Any, mine: Any) -> list[str]:
+    """The differences of two plain values, as "path (theirs in the store, mine given)" texts."""
+    there, here = dict(_leaves(theirs)), dict(_leaves(mine))
+    found = []
+    for path in dict.fromkeys([*there, *here]):
+        if path not in here or path not in there:
+            found.append(f"{path} (only in the {'store' if path in there else 'call'})")
+        elif there[path] != here[path] or isinstance(there[path], bool) != isinstance(here[path], bool):
+            found.append(f"{path} ({_short(there[path])} in the store, {_short(here[path])} given)")
+    return found
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Numbers and texts of a plain value, each with its path."""
+    inner = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else None
+    if inner is None:
+        yield path, value
+    else:
+        for key, entry in inner:
+            step = f"[{key}]" if isinstance(value, list) else f".{key}" if path else str(key)
+            yield from _leaves(entry, path + step)
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, list) and len(value) > 4:
-        return f"{len(value)} values"
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -111,15 +111,19 @@ class Damage:
     arrays: set[str]
     members: np.ndarray  # bool, over the grid
 
-    def named(self) -> str:
+    def __str__(self) -> str:
         more = len(self.files) - _FILES_NAMED
-        return ", ".join(self.files[:_FILES_NAMED]) + (f" and {more} more" if more > 0 else "")
+        named = ", ".join(self.files[:_FILES_NAMED]) + (f" and {more} more" if more > 0 else "")
+        return f"{named}: this concerns {int(self.members.sum())} of {self.members.size} members"
 
 
-def find_damage(path: Path, attrs: Mapping[str, Any], most: float = math.inf) -> Damage:
-    """Check all files of a store. After `most` bytes of frames, check only whether the others are there."""
+def find_damage(path: Path, attrs: Mapping[str, Any], files: list[str], most: float = math.inf) -> Damage:
+    """Check all files of a store with these attributes; `files` are known to be damaged.
+
+    After `most` bytes of frames, check only whether the others are there.
+    """
     shape, chunks, arrays = tuple(attrs["shape"]), tuple(attrs["chunks"]), attrs["arrays"]
-    damage = Damage([], set(), np.zeros(shape, bool))
+    damage = Damage(list(files), set(), np.zeros(shape, bool))
     for name, digest in attrs["files"].items():
         file = path / name
         if not file.is_file() or sha256(file.read_bytes()) != digest:
@@ -256,13 +260,9 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     attrs, files = read_attrs(path)
     if "files" not in attrs:
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
-    damage = find_damage(path, attrs, _FRAMES_CHECKED)
-    damage.files = [*dict.fromkeys(files + damage.files)]
+    damage = find_damage(path, attrs, files, _FRAMES_CHECKED)
     if damage.files:
-        raise ValueError(
-            f"store {str(path)!r} is damaged, see {damage.named()}; repeat the call of sweep, which computes "
-            f"{int(damage.members.sum())} of {damage.members.size} members again"
-        )
+        raise ValueError(f"store {str(path)!r} is damaged, see {damage}; repeat the call of sweep, which mends it")
     dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False)
     names = list(attrs["arrays"])
     labels = {file.partition("/")[0] for file in attrs["files"]} - {*names, SESSIONS}

@@ -1,4 +1,7 @@
-"""Pictures of a sweep: convergence fan, stability map, heat map."""
+"""Pictures of a sweep: convergence fan, stability map, heat map.
+
+Each function draws on the matplotlib axes `ax`, or on those of a new figure, and returns the axes.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,8 @@ _UNSTABLE = STATUS.index("unstable")
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
     """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best."""
-    if kind is None:
-        kind = suggested(dataset)
     draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
-    return draw[check.choice("kind", kind, KINDS)](dataset, **options)
+    return draw[check.choice("kind", kind or suggested(dataset), KINDS)](dataset, **options)
 
 
 def suggested(dataset: Any) -> str:
@@ -34,32 +35,16 @@ def suggested(dataset: Any) -> str:
     return "heatmap"
 
 
-_STEERS = ("dt", "rtol", "atol")
-
-
 def _steered_by(dataset: Any) -> str | None:
     """The dimension that controls the error."""
-    return next((name for name in _STEERS if name in dataset.dims), None)
+    return next((name for name in ("dt", "rtol", "atol") if name in dataset.dims), None)
 
 
 def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
-    """Error over dt, a line for each value of another dimension (the convergence fan).
+    """Error over dt, rtol or atol, a line for each value of the dimension `along` (the convergence fan).
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        With "error" and the dimension "dt", or else "rtol" or "atol". Select a value of any further
-        dimension that is longer than one.
-    along : str, optional
-        The dimension of the lines. Default: the only dimension beside dt.
-    ax : matplotlib.axes.Axes, optional
-        Default: the axes of a new figure.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        Crosses at the top mark steps that diverged. The dotted line over dt is the slope of order
-        4. Hollow circles are errors below the error bound of the reference.
+    Select a value of each further dimension first. Crosses at the top mark steps that diverged. The dotted line over dt is
+    the slope of order 4. Hollow circles are errors below the error bound of the reference.
     """
     by = _steered_by(dataset) or "dt"
     _require(dataset, "error", by)
@@ -107,21 +92,9 @@ def _slope(ax: Any, dt: np.ndarray, error: np.ndarray) -> None:
 
 
 def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
-    """Members that reached their end, over another dimension and dt, with the predicted limit.
+    """Members that reached their end, over the dimension `y` and dt, with the guaranteed stable time step as a line.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        With the dimension "dt".
-    y : str, optional
-        The dimension on the other axis. Default: the only dimension beside dt.
-    ax : matplotlib.axes.Axes, optional
-        Default: the axes of a new figure.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The line is the guaranteed stable time step. Members below it do not diverge, except from extreme states.
+    Select a value of each further dimension first. Members below the line do not diverge, except from extreme states.
     """
     _require(dataset, "status", "dt")
     y = _other(dataset, y, [d for d in _long(dataset) if d != "dt"])
@@ -147,24 +120,10 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
 
 
 def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
-    """A metric over two dimensions. For a sweep with one dimension, a line.
+    """A metric (default: the first) over the dimensions `x` and `y`. For a sweep with one dimension, a line.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Of any further dimension that is longer than one, a value has to be selected.
-    variable : str, optional
-        Name of the metric. Default: the first that is a number.
-    x, y : str, optional
-        The dimensions of the axes. Default: the first two.
-    ax : matplotlib.axes.Axes, optional
-        Default: the axes of a new figure.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        Members that diverged are crossed out. Colours are logarithmic where values span more than
-        two decades.
+    Select a value of each further dimension first. Members that diverged are crossed out. Colours are logarithmic where
+    values span more than two decades.
     """
     variable = check.choice("variable", variable or _first_metric(dataset), list(dataset.data_vars))
     long = _long(dataset)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -50,21 +49,28 @@ class Members:
         self.scene, self.grid, self.options = scene, grid, options
         self.references = "reference" in options.needs
         most = _CHECKED // max(1, len(grid.axes))
-        self._places = [np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for n in grid.shape]
-        along = [indices[places] for indices, places in zip(grid.along(), self._places, strict=True)]
-        indices = np.arange(grid.size) if grid.size <= _CHECKED else np.unique(np.concatenate([[0], *along]))
+        places = [np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for n in grid.shape]
+        along = [indices[chosen] for indices, chosen in zip(grid.along(), places, strict=True)]
+        checked = np.arange(grid.size) if grid.size <= _CHECKED else np.unique(np.concatenate([[0], *along]))
         self._made: dict[int, Member] = {}
-        costs: dict[int, tuple[float, ...]] = {}
+        costs = np.full((3, grid.size), np.nan)
         room, warned = _POINTS_KEPT, False
-        for index in indices.tolist():
+        for index in checked.tolist():
             member = self._checked(index)
             warned = warned or (member.integrator != "auto" and bool(warn_of_order(member.integrator, member.scene)))
-            costs[index] = (member.points, member.expected_steps, self.reference_steps(member))
+            costs[:, index] = self._costs(member)
             room -= member.points
             if room >= 0:
                 self._made[index] = member
-        known = [np.array([costs[index] for index in line.tolist()]).T for line in along]
-        self.points, steps, reference = (self._everywhere(costs[0][k], [line[k] for line in known]) for k in range(3))
+        if grid.size > len(checked):
+            # Of others an estimate: the product of the changes along all axes.
+            first = np.where(costs[:, 0] > 0, costs[:, 0], 1.0)[:, None]
+            estimate = first.reshape(3, *[1] * len(grid.axes))
+            for k, (indices, chosen, length) in enumerate(zip(along, places, grid.shape, strict=True)):
+                ratios = [np.interp(np.arange(length), chosen, line) for line in costs[:, indices] / first]
+                estimate = estimate * np.reshape(ratios, (3, *[length if j == k else 1 for j in range(len(grid.axes))]))
+            costs = np.where(np.isnan(costs), estimate.reshape(3, -1), costs)
+        self.points, steps, reference = costs
         shared = np.bincount(grid.physics)[grid.physics]
         self.weights: np.ndarray = self.points * (steps + reference / shared) + _OVERHEAD
 
@@ -78,18 +84,11 @@ class Members:
             which = ", ".join(f"{name}={value!r}" for name, value in values.items())
             raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
 
-    def _everywhere(self, first: float, lines: list[np.ndarray]) -> np.ndarray:
-        """An estimate for all members from the members along each axis: a product of the changes along all axes."""
-        result = np.array(first)
-        for places, length, line in zip(self._places, self.grid.shape, lines, strict=True):
-            result = np.multiply.outer(result, np.interp(np.arange(length), places, line) / (first or 1.0))
-        return result.ravel()
-
-    def reference_steps(self, member: Member) -> float:
-        """Cost of the reference, if a metric needs it, in steps of RK4."""
-        if not self.references:
-            return 0.0
-        return _STEP_OF_REFERENCE * steps_in_double(member.duration, max_stable_dt(member.scene))
+    def _costs(self, member: Member) -> tuple[float, float, float]:
+        """Mass points, and steps of the member and of its reference; a step of RK4 counts 1."""
+        steps = min(member.expected_steps, _STEPS_TO_DIVERGE) if member.likely_unstable else member.expected_steps
+        reference = steps_in_double(member.duration, max_stable_dt(member.scene)) if self.references else 0.0
+        return member.points, steps, _STEP_OF_REFERENCE * reference
 
     def take(self, index: int) -> Member | None:
         """The member, which is kept no longer; None if it cannot be made, as its task will record."""
@@ -114,26 +113,28 @@ class Planner:
         self.members, self.workers, self.shortest = members, workers, shortest
         self.longest = LONGEST if longest is None else longest
         self.threads: int | None = 1
-        self.physics = members.grid.physics
-        self.order = pending[np.lexsort((pending, self.physics[pending], members.points[pending]))]
+        physics = members.grid.physics[pending]
+        order = np.lexsort((pending, physics, members.points[pending]))
+        self.order, self.physics = pending[order], physics[order]
         # Two workers must not wait for one reference, unless there is nothing else to do.
-        self.whole_physics = members.references and len(np.unique(self.physics[pending])) >= 2 * workers
+        self.whole_physics = members.references and len(np.unique(physics)) >= 2 * workers
         self.rate, self.known = _FIRST_GUESS, False  # seconds per weight
-        # Weight of this and all later members, by its place in the order.
-        self._left = np.cumsum(members.weights[self.order][::-1])[::-1]
+        self._before = np.concatenate([[0.0], np.cumsum(members.weights[self.order])])  # weight of all before a place
 
     @property
     def expected_tasks(self) -> int:
         """Approximate number of tasks."""
-        if len(self.order) < 2:
-            return 1
-        return min(len(self.order), max(1, int(self._left[0] * self.rate / self._target(0))))
+        tasks = self._left(0) / self._target(0)
+        return int(max(1, min(len(self.order), tasks)))
+
+    def _left(self, place: int) -> float:
+        """Seconds that the members from this place on take."""
+        return float(self._before[-1] - self._before[place]) * self.rate
 
     def _target(self, place: int) -> float:
-        """Seconds that a task should take, by its place in the order."""
-        left = float(self._left[place]) * self.rate
+        """Seconds that a task should take which begins at this place."""
         longest = self.longest if self.known else self.shortest
-        return min(longest, max(self.shortest, left / (_TASKS_LEFT * self.workers)))
+        return min(longest, max(self.shortest, self._left(place) / (_TASKS_LEFT * self.workers)))
 
     def learn(self, result: TaskResult) -> None:
         """Take into account how long a task took."""
@@ -142,47 +143,22 @@ class Planner:
             self.known = True
 
     def tasks(self) -> Iterator[Task]:
-        """Iterate over the tasks. A short last task joins the task before."""
-        held: Task | None = None
-        for task in self._cut():
-            if held is not None and task.weight * self.rate < self.shortest:
-                values, made = {**held.values, **task.values}, {**held.made, **task.made}
-                task = replace(task, values=values, made=made, weight=held.weight + task.weight)
-            elif held is not None:
-                yield held
-            held = task
-        if held is not None:
-            yield held
+        """Iterate over the tasks. The last takes what would be too short for a task of its own."""
+        begin, last = 0, len(self.order)
+        while begin < last:
+            end = int(np.searchsorted(self._before, self._before[begin] + self._target(begin) / self.rate))
+            end = min(max(end, begin + 1), last)
+            while end < last and self.whole_physics and self.physics[end] == self.physics[end - 1]:
+                end += 1
+            end = last if self._left(end) < self.shortest else end
+            yield self._task(self.order[begin:end].tolist(), float(self._before[end] - self._before[begin]))
+            begin = end
 
-    def _cut(self) -> Iterator[Task]:
-        made: dict[int, Member | None] = {}
-        weight = target = 0.0
-        before = -1
-        for place, index in enumerate(self.order.tolist()):
-            new, before = self.physics[index] != before, self.physics[index]
-            if made and weight * self.rate >= target and (new or not self.whole_physics):
-                yield self._task(made, weight)
-                made, weight = {}, 0.0
-            if not made:
-                target = self._target(place)
-            made[index] = member = self.members.take(index)
-            weight += 0.0 if member is None else self._weight(member, new)
-        if made:
-            yield self._task(made, weight)
-
-    def _weight(self, member: Member, new_physics: bool) -> float:
-        """Cost of a member, in steps of a mass point."""
-        steps = member.expected_steps
-        if member.likely_unstable:
-            steps = min(steps, _STEPS_TO_DIVERGE)
-        if new_physics:
-            steps += self.members.reference_steps(member)
-        return steps * member.points + _OVERHEAD
-
-    def _task(self, made: dict[int, Member | None], weight: float) -> Task:
-        values = {index: self.members.grid.member(index) for index in made}
-        kept = {index: member for index, member in made.items() if member is not None}
-        return Task(self.members.scene, self.members.options, values, weight, self.threads, kept)
+    def _task(self, indices: list[int], weight: float) -> Task:
+        members = self.members
+        made = {index: member for index in indices if (member := members.take(index)) is not None}
+        values = {index: members.grid.member(index) for index in indices}
+        return Task(members.scene, members.options, values, weight, self.threads, made)
 
 
 class Workers:
