@@ -256,3 +256,12 @@ def test_the_swing_is_stable_at_the_stable_time_step(double_variant):
         stepper.advance(100, cs.max_stable_dt(scene))
     assert (np.diff(totals) < 0).all()
     assert np.abs(stepper.velocities).max() < 10
+
+
+def test_a_sphere_whose_centre_overflowed_has_no_depth():
+    sphere = cs.Sphere((0, 0, 0), 1.0, cs.Linear((1e300, 0, 0)))
+    with (
+        np.errstate(over="ignore"),
+        pytest.raises(ValueError, match="t must be a time at which the centre of the sphere is finite"),
+    ):
+        cs.penetration(np.zeros((2, 2, 3)), sphere, 1e10)

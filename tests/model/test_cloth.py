@@ -243,3 +243,8 @@ def test_unknown_key_names_the_nearest():
         Cloth.from_dict([1, 2])
     with pytest.raises(ValueError, match="family must be one of.*'bent'"):
         Cloth().spring_count("bent")
+
+
+def test_a_mapping_as_springs_is_refused_with_the_parameter_that_takes_its_numbers():
+    with pytest.raises(TypeError, match=r"got a mapping; its numbers go into stiffness={'structural': 5000.0}"):
+        Cloth(springs={"structural": 5000.0})

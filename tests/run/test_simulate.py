@@ -191,6 +191,19 @@ def test_the_report_has_the_step_that_was_taken():
         assert f" of {taken:.4g} s by rk4" in str(run)
 
 
+def test_a_duration_that_no_clock_resolves_is_refused():
+    with pytest.raises(ValueError, match="duration must be at least 1e-150 s, got 5e-324"):
+        cs.simulate(cs.scenes.oscillator(), 5e-324)
+    x, v = np.zeros((2, 32, 32, 3))
+    for call in (
+        lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),
+        lambda: cs.Stepper(cs.scenes.paper_moving(), x, v, t=1e20).advance(1, 1e-5),
+        lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),  # by an engine that waits
+    ):
+        with pytest.raises(ValueError, match="dt must be above the rounding of the time t = 1e.20 s"):
+            call()
+
+
 def test_more_frames_than_memory_are_refused_before_the_run():
     scene = cs.scenes.paper_swing()
     for frames, name in [({"fps": 1e8}, "fps"), ({"every": 1e-9}, "every"), ({"every": 2}, "every")]:

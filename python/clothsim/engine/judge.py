@@ -51,7 +51,7 @@ class Judge:
         limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
             self.warned_of_dt = True
-            term = str(limiting_term(self._scenes[member], self._integrator))
+            term = limiting_term(self._scenes[member], self._integrator).at(dt)
             warn_of_dt(dt, limit, self._integrator, self._named(member), term)
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:
@@ -105,5 +105,10 @@ class Judge:
         }
         if outcome["trapped"]:
             raise ContactError(**found)
-        term = str(limiting_term(scene, self._integrator))
-        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=term)
+        term = limiting_term(scene, self._integrator)
+        raise UnstableError(
+            **found,
+            dt=dt,
+            max_stable_dt=self._max_stable_dt[member],
+            term=term.at(dt) if dt > term.max_stable_dt else str(term),
+        )

@@ -32,6 +32,8 @@ _SECONDS_TIMED = 0.02
 _TIMINGS = 4
 _MOST_STEPS_TIMED = 20_000
 
+_ROUNDING = 2.0**-53  # of a float64, as part of it
+
 
 def duration_text(seconds: float) -> str:
     """A duration in words, of two digits."""
@@ -118,7 +120,7 @@ class State:
         self.judge.forget_warnings()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
-        steps, dt = self._checked(steps, dt)
+        steps, dt = self._checked(steps, dt, t or 0.0)
         if steps > MANY_STEPS:
             return None
         if self._inspected:
@@ -153,17 +155,18 @@ class State:
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
-        steps, dt = self._checked(steps, dt)
+        steps, dt = self._checked(steps, dt, self.core.time)
         self.announce(steps, dt)
         outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
         if outcome:
             self._go_on(outcome, steps, dt)
 
-    def _checked(self, steps: Any, dt: Any) -> tuple[int, float]:
-        """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long."""
+    def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
+        """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`: time of the state [s]."""
         # What nearly every call is, told apart in a tenth of the time that the checks take.
         if type(steps) is int and type(dt) is float and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self.judge.least_stable_dt:
-            return steps, dt
+            if t + dt != t:
+                return steps, dt
         if isinstance(steps, float) and isinstance(dt, int):
             raise TypeError(
                 f"steps must be an integer, got steps={steps!r} and dt={dt!r}, which look "
@@ -172,6 +175,11 @@ class State:
             )
         steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
+        if t + dt == t:
+            raise ValueError(
+                f"dt must be above the rounding of the time t = {t:g} s, {abs(t) * _ROUNDING:.3g} s, got {dt!r}: "
+                "start at a t nearer to 0"
+            )
         self.judge.time_step(dt)
         return steps, dt
 

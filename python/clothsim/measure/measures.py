@@ -133,6 +133,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     rows, columns = x.shape[-3:-1]
     batch = x.reshape(-1, rows, columns, 3)
     centers = sphere.center_at(_times(t, sphere, x.shape[:-3]))
+    if not np.isfinite(centers).all():
+        raise ValueError(f"t must be a time at which the centre of the sphere is finite, got {check.shown(t)}")
     depths = np.array(
         [
             _core.penetration(rows, columns, one, center, sphere.radius)

@@ -32,6 +32,9 @@ class LimitingTerm:
         other kind.
     max_stable_dt : float
         The guaranteed time step [s].
+    omega, delta : float
+        The bounds of the cloth's frequencies and damping rates [1/s].
+    integrator : str
     """
 
     kind: str
@@ -39,6 +42,9 @@ class LimitingTerm:
     values: tuple[float, ...]
     below: tuple[float, ...]
     max_stable_dt: float
+    omega: float
+    delta: float
+    integrator: str
 
     @property
     def name(self) -> str:
@@ -52,14 +58,53 @@ class LimitingTerm:
     def __str__(self) -> str:
         if self.kind == "nothing":
             return "nothing limits it"
-        unit = "N/m" if self.kind == "stiffness" else "N s/m"
+        text = f"{self.name}, {self._listed(self.values)}, limits it"
+        return f"{text}; below {self._listed(self.below)} the {self._other} would" if any(self.below) else text
 
-        def listed(numbers: tuple[float, ...]) -> str:
-            different = dict.fromkeys(f"{one:.3g}" for one in numbers)
-            return f"{' and '.join(different)} {unit}"
+    def at(self, dt: float) -> str:
+        """The term in words, with the values at which a time step `dt` above the guarantee is stable."""
+        if self.kind == "nothing":
+            return str(self)
+        text = f"{self.name}, {self._listed(self.values)}, limits it"
+        part = self.part_at(dt)
+        if part > 0:
+            at = tuple(_rounded_down(part * one) for one in self.values)
+            return f"{text}; dt = {dt:g} s is stable at {self._listed(at)}"
+        alone = (self.omega, 0.0) if self.kind == "damping" else (0.0, self.delta)
+        limit = box_limit(self.integrator, *alone)
+        return f"{text}; without it the {self._other} limits the time step to {limit:.3g} s"
 
-        text = f"{self.name}, {listed(self.values)}, limits it"
-        return f"{text}; below {listed(self.below)} it would not" if any(self.below) else text
+    def part_at(self, dt: float) -> float:
+        """The largest part of the term's values in [0, 1] at which `dt` is guaranteed to be stable; 0 if there is none."""
+
+        def stable(part: float) -> bool:
+            if self.kind == "damping":
+                return box_limit(self.integrator, self.omega, part * self.delta) >= dt
+            return box_limit(self.integrator, math.sqrt(part) * self.omega, self.delta) >= dt
+
+        exponent = -20.0  # parts below 1e-20 are those of another cloth
+        if not stable(10**exponent):
+            return 0.0
+        step = -exponent
+        while step > 1e-4:  # of a decade: four digits
+            step /= 2
+            if exponent + step < 0 and stable(10 ** (exponent + step)):
+                exponent += step
+        return float(10**exponent)
+
+    @property
+    def _other(self) -> str:
+        return "stiffness" if self.kind == "damping" else "damping"
+
+    def _listed(self, numbers: tuple[float, ...]) -> str:
+        different = dict.fromkeys(f"{one:.3g}" for one in numbers)
+        return f"{' and '.join(different)} {'N/m' if self.kind == 'stiffness' else 'N s/m'}"
+
+
+def _rounded_down(value: float) -> float:
+    """A value to three digits, so that the printed number is stable too."""
+    digits = 2 - math.floor(math.log10(value)) if value > 0 else 0
+    return math.floor(value * 10.0**digits) / 10.0**digits
 
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
@@ -122,7 +167,7 @@ def _limiting_term(
     limit = box_limit(integrator, omega, delta)
     alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
-        return LimitingTerm("nothing", (), (), (), limit)
+        return LimitingTerm("nothing", (), (), (), limit, omega, delta, integrator)
     if alone[1] < alone[0]:
         kind, values, factor = "damping", c, alone[1] / alone[0]
         left = {f: bounds(k, _without(c, f), point_damping)[1] for f in families}
@@ -135,4 +180,5 @@ def _limiting_term(
         whole = omega
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
-    return LimitingTerm(kind, named, tuple(values[f] for f in named), tuple(factor * values[f] for f in named), limit)
+    given = tuple(values[f] for f in named)
+    return LimitingTerm(kind, named, given, tuple(factor * one for one in given), limit, omega, delta, integrator)

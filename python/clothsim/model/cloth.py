@@ -335,6 +335,11 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
 def _springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes)) or not check.is_iterable(value):
         raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
+    if isinstance(value, Mapping):
+        raise TypeError(
+            f"springs must be a sequence of names from {FAMILIES}, got a mapping; "
+            f"its numbers go into stiffness={dict(value)!r}"
+        )
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
         raise ValueError(f"springs must name each family once, got {names}")

@@ -160,7 +160,7 @@ class Scene(Record):
         >>> plan["precision"]
         'double'
         >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
-        'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m it would not'
+        'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m the stiffness would'
         """
         from ..engine.explain import explain
 

@@ -203,8 +203,8 @@ def simulate(
     options = RunOptions(named, precision, threads, kernel, strict, backend, sampling, t)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
-            "rtol and atol must be None, and integrator 'rk4', with backend 'gpu', which takes fixed steps: give dt, or "
-            "leave it out for a step of half the guaranteed stable one"
+            "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
+            "give dt, or leave it out for a step of half the guaranteed stable one"
         )
     warn_of_order(named, scene)
     if dt is not None:
@@ -326,9 +326,13 @@ def resume(
 
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
 _SHORTEST = 1e-12
+# A duration [s] whose inverse square is finite: rates in 1/s^2 are computed. No cloth moves by a rounding within it.
+_LEAST = 1e-150
 
 
 def _check_end(t: float, duration: float) -> None:
+    if duration < _LEAST:
+        raise ValueError(f"duration must be at least {_LEAST:g} s, got {duration!r}")
     end = t + duration
     if not (end < math.inf and duration > _SHORTEST * max(abs(t), abs(end))):
         raise ValueError(
