@@ -100,3 +100,11 @@ def test_a_reference_and_a_convergence_print_short_and_compare():
     assert repr(found) == str(found) and len(repr(found)) < 200
     assert found == cs.convergence(scene, 0.5, [0.01, 0.005], reference=solution)
     assert found != cs.convergence(scene, 0.5, [0.01, 0.004], reference=solution)
+
+
+def test_an_assignment_names_replace():
+    for value, name in ((cs.Cloth(), "mass"), (cs.Sphere(), "radius"), (cs.Linear((1, 0, 0)), "velocity")):
+        with pytest.raises(AttributeError, match=rf"a {type(value).__name__} cannot be changed; replace\({name}=...\)"):
+            setattr(value, name, 3)
+    with pytest.raises(AttributeError, match="has no argument 'stifness'"):
+        cs.Cloth().stifness = 3

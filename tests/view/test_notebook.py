@@ -85,3 +85,14 @@ def test_a_run_of_300_frames_plays_in_a_cell_of_3_megabytes():
     assert "text/html" in shown(shown_run) and len(shown(shown_run)["text/html"]) < 3_000_000
     with pytest.raises(ValueError, match="height must be an integer >= 300"):
         run.show(height=10)
+
+
+def test_a_comparison_shows_its_labels_and_last_frames(run):
+    other = cs.simulate(cs.scenes.paper_static("reflect"), 0.1, dt=1e-3)
+    both = cs.compare({"ray": run, "<reflect>": other})
+    html = shown(both)["text/html"]
+    assert set(re.findall(r"<\s*(\w+)", html)) == {"div", "pre", "img"}
+    assert re.findall(r"<pre[^>]*>(.*?)</pre>", html) == ["ray", "&lt;reflect&gt;"]
+    last = html.rsplit("<img", 1)[1]
+    assert png_of(last) == other.picture(width=400)._repr_png_()
+    assert both.show(400)._repr_html_().startswith("<iframe")

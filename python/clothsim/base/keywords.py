@@ -6,6 +6,7 @@ import difflib
 import functools
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import FrozenInstanceError
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -70,9 +71,18 @@ def suggests(function: F) -> F:
 
 
 def suggesting(cls: C) -> C:
-    """Apply `suggests` to the constructor of the class `cls`."""
+    """Apply `suggests` to the constructor of the class `cls`; an assignment to a frozen object names `replace`."""
     cls.__init__ = suggests(cls.__init__)  # type: ignore[misc]
+    if hasattr(cls, "replace"):
+        cls.__setattr__ = _refuse_assignment  # type: ignore[assignment]
     return cls
+
+
+def _refuse_assignment(self: Any, name: str, value: Any) -> None:
+    kind = type(self).__name__
+    if name in inspect.signature(type(self)).parameters:
+        raise FrozenInstanceError(f"a {kind} cannot be changed; replace({name}=...) returns a changed copy")
+    raise FrozenInstanceError(f"a {kind} cannot be changed, and has no argument {name!r}")
 
 
 def _unknown(function: Callable[..., Any], given: Mapping[str, Any]) -> str | None:

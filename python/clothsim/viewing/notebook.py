@@ -7,6 +7,7 @@ show both, also where a notebook is not trusted.
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -35,6 +36,14 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
 def run_bundle(run: Run) -> dict[str, Any]:
     """`bundle` with the lines of a run and a picture of its last frame."""
     return bundle(str(run), run.picture(width=WIDTH))
+
+
+def runs_html(runs: Mapping[str, Run]) -> str:
+    """Labels and pictures of the last frames, side by side."""
+    box, lines = 'style="display: inline-block; vertical-align: top"', '<pre style="display: block'
+    bundles = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
+    cells = (one.replace("<div", f"<div {box}").replace('<pre style="display: inline-block', lines) for one in bundles)
+    return f"<div>{''.join(cells)}</div>"
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for
 from .curves import PARTS, curves
-from .notebook import Frame
+from .notebook import Frame, runs_html
 from .packing import pack, point_stretch, top_of
 from .picture import PIN_SIZE, draw, file_path
 
@@ -103,6 +103,24 @@ class Comparison:
             content = _page(title, self.runs, bar.advance).encode()
         return write_bytes(path, content)
 
+    def show(self, height: int = 600) -> Frame:
+        """The page inside a notebook, to be played.
+
+        Parameters
+        ----------
+        height : int, default 600
+            Of the page in pixels, 300 to 4000.
+
+        Returns
+        -------
+        Frame
+        """
+        height = check.integer("height", height, minimum=300, maximum=4000)
+        return Frame(_page(" and ".join(self.runs), self.runs), f"{self!r}, to be played in a notebook", height)
+
+    def _repr_html_(self) -> str:
+        return runs_html(self.runs)
+
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
 
@@ -119,7 +137,7 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
     Returns
     -------
     Comparison
-        Its ``to_html(path)`` writes the page.
+        Its ``to_html(path)`` writes the page, ``show()`` plays it in a notebook. There it also shows itself, as pictures.
 
     Raises
     ------
