@@ -259,11 +259,11 @@ def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_p
 
 def test_interrupt_is_code_130(capsys, monkeypatch):
     def interrupted(*arguments, **options):
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt("3 of 9 members are in a.zarr")
 
-    monkeypatch.setattr(cs, "simulate", interrupted)
-    code, _, err = run(capsys, "run", "paper_swing")
-    assert code == 130 and err.count("\n") == 1
+    monkeypatch.setattr(cs, "sweep", interrupted)
+    code, _, err = run(capsys, "sweep", "paper_swing")
+    assert code == 130 and err == "clothsim sweep: error: interrupted; 3 of 9 members are in a.zarr\n"
 
 
 @pytest.mark.parametrize("as_json", [pytest.param(False, marks=pytest.mark.slow), True])

@@ -96,8 +96,8 @@ def _run(args: argparse.Namespace) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         return _failed(args, 1, _in_words(error))
-    except KeyboardInterrupt:
-        return _failed(args, 130, "interrupted")
+    except KeyboardInterrupt as stop:
+        return _failed(args, 130, f"interrupted; {stop}" if str(stop) else "interrupted")
     return 0
 
 

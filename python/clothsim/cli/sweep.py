@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -93,23 +92,19 @@ def run(args: argparse.Namespace) -> None:
     if args.store and Path(args.store).exists() and not args.resume:
         raise ValueError(f"--store {args.store} exists; without --no-resume it would be continued")
     picture = _picture(args)
-    try:
-        dataset = cs.sweep(
-            scene,
-            over,
-            metrics=args.metric.split(","),
-            every=args.every,
-            frames=args.frames,
-            store=args.store,
-            resume=args.resume,
-            executor=_client(args.scheduler),
-            threads=args.threads,
-            progress=wanted_by_command(),
-            **settings,
-        )
-    except KeyboardInterrupt as stop:
-        print(f"\n{stop}", file=sys.stderr)
-        raise
+    dataset = cs.sweep(
+        scene,
+        over,
+        metrics=args.metric.split(","),
+        every=args.every,
+        frames=args.frames,
+        store=args.store,
+        resume=args.resume,
+        executor=_client(args.scheduler),
+        threads=args.threads,
+        progress=wanted_by_command(),
+        **settings,
+    )
     print(as_json(as_data(dataset)) if args.json else summary(dataset))
     if picture is not None:
         save_plot(dataset, picture)
