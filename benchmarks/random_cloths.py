@@ -41,7 +41,7 @@ def draw(seed: int, number: int) -> Case:
     stiffness = dict.fromkeys(families, common)
     if rng.random() < 0.5:
         stiffness = {f: 10 ** rng.uniform(2, 6) for f in families}
-    model = str(rng.choice(["spring", "point", "none"]))
+    model = str(rng.choice(["spring", "point", "both", "none"]))
     total = 10 ** rng.uniform(-1, 2)
     mass: float | np.ndarray = total
     if rng.random() < 0.3:
@@ -49,11 +49,11 @@ def draw(seed: int, number: int) -> Case:
         mass = total * uneven / uneven.sum()
     point_mass = total / (rows * columns)
     omega = np.sqrt(8 * max(stiffness.values()) / point_mass)
-    damping = 0.0
-    if model == "spring":
+    damping = drag = 0.0
+    if model in ("spring", "both"):
         damping = 10 ** rng.uniform(-3, -0.5) * 2 * point_mass * omega / 8
-    elif model == "point":
-        damping = point_mass * 10 ** rng.uniform(-1, 1)
+    if model in ("point", "both"):
+        drag = point_mass * 10 ** rng.uniform(-1, 1)
     pins = [(int(r), int(c)) for r, c in zip(rng.integers(0, rows, 4), rng.integers(0, columns, 4), strict=True)][
         : int(rng.integers(0, 5))
     ]
@@ -64,7 +64,7 @@ def draw(seed: int, number: int) -> Case:
         mass=mass,
         stiffness=stiffness,
         damping=damping,
-        damping_model="point" if model == "point" else "spring",
+        drag=drag,
         springs=families,
         pins=tuple(set(pins)),
     )
@@ -112,7 +112,7 @@ class Model:
         self.rest, self.stiffness, self.damping = map(np.array, (rest, stiffness, damping))
         self.inverse_mass = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point).reshape(-1, 1)
         self.gravity = np.array(scene.gravity) * ~cloth.pinned.reshape(-1, 1)
-        self.point_damping, self.n = cloth.point_damping, n
+        self.drag, self.n = cloth.drag, n
         self.start = np.concatenate([scene.initial_position.ravel(), scene.initial_velocity.ravel()])
 
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
@@ -122,7 +122,7 @@ class Model:
         pull = self.stiffness * (length - self.rest)
         if self.damping.any():
             pull += self.damping * np.einsum("ij,ij->i", v[self.b] - v[self.a], d) / length
-        force = self.incidence @ (d * (pull / length)[:, None]) - self.point_damping * v
+        force = self.incidence @ (d * (pull / length)[:, None]) - self.drag * v
         out = np.empty_like(y)
         out[: 3 * self.n] = y[3 * self.n :]
         out[3 * self.n :] = (force * self.inverse_mass + self.gravity).ravel()

@@ -38,12 +38,13 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
         mass = 10 ** rng.uniform(-2, 0.5, size=shape)
     typical = math.sqrt(max(stiffness.values()) * np.mean(mass) / (1 if np.ndim(mass) else shape[0] * shape[1]))
     size = float(typical * 10 ** rng.uniform(-3, 1))
-    kind = str(rng.choice(["none", "spring", "families", "point"]))
+    kind = str(rng.choice(["none", "spring", "families", "points", "both"]))
     damping = {
         "none": {"damping": 0.0},
         "spring": {"damping": size},
         "families": {"damping": {f: float(size * 10 ** rng.uniform(-2, 0)) for f in families}},
-        "point": {"damping": size, "damping_model": "point"},
+        "points": {"damping": 0.0, "drag": size},
+        "both": {"damping": size, "drag": size},
     }[kind]
     scene = cs.Scene(cs.Cloth(shape, mass=mass, stiffness=stiffness, springs=families, **damping))
     x, state = scene.initial_position, str(rng.choice(["rest", "noise", "stretch", "crumple"]))
@@ -79,7 +80,7 @@ def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
             c[to, :, j] -= sign * by_w
             c[to, :, i] += sign * by_w
     for i in range(len(x)):
-        c[i, :, i] += cloth.point_damping * np.eye(3)
+        c[i, :, i] += cloth.drag * np.eye(3)
     free = np.flatnonzero(np.repeat(~cloth.pinned.ravel(), 3))
     inverse = np.repeat(1 / cloth.mass_per_point.ravel(), 3)[free, None]
     size = 3 * len(x)

@@ -60,14 +60,7 @@ class State:
 
 
 def _state(
-    shape=(9, 20),
-    springs=("structural", "shear", "bend"),
-    damping_model="spring",
-    damped=True,
-    mass="per point",
-    pins=None,
-    seed=1,
-    **scene,
+    shape=(9, 20), springs=("structural", "shear", "bend"), damped_by="springs", mass="per point", pins=None, seed=1, **scene
 ):
     """A crumpled, moving sheet that is nowhere symmetric and has another coefficient everywhere."""
     rng = np.random.default_rng(seed)
@@ -80,8 +73,8 @@ def _state(
         size=(0.9, 1.3),
         mass=rng.uniform(0.05, 0.15, shape) if mass == "per point" else 0.1 * shape[0] * shape[1],
         stiffness={f: stiffness.get(f, 220.0) for f in springs},
-        damping=0.0 if not damped else 0.4 if damping_model == "point" else {f: damping.get(f, 0.1) for f in springs},
-        damping_model=damping_model,
+        damping={f: damping.get(f, 0.1) for f in springs} if damped_by in ("springs", "both") else 0.0,
+        drag=0.4 if damped_by in ("points", "both") else 0.0,
         springs=springs,
         pins=pins,
     )
@@ -112,7 +105,7 @@ class Oracle:
         n = d / length[:, None]
         rate = ((v[table["j"]] - v[table["i"]]) * n).sum(axis=1)
         pull = table["stiffness"] * (length - table["rest_length"]) + table["damping"] * rate
-        force = -cloth.point_damping * v
+        force = -cloth.drag * v
         np.add.at(force, table["i"], pull[:, None] * n)
         np.subtract.at(force, table["j"], pull[:, None] * n)
         a = force / cloth.mass_per_point.reshape(-1, 1) + np.array(scene.gravity)

@@ -80,7 +80,7 @@ def features(bench: Bench) -> None:
         "no shear": cloth.replace(springs=families["shear"]),
         "no bend": cloth.replace(springs=families["bend"]),
         "no damping": cloth.replace(damping=0.0),
-        "point damping": cloth.replace(damping=0.5, damping_model="point"),
+        "point damping": cloth.replace(damping=0.0, drag=0.5),
         "structural only": cloth.replace(springs=("structural",)),
         "structural, undamped": cloth.replace(springs=("structural",), damping=0.0),
         "mass per point": cloth.replace(mass=rng.uniform(0.4, 0.6, cloth.shape)),

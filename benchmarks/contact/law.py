@@ -65,7 +65,7 @@ def stick(
     """
     duration = duration or (0.2 if part > 1 else 0.05 * min(1.0, math.sqrt(radius / 0.25)))
     size = min(0.1, radius / 10)
-    cloth = cs.Cloth((points, points), (size, size), 1e-4 * points**2, 1000.0, 2e-3, "point", pins=())
+    cloth = cs.Cloth((points, points), (size, size), 1e-4 * points**2, 1000.0, 0.0, 2e-3, pins=())
     sphere = cs.Sphere((0, -radius, 0), radius, None, "continuous", "face", 0.0, 10.0)
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), math.atan(TANGENT))
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)
@@ -209,7 +209,7 @@ def lying(
         "speed" [m/s], the largest, and "depth" [m], the deepest of any triangle, over the steps.
     """
     drag = 20.0 * mass / points**2
-    cloth = cs.Cloth((points, points), (width, width), mass, stiffness, drag, "point", pins=())
+    cloth = cs.Cloth((points, points), (width, width), mass, stiffness, 0.0, drag, pins=())
     sphere = cs.Sphere((0, -0.25, 0), 0.25, None, "continuous", "face", 0.0, 0.5)
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)
@@ -246,9 +246,7 @@ def draped(points: int = 48, dt: float = 2e-5, duration: float = 5.0, precision:
         last 0.1 s.
     """
     mass = 0.3
-    cloth = cs.Cloth(
-        (points, points), mass=mass, stiffness=60.0, damping=20 * mass / points**2, damping_model="point", pins=()
-    )
+    cloth = cs.Cloth((points, points), mass=mass, stiffness=60.0, damping=0.0, drag=20 * mass / points**2, pins=())
     sphere = cs.Sphere((0.5, -0.3, 0.5), 0.25, None, "continuous", "face", 0.0, 0.5)
     stepper = cs.Stepper(cs.Scene(cloth, sphere), threads=1, precision=precision)
     stepper.advance(round((duration - 0.1) / dt), dt)

@@ -177,8 +177,8 @@ def refused(scene: cs.Scene) -> str | None:
         return "the peers know no spheres"
     if not cloth.uniform_mass:
         return "the peers know only uniform mass"
-    if cloth.point_damping:
-        return "the peers know no point damping"
+    if cloth.drag:
+        return "the peers know no drag"
     return None
 
 

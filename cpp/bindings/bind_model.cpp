@@ -2,6 +2,7 @@
 #include <pybind11/eigen.h>
 #include <algorithm>
 #include <map>
+#include <optional>
 
 #include "bindings/bindings.hpp"
 #include "contact/offset.hpp"
@@ -18,10 +19,12 @@
 namespace clothsim {
 namespace {
 
+PointsView view(const Array<double>& a) { return {a.data(), a.size() / 3, 3}; }
+
 using FamilyValues = std::map<std::string, double>;
 
 Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacing,
-                 const FamilyValues& stiffness, const FamilyValues& spring_damping, double point_damping,
+                 const FamilyValues& stiffness, const FamilyValues& spring_damping, double drag,
                  const Array<double>& mass, bool uniform_mass, const Array<bool>& pinned) {
     Cloth cloth;
     cloth.rows = rows;
@@ -36,7 +39,7 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
         const auto damping = spring_damping.find(family_names[f]);
         cloth.spring_damping[f] = damping == spring_damping.end() ? 0 : damping->second;
     }
-    cloth.point_damping = point_damping;
+    cloth.drag = drag;
     cloth.uniform_mass = uniform_mass;
     if (mass.size() != cloth.points() || pinned.size() != cloth.points())
         throw std::invalid_argument("mass and pinned hold one value per mass point");
@@ -91,12 +94,14 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
-               const std::string& precision, const std::string& kernel, bool strict,
-               const std::string& instruction_set, const std::string& integrator) {
+               const std::optional<Array<double>>& force, const std::string& precision,
+               const std::string& kernel, bool strict, const std::string& instruction_set,
+               const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
+    if (force) plan.force = view(*force);
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.strict = strict;
@@ -163,7 +168,7 @@ void bind_model(py::module_& m) {
     py::class_<Cloth>(m, "Cloth")
         .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"),
              py::arg("row_spacing"), py::arg("column_spacing"), py::arg("stiffness"),
-             py::arg("spring_damping"), py::arg("point_damping"), py::arg("mass"), py::arg("uniform_mass"),
+             py::arg("spring_damping"), py::arg("drag"), py::arg("mass"), py::arg("uniform_mass"),
              py::arg("pinned"))
         .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
             const ModeBounds bounds = mode_bounds(cloth);
@@ -183,8 +188,8 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("precision"), py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"),
-             py::arg("integrator"))
+             py::arg("force"), py::arg("precision"), py::arg("kernel"), py::arg("strict"),
+             py::arg("instruction_set"), py::arg("integrator"))
         .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
         .def("runaway_speed",
@@ -198,8 +203,6 @@ void bind_model(py::module_& m) {
 }
 
 namespace {
-
-PointsView view(const Array<double>& a) { return {a.data(), a.size() / 3, 3}; }
 
 py::array_t<ThreadId> thread_ids(int rows, int columns) {
     const ThreadGrid grid{columns, rows};
@@ -218,9 +221,12 @@ void bind_diagnostics(py::module_& m) {
     m.def("thread_ids", &thread_ids);
     m.def("triangles", &triangles);
     m.def("energy",
-          [](const Cloth& cloth, const Vec3& gravity, const Array<double>& x, const Array<double>& v) {
-              const Energy e = energy(cloth, gravity, view(x), view(v));
-              return py::make_tuple(e.kinetic, e.elastic, e.gravity);
+          [](const Cloth& cloth, const Vec3& gravity, const std::optional<Array<double>>& force,
+             const Array<double>& x, const Array<double>& v) {
+              Scene scene{cloth, gravity, {}, {}};
+              if (force) scene.force = view(*force);
+              const Energy e = energy(scene, view(x), view(v));
+              return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force);
           });
     m.def("largest_stretch",
           [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
@@ -271,9 +277,9 @@ bool signal_pending() {
 py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
                      const Array<double>& rest_length, const Array<double>& stiffness,
                      const Array<double>& damping, const Array<double>& mass, const Array<bool>& pinned,
-                     const std::array<double, 3>& gravity, double point_damping, const Array<double>& x,
-                     const Array<double>& v, const std::vector<double>& times, int columns, double tolerance,
-                     int threads) {
+                     const std::array<double, 3>& gravity, double drag, const Array<double>& force,
+                     const Array<double>& x, const Array<double>& v, const std::vector<double>& times,
+                     int columns, double tolerance, int threads) {
     reference::System system;
     for (py::ssize_t k = 0; k < i.size(); ++k)
         system.springs.push_back(
@@ -281,7 +287,8 @@ py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
     system.mass.assign(mass.data(), mass.data() + mass.size());
     system.pinned.assign(pinned.data(), pinned.data() + pinned.size());
     system.gravity = gravity;
-    system.point_damping = point_damping;
+    system.drag = drag;
+    system.force.assign(force.data(), force.data() + force.size());
     std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
     const std::size_t size = xs.size();
     reference::Extrapolation done;
@@ -311,7 +318,7 @@ void bind_reference(py::module_& m) {
     m.def("reference_step_as_printed", &advance<reference::step_as_printed>);
     m.def("extrapolate", &extrapolate, py::kw_only(), py::arg("i"), py::arg("j"), py::arg("rest_length"),
           py::arg("stiffness"), py::arg("damping"), py::arg("mass"), py::arg("pinned"), py::arg("gravity"),
-          py::arg("point_damping"), py::arg("x"), py::arg("v"), py::arg("times"), py::arg("columns"),
+          py::arg("drag"), py::arg("force"), py::arg("x"), py::arg("v"), py::arg("times"), py::arg("columns"),
           py::arg("tolerance"), py::arg("threads"));
 }
 

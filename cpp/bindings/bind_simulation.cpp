@@ -313,6 +313,13 @@ void bind_simulation(py::module_& m) {
                      throw std::invalid_argument("one time step a member is needed");
                  simulation->set_stable_dt(stable_dt);
              })
+        .def("set_force",
+             [](S& s, const Array<double>& force) {
+                 auto simulation = s.use();
+                 const std::size_t size = std::size_t(force.size()) / simulation->size();
+                 for (std::size_t i = 0; i < simulation->size(); ++i)
+                     simulation->set_force(i, force.data() + i * size);
+             })
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
         .def_property_readonly("frozen",
                                [](S& s) {

@@ -41,7 +41,7 @@ public:
             }
         if (spheres_.empty()) return;
         if (faces_) {
-            face_pass_ = make_face_pass(plan.cloth, plan.gravity, faces, face_kernels(plan.kernels->set));
+            face_pass_ = make_face_pass(plan, faces, face_kernels(plan.kernels->set));
             for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(place(i, 0));
         }
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
@@ -130,7 +130,7 @@ public:
     }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
     double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
-    const Vec3& gravity() const { return plan_.gravity; }
+    Vec3 field_at(int i) const { return plan_.field_at(i); }
     double spring_energy(int i, const Vec3& x) const {
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }

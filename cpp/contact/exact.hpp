@@ -5,7 +5,7 @@
 // `Points` gives access to the cloth by the index of a mass point:
 //   before(i), now(i)       PointState at the start of the step, and after the free step
 //   set(i, state)
-//   mass(i), gravity()
+//   mass(i), field_at(i)
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
 #pragma once
 
@@ -52,7 +52,7 @@ inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
 
 template <class Points>
 double potential(const Points& points, int i, const Vec3& x) {
-    return points.spring_energy(i, x) - points.mass(i) * points.gravity().dot(x);
+    return points.spring_energy(i, x) - points.mass(i) * points.field_at(i).dot(x);
 }
 
 // The state after the contact `t` of a point whose free end is `end`.

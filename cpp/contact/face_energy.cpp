@@ -38,7 +38,8 @@ double FaceWork::energy_lacking() const {
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i])
             lacks += cloth_.mass[i] *
-                (gravity_.dot(x[i] - free_x_[i]) - (v[i] - free_v_[i]).dot(v[i] + free_v_[i]) / 2);
+                (scene_.field_at(int(i)).dot(x[i] - free_x_[i]) -
+                 (v[i] - free_v_[i]).dot(v[i] + free_v_[i]) / 2);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const ContactRow& row = rows_[k];
         const SweptSphere& s = (*spheres_)[at(origins_[k].sphere)];

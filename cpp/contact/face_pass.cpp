@@ -24,9 +24,9 @@ constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer
 
 }  // namespace
 
-FaceWork::FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
-                   const FaceKernels& kernels)
-    : cloth_(cloth), gravity_(gravity), faces_(faces), kernels_(kernels) {
+FaceWork::FaceWork(const Scene& scene, const std::vector<bool>& faces, const FaceKernels& kernels)
+    : scene_(scene), cloth_(scene.cloth), faces_(faces), kernels_(kernels) {
+    const Cloth& cloth = scene.cloth;
     const std::size_t n = at(cloth.points());
     for (auto* a : {&x0, &v0, &x, &v, &scratch_}) a->resize(n);
     changed.resize(n);
@@ -284,9 +284,9 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
     return report_;
 }
 
-std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity,
-                                         const std::vector<bool>& faces, const FaceKernels& kernels) {
-    return std::make_unique<FaceWork>(cloth, gravity, faces, kernels);
+std::unique_ptr<FacePass> make_face_pass(const Scene& scene, const std::vector<bool>& faces,
+                                         const FaceKernels& kernels) {
+    return std::make_unique<FaceWork>(scene, faces, kernels);
 }
 
 }  // namespace clothsim

@@ -47,7 +47,7 @@ public:
 };
 
 // `faces`: of each continuous sphere, whether it keeps triangles out.
-std::unique_ptr<FacePass> make_face_pass(const Cloth& cloth, const Vec3& gravity,
-                                         const std::vector<bool>& faces, const FaceKernels& kernels);
+std::unique_ptr<FacePass> make_face_pass(const Scene& scene, const std::vector<bool>& faces,
+                                         const FaceKernels& kernels);
 
 }  // namespace clothsim

@@ -20,8 +20,7 @@ inline std::size_t at(int i) { return std::size_t(i); }
 
 class FaceWork : public FacePass {
 public:
-    FaceWork(const Cloth& cloth, const Vec3& gravity, const std::vector<bool>& faces,
-             const FaceKernels& kernels);
+    FaceWork(const Scene& scene, const std::vector<bool>& faces, const FaceKernels& kernels);
     ContactReport run(const std::vector<SweptSphere>& spheres) final;
 
 private:
@@ -111,8 +110,8 @@ private:
     void note_changed();
     int pinned_corner(const std::array<int, 3>& corner) const;
 
+    const Scene& scene_;
     const Cloth& cloth_;
-    Vec3 gravity_;
     std::vector<bool> faces_;
     const std::vector<SweptSphere>* spheres_ = nullptr;
     std::vector<Shell> shells_;

@@ -18,13 +18,18 @@ Energy EnergyWatch::energy_of(const Engine& engine) {
     x_.resize(plan_.cloth.points(), 3);
     v_.resize(plan_.cloth.points(), 3);
     engine.store(x_.data(), v_.data());
-    return energy(plan_.cloth, plan_.gravity, PointsView(x_.data(), x_.rows(), 3),
-                  PointsView(v_.data(), v_.rows(), 3));
+    return energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
 }
 
 void EnergyWatch::begin(const Engine& engine) {
     if (std::exchange(started_, true)) return;
     start_ = energy_of(engine).total();
+}
+
+void EnergyWatch::change_force(const Engine& engine, const std::function<void()>& change) {
+    const double before = started_ ? energy_of(engine).total() : 0;
+    change();
+    if (started_) start_ += energy_of(engine).total() - before;
 }
 
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {

@@ -1,6 +1,7 @@
 // The energy of a run: whether a step has made some of nothing.
 #pragma once
 
+#include <functional>
 #include <utility>
 
 #include "engines/engine.hpp"
@@ -20,6 +21,8 @@ public:
     // The run begins at the present state, unless it has begun. Nothing is watched before.
     void begin(const Engine& engine);
     bool begun() const { return started_; }
+    // Another force on points gives a state another energy, which no step has made.
+    void change_force(const Engine& engine, const std::function<void()>& change);
 
     // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half
     // of it is worth a warning, more than nine tenths an error. An integrator may keep an energy of its own

@@ -126,6 +126,14 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
     return outcome;
 }
 
+void Simulation::set_force(std::size_t i, const double* force) {
+    watches_[i].change_force(*members_[i], [&] {
+        plans_[i].force = PointsView(force, plans_[i].cloth.points(), 3);
+        members_[i]->set_force(force);
+    });
+    checkpoint_.drop();
+}
+
 void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;

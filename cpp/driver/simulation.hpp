@@ -84,6 +84,9 @@ public:
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
 
+    // The force on the mass points of a member from now on [N].
+    void set_force(std::size_t i, const double* force);
+
     // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }

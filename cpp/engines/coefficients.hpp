@@ -57,7 +57,7 @@ StepConstants<Real> step_constants(const Plan& plan, double dt, double unit) {
     const auto g = [&](int k) { return Real(plan.gravity[k] / unit); };
     return {Real(unit),
             {g(0), g(1), g(2)},
-            Real(plan.cloth.point_damping * coefficient_scale(plan) / unit),
+            Real(plan.cloth.drag * coefficient_scale(plan) / unit),
             Real(dt / 2),
             Real(dt),
             Real(unit * dt / 2),

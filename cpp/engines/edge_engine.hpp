@@ -44,6 +44,7 @@ private:
     struct Band;
 
     void build_coefficients();
+    void apply_force() override;
     // Whether something else changes the state after the steps: contacts that are answered then.
     bool moved_after_steps() const {
         return this->track_contact_energy || (this->has_continuous() && !this->planes_.up());
@@ -65,6 +66,7 @@ private:
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
         return {state + index * layout_.row_size(), work,
                 inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
+                applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
                 row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
     }
     // What a row hands on: a force for each point and one vector more. A stage has three of it, and the
@@ -73,7 +75,7 @@ private:
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 
     EdgeKernels<Real> edge_;
-    AlignedVector<Real> coefficients_, reach_, inverse_mass_, free_;
+    AlignedVector<Real> coefficients_, reach_, inverse_mass_, applied_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
     std::vector<std::ptrdiff_t> acceleration_place_;  // of (x, y, z) of each vector in a row of work
     double unit_ = 1;  // of the accelerations the kernel sums

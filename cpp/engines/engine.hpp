@@ -57,6 +57,9 @@ public:
         watched = {};
     }
 
+    // The force on each mass point from now on [N], shape (rows, columns, 3).
+    virtual void set_force(const double* force) = 0;
+
     // Index of the first mass point whose state is not finite or whose speed is above `speed_limit` [m/s], or
     // -1.
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;

@@ -55,6 +55,19 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
             if (!cloth.uniform_mass) inverse_mass_[layout_.at(r, c)] = Real(1 / cloth.mass[point]);
         }
     build_coefficients();
+    if (plan_.has_force()) GatherEngine::apply_force();
+}
+
+// The kernel adds forces where it divides by masses, see EdgeEngine.
+template <class Real>
+void GatherEngine<Real>::apply_force() {
+    applied_.resize(3 * layout_.plane, Real(0));
+    if (inverse_mass_.empty()) inverse_mass_.assign(layout_.plane, Real(1));
+    for (int r = 0; r < rows(); ++r)
+        for (int c = 0; c < columns(); ++c) {
+            const Vec3 applied = this->applied_at(r * columns() + c) / unit_;
+            for (int j = 0; j < 3; ++j) applied_[layout_.at(r, c, j)] = Real(applied[j]);
+        }
 }
 
 template <class Real>
@@ -100,6 +113,7 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
         first_acceleration_.size() + acceleration_sum_.size();
     g.from_memory = std::ptrdiff_t(values * sizeof(Real)) > bytes_swept_in_cache;
     g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
+    g.applied = applied_.empty() ? nullptr : applied_.data() + origin;
     g.free = free_.data() + origin;
     g.row_has_fixed = row_has_fixed_.data();
     Real* const a = stage_a_.data() + origin;

@@ -57,6 +57,7 @@ protected:  // for cpp/integrators; see EdgeEngine
 
 private:
     void build_coefficients();
+    void apply_force() override;
     GatherArguments<Real> arguments(Stage stage, double dt);
     // The collision pass over a thread's tiles.
     void respond_to_spheres(double t, int thread, int team);
@@ -65,7 +66,7 @@ private:
     ThreadGrid grid_;
     GatherKernel<Real> kernel_;
     SphereKernel<Real> sphere_kernel_;
-    AlignedVector<Real> inverse_mass_, free_;
+    AlignedVector<Real> inverse_mass_, applied_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];
     double unit_ = 1;  // of the accelerations the kernel sums
     std::vector<LanesWithNeighbour> lanes_;

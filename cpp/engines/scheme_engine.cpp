@@ -22,7 +22,7 @@ public:
     explicit SchemeEngine(const Plan& plan)
         : Base(plan), method_(method_of(plan.integrator)), field_(this->field()) {
         const Cloth& cloth = this->plan_.cloth;
-        damped_ = cloth.point_damping > 0 || cloth.has_spring_damping();
+        damped_ = cloth.drag > 0 || cloth.has_spring_damping();
         scheme_ = method_.scheme;
         explicit_ = method_.explicit_method;
         if (scheme_ == Scheme::verlet && damped_) {
@@ -30,7 +30,7 @@ public:
             explicit_ = method_.damped;
         }
         if (scheme_ == Scheme::implicit_midpoint) {
-            implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_.cloth, this->plan_.gravity);
+            implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
             return;
         }
         const bool adaptive = explicit_ && !explicit_->errors.empty();

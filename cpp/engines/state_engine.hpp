@@ -61,6 +61,12 @@ public:
         return -1;
     }
 
+    void set_force(const double* force) final {
+        plan_.force = PointsView(force, plan_.cloth.points(), 3);
+        apply_force();
+        state_known_ = false;
+    }
+
     std::vector<double> raw_state() const final {
         std::vector<double> raw(raw_values());
         double* next = raw.data();
@@ -129,6 +135,10 @@ protected:
             if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
 
+    // Bring the plan's force into the form of the kernel.
+    virtual void apply_force() = 0;
+    Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
+
     std::int64_t clear_steps(const Clock& clock, std::int64_t most) final {
         return planes_.clear_steps(contact_pass_.spheres(), plan_.gravity, clock, most,
                                    [&](int k) { return component(k, 0, rows()); });
@@ -161,7 +171,7 @@ protected:
         Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
         store_any(x.data(), v.data());
         const PointsView xs(x.data(), x.rows(), 3), vs(v.data(), v.rows(), 3);
-        return energy(plan_.cloth, plan_.gravity, xs, vs).total();
+        return energy(plan_, xs, vs).total();
     }
 
     void state_changed() { state_known_ = known_finite_ = false; }
@@ -246,7 +256,7 @@ protected:
             contact_energy += spring_energy(row, column) - springs_before +
                 mass *
                     ((after.velocity.squaredNorm() - before.velocity.squaredNorm()) / 2 -
-                     plan_.gravity.dot(after.position - before.position));
+                     plan_.field_at(row * columns() + column).dot(after.position - before.position));
         }
     }
 

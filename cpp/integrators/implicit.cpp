@@ -12,8 +12,8 @@ constexpr double converged = 1e-14;
 
 }  // namespace
 
-ImplicitMidpoint::ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity)
-    : cloth_(cloth), gravity_(gravity) {
+ImplicitMidpoint::ImplicitMidpoint(const Scene& scene) : scene_(scene), cloth_(scene.cloth) {
+    const Cloth& cloth = scene.cloth;
     cloth.each_spring([&](int i, int j, const Neighbour& n) {
         springs_.push_back(
             {i, j, cloth.rest_length(n), cloth.stiffness[n.family], cloth.spring_damping[n.family]});
@@ -42,7 +42,7 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
         const Vec3 here = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
         r.segment<3>(3 * k) =
-            m * (here - v_.row(i).transpose()) - h / 2 * (m * gravity_ - cloth_.point_damping * here);
+            m * (here - v_.row(i).transpose()) - h / 2 * (m * scene_.field_at(i) - cloth_.drag * here);
     }
     for (const Spring& s : springs_) {
         const Vec3 w = place(u, s.j) - place(u, s.i);
@@ -60,8 +60,7 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
 
 void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     entries_.clear();
-    for (int k = 0; k < 3 * unknowns_; ++k)
-        entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.point_damping);
+    for (int k = 0; k < 3 * unknowns_; ++k) entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.drag);
     for (const Spring& s : springs_) {
         const Vec3 d = (x_.row(s.j) - x_.row(s.i)).transpose() + h / 2 * (place(u, s.j) - place(u, s.i));
         const double l = d.norm();

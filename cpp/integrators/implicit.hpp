@@ -20,7 +20,8 @@ namespace clothsim {
 
 class ImplicitMidpoint {
 public:
-    ImplicitMidpoint(const Cloth& cloth, const Vec3& gravity);
+    // Forces on points may change between steps, and are read from `scene`.
+    explicit ImplicitMidpoint(const Scene& scene);
 
     // One step in place; returns the number of force evaluations (a factorisation each, but for those of
     // halved steps).
@@ -39,8 +40,8 @@ private:
     bool factorise(double h, const Vector& u);
     Vec3 place(const Vector& values, int point) const;
 
-    Cloth cloth_;
-    Vec3 gravity_;
+    const Scene& scene_;
+    const Cloth& cloth_;
     std::vector<Spring> springs_;
     std::vector<int> unknown_;  // of a point, -1: pinned
     int unknowns_ = 0;

@@ -6,10 +6,10 @@
 namespace clothsim {
 
 struct Energy {
-    double kinetic, elastic, gravity;  // J
-    double total() const { return kinetic + elastic + gravity; }
+    double kinetic, elastic, gravity, force;  // J; force: the potential -F.x of forces on points
+    double total() const { return kinetic + elastic + gravity + force; }
 };
-Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v);
+Energy energy(const Scene& scene, const PointsView& x, const PointsView& v);
 
 // Largest length over rest length - 1 of all springs; -infinity where there is no spring.
 double largest_stretch(const Cloth& cloth, const PointsView& x);

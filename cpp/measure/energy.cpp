@@ -57,7 +57,8 @@ void add_stretches(const double* first, const Springs& s, double* __restrict sum
 
 }  // namespace
 
-Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, const PointsView& v) {
+Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
+    const Cloth& cloth = scene.cloth;
     const std::ptrdiff_t points = cloth.points(), row = 3 * std::ptrdiff_t(cloth.columns);
     const auto buffer = std::make_unique_for_overwrite<double[]>(std::size_t(3 * points + 3 * row));
     double* const planes = buffer.get();
@@ -71,8 +72,9 @@ Energy energy(const Cloth& cloth, const Vec3& gravity, const PointsView& x, cons
             mass[j] = cloth.mass[std::size_t(r * cloth.columns + j / 3)];
         add_points(x.data() + r * row, v.data() + r * row, mass, int(row), squares, heights);
     }
-    Energy e{std::accumulate(squares, squares + row, 0.0) / 2, 0, 0};
-    for (std::ptrdiff_t j = 0; j < row; ++j) e.gravity -= gravity[j % 3] * heights[j];
+    Energy e{std::accumulate(squares, squares + row, 0.0) / 2, 0, 0, 0};
+    for (std::ptrdiff_t j = 0; j < row; ++j) e.gravity -= scene.gravity[j % 3] * heights[j];
+    if (scene.has_force()) e.force = -scene.force.cwiseProduct(x).sum();
 
     take_apart(x.data(), points, planes, planes + points, planes + 2 * points);
     for (const Neighbour& n : neighbours) {

@@ -71,7 +71,7 @@ double laplacian_bound(const Cloth& cloth, const std::array<double, family_count
 
 ModeBounds mode_bounds(const Cloth& cloth) {
     return {laplacian_bound(cloth, cloth.stiffness),
-            laplacian_bound(cloth, cloth.spring_damping) + cloth.point_damping * highest_mobility(cloth)};
+            laplacian_bound(cloth, cloth.spring_damping) + cloth.drag * highest_mobility(cloth)};
 }
 
 }  // namespace clothsim

@@ -34,7 +34,7 @@ struct Cloth {
     std::array<bool, family_count> present{};
     std::array<double, family_count> stiffness{};       // N/m
     std::array<double, family_count> spring_damping{};  // N s/m, along the spring
-    double point_damping = 0;                           // N s/m per mass point
+    double drag = 0;                           // N s/m per mass point
     bool uniform_mass = true;
     PerPoint<double> mass;  // kg
     PerPoint<bool> pinned;

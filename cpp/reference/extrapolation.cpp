@@ -19,7 +19,7 @@ struct State {
 
 void accelerations(const System& system, const State& state, Values& a) {
     const Values &x = state.x, &v = state.v;
-    for (std::size_t k = 0; k < a.size(); ++k) a[k] = -Real(system.point_damping) * v[k];
+    for (std::size_t k = 0; k < a.size(); ++k) a[k] = system.force[k] - Real(system.drag) * v[k];
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};

@@ -22,7 +22,8 @@ struct System {
     std::vector<double> mass;  // kg
     std::vector<std::uint8_t> pinned;
     std::array<double, 3> gravity{};  // m/s^2
-    double point_damping = 0;  // N s/m
+    double drag = 0;  // N s/m
+    std::vector<double> force;  // N, 3 a point
 };
 
 struct ExtrapolationSettings {

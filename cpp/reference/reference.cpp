@@ -7,7 +7,8 @@ namespace clothsim::reference {
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
                      const Points& v) {
     const Cloth& cloth = scene.cloth;
-    Points force = -cloth.point_damping * v;
+    Points force = -cloth.drag * v;
+    if (scene.has_force()) force += scene.force;
     for (const Spring& s : springs) {
         const Vec3 d = x.row(s.j) - x.row(s.i);
         const double l = d.norm();
@@ -51,6 +52,7 @@ void respond_to_spheres(const Scene& scene, const std::vector<Spring>& springs, 
         const double mass = scene.cloth.mass[i];
         const auto potential = [&, i, mass](const Vec3& at) {
             double energy = -mass * scene.gravity.dot(at);
+            if (scene.has_force()) energy -= scene.force.row(i).dot(at);
             for (const Spring& s : springs) {
                 if (s.i != i && s.j != i) continue;
                 const double stretch = (Vec3(x.row(s.i == i ? s.j : s.i)) - at).norm() - s.rest_length;

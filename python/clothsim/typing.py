@@ -24,9 +24,6 @@ Offset: TypeAlias = Literal["none", "edge", "face"]
 Family: TypeAlias = Literal["structural", "shear", "bend"]
 """Spring families of a `Cloth`."""
 
-DampingModel: TypeAlias = Literal["spring", "point"]
-"""Damping models of a `Cloth`."""
-
 Precision: TypeAlias = Literal["double", "single"]
 """Precisions of the arithmetic."""
 
@@ -75,6 +72,7 @@ class EnergyParts(TypedDict):
     kinetic: float
     elastic: float
     gravity: float
+    force: float
     total: float
 
 

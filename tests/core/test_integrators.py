@@ -58,8 +58,8 @@ def test_order(integrator, damping, kernel):
 def test_order_on_a_cloth(integrator, crumpled, oracle):
     """A cloth with every kind of spring, mass per point and damping, against another code."""
     method = cs.integrators()[integrator]
-    damped = method.damped
-    scene, x, v, dt = crumpled(shape=(8, 9), damped=damped)
+    damping = "springs" if method.damped else "nothing"
+    scene, x, v, dt = crumpled(shape=(8, 9), damped_by=damping)
     scene = cs.Scene(scene.cloth, gravity=scene.gravity, position=x, velocity=v)
     # The first-order method shows its order on less of the motion and with smaller steps.
     duration = (2 if method.order == 1 else 8) * dt
@@ -72,9 +72,9 @@ def test_order_on_a_cloth(integrator, crumpled, oracle):
     assert abs(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - method.order) < 0.15
 
 
-@pytest.mark.parametrize("model", ["spring", "point"])
+@pytest.mark.parametrize("model", ["springs", "points", "both"])
 def test_dop853_on_a_cloth(model, kernel, crumpled, oracle):
-    scene, x, v, dt = crumpled(shape=(8, 9), damping_model=model)
+    scene, x, v, dt = crumpled(shape=(8, 9), damped_by=model)
     scene = cs.Scene(scene.cloth, gravity=scene.gravity, position=x, velocity=v)
     exact = oracle.solution(scene, 16 * dt)
     result, _ = cs.step(scene, x, v, dt / 2, 32, integrator="dop853", kernel=kernel)

@@ -66,7 +66,7 @@ def test_two_free_points_swing_about_their_centre_of_mass():
 
 
 def test_point_damping_slows_a_point_exponentially():
-    cloth = cs.Cloth((2, 2), mass=8.0, stiffness=0.0, damping=3.0, damping_model="point", pins=())
+    cloth = cs.Cloth((2, 2), mass=8.0, stiffness=0.0, damping=0.0, drag=3.0, pins=())
     scene = cs.Scene(cloth, gravity=(0, 0, 0))
     v = np.full((2, 2, 3), 0.7)
     xt, vt = cs.step(scene, cloth.rest_positions, v, 1e-3, 500)
@@ -169,9 +169,9 @@ def test_a_transposed_sheet_does_the_same_motion(double_variant, crumpled, relat
     assert relative([part.swapaxes(0, 1) for part in back], there, x) < 1e-12
 
 
-@each("model", ["spring", "point"])
+@each("model", ["springs", "points", "both"])
 def test_damping_only_takes_energy(variant, crumpled, model):
-    scene, x, v, dt = crumpled(damping_model=model)
+    scene, x, v, dt = crumpled(damped_by=model)
     stepper = cs.Stepper(scene, x, v, **variant.options)
     totals = [cs.energy(scene, stepper.positions, stepper.velocities)["total"]]
     for _ in range(100):
@@ -182,10 +182,10 @@ def test_damping_only_takes_energy(variant, crumpled, model):
     assert spent > 0.05 * cs.energy(scene, x, v)["kinetic"]
 
 
-@pytest.mark.parametrize("model", ["spring", "point"])
+@pytest.mark.parametrize("model", ["springs", "points", "both"])
 def test_damping_takes_the_power_it_should(double_variant, crumpled, oracle, model):
     """dE/dt = - sum c ((v_i - v_j) . n)^2, or - sum c v^2."""
-    scene, x, v, _ = crumpled(damping_model=model)
+    scene, x, v, _ = crumpled(damped_by=model)
     cloth = scene.cloth
     h = 1e-6
     before, after = (cs.energy(scene, *cs.step(scene, x, v, h, 1 + k, **double_variant.options))["total"] for k in (0, 2))
@@ -195,13 +195,13 @@ def test_damping_takes_the_power_it_should(double_variant, crumpled, oracle, mod
     d = flat_x[table["j"]] - flat_x[table["i"]]
     n = d / np.linalg.norm(d, axis=1)[:, None]
     rate = ((flat_v[table["j"]] - flat_v[table["i"]]) * n).sum(axis=1)
-    power = (table["damping"] * rate**2).sum() + cloth.point_damping * (v**2).sum()
+    power = (table["damping"] * rate**2).sum() + cloth.drag * (v**2).sum()
     np.testing.assert_allclose((before - after) / (2 * h), power, rtol=1e-6)
 
 
 def test_energy_is_kept_without_damping(double_variant, crumpled):
     """To the order of the method: the drift falls 32-fold with half the time step."""
-    scene, x, v, dt = crumpled(damped=False)
+    scene, x, v, dt = crumpled(damped_by="nothing")
     start = cs.energy(scene, x, v)
     drifts = []
     for part in (8, 16):

@@ -18,7 +18,7 @@ def extrapolate(scene, times, **settings):
         mass=np.ascontiguousarray(cloth.mass_per_point),
         pinned=np.ascontiguousarray(cloth.pinned),
         gravity=scene.gravity,
-        point_damping=cloth.point_damping,
+        drag=cloth.drag,
         x=np.ascontiguousarray(scene.initial_position),
         v=np.ascontiguousarray(scene.initial_velocity),
         times=times,
@@ -64,7 +64,7 @@ def test_the_step_number_shows_the_order(columns):
 
 def test_accelerations_are_those_of_the_model(crumpled, oracle):
     """A step so short that v' - v is the acceleration: every feature of a cloth, against NumPy."""
-    for features in ({}, {"damping_model": "point"}, {"springs": ("shear", "bend")}):
+    for features in ({}, {"damped_by": "both"}, {"springs": ("shear", "bend")}):
         scene, x, v, _ = crumpled(**features)
         scene = scene.replace(position=x, velocity=v)
         dt = 1e-7

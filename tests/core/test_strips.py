@@ -15,7 +15,7 @@ BOUND = {"double": 1e-12, "single": 5e-5}
 SHAPES = [(61, 1521), (16, 5464), (40, 2600)]
 STEPS = 4
 
-UNIFORM = {"mass": "uniform", "pins": (), "damping_model": "spring"}
+UNIFORM = {"mass": "uniform", "pins": ()}
 FEATURES = {"per point": {}, "uniform": UNIFORM, "no bend": {**UNIFORM, "springs": ("structural", "shear")}}
 
 

@@ -30,10 +30,10 @@ def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits,
 
 
 FEATURES = [
-    {"springs": families, "damped": damped}
+    {"springs": families, "damped_by": damping}
     for families in (("structural", "shear", "bend"), ("structural", "shear"), ("shear", "bend"), ("bend",), ("structural",))
-    for damped in (True, False)
-] + [{"damping_model": "point"}]
+    for damping in ("springs", "nothing")
+] + [{"damped_by": "points"}, {"damped_by": "both"}]
 
 
 @cases()
@@ -98,7 +98,7 @@ def test_a_batch_chooses_threads_for_members_or_for_a_team(monkeypatch, availabl
 
 def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):
     scenes, xs, vs, steps = [], [], [], []
-    features = [{}, {"springs": ("structural",)}, {"damping_model": "point"}, {"mass": "uniform"}]
+    features = [{}, {"springs": ("structural",)}, {"damped_by": "points"}, {"mass": "uniform"}]
     for k, feature in enumerate(features):
         scene, x, v, dt = crumpled(seed=k, spheres=BALL if k % 2 else (), **feature)
         scenes.append(scene), xs.append(x), vs.append(v), steps.append(dt)

@@ -208,7 +208,7 @@ def test_the_point_named_is_the_first_that_is_not_finite(kernel):
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_an_unstable_batch_names_its_member(crumpled):
-    stable = crumpled(damped=False)
+    stable = crumpled(damped_by="nothing")
     bad = stiff()
     dt = 1.9 * cs.max_stable_dt(bad)
     soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))

@@ -65,7 +65,7 @@ def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(crumpled, same_bi
         crumpled(seed=1),
         crumpled(seed=2, spheres=BALL),
         crumpled(seed=3),
-        crumpled(seed=4, damping_model="point"),
+        crumpled(seed=4, damped_by="points"),
         crumpled(seed=5, spheres=BALL.replace(radius=0.3)),
         crumpled(seed=6, spheres=(BALL, rough)),
     ]

@@ -15,7 +15,7 @@ FAMILIES = ("structural", "shear", "bend")
 @pytest.mark.parametrize("damped", [True, False])
 def test_what_a_scene_leaves_out_is_not_in_its_shader(family, damped, crumpled, monkeypatch, same_bits):
     """Its numbers are made NaN: whatever looked at one would spread it over the cloth."""
-    features = {"springs": (family,), "damped": damped, "mass": "uniform", "pins": ()}
+    features = {"springs": (family,), "damped_by": "springs" if damped else "nothing", "mass": "uniform", "pins": ()}
     scene, x, v, dt = crumpled(**features)
     expected = cs.step(scene, x, v, dt, 20, **GPU)
     real = parameters.scene_parameters
@@ -35,7 +35,7 @@ def test_what_a_scene_leaves_out_is_not_in_its_shader(family, damped, crumpled, 
 
 def test_the_same_numbers_are_used_where_a_scene_has_them(crumpled, monkeypatch):
     """So the test above can fail."""
-    scene, x, v, dt = crumpled(damping_model="point")
+    scene, x, v, dt = crumpled(damped_by="points")
     real = parameters.scene_parameters
     places = [3, 5, 8, 11, 14, 17, 6, parameters.FIRST_WEIGHT + 30]
     for place in places:

@@ -92,9 +92,10 @@ def test_the_same_bits_as_the_core_from_before_the_contact_on(name, precision, e
 
 FEATURES = [
     {"mass": "uniform"},
-    {"damped": False, "shape": (33, 17)},
-    {"damping_model": "point"},
-    {"damping_model": "point", "mass": "uniform", "springs": ("structural", "bend")},
+    {"damped_by": "nothing", "shape": (33, 17)},
+    {"damped_by": "points"},
+    {"damped_by": "both"},
+    {"damped_by": "points", "mass": "uniform", "springs": ("structural", "bend")},
     {"springs": ("structural",), "pins": ()},
     {"springs": ("shear", "bend"), "shape": (16, 32)},
     {"shape": (1, 20), "pins": ((0, 0),)},

@@ -60,7 +60,7 @@ def test_a_snapshot_keeps_the_origin(crumpled, same_bits):
 
 
 def test_a_frozen_member_rests_and_the_others_go_on(crumpled, same_bits):
-    states = [crumpled(seed=1), crumpled(seed=2, damping_model="point"), crumpled(seed=3)]
+    states = [crumpled(seed=1), crumpled(seed=2, damped_by="points"), crumpled(seed=3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
     frozen, whole = (cs.Stepper(scenes, x, v, t=0.0, **SINGLE, backend="gpu") for _ in range(2))

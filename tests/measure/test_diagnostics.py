@@ -33,7 +33,7 @@ def test_energy_of_each_family_and_of_chains(crumpled, shape, springs):
 
 
 def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
-    scene, x, v, _ = crumpled(damped=False, pins=())
+    scene, x, v, _ = crumpled(damped_by="nothing", pins=())
     v = 0 * v
     a = cs.acceleration(scene, x, v, **double_variant.options)
     way = np.random.default_rng(4).normal(size=x.shape)
@@ -166,7 +166,7 @@ def matrices(cloth):
     stiffness = laplacian(cloth, table["stiffness"])
     damping = laplacian(cloth, table["damping"])
     mass = cloth.mass_per_point[~cloth.pinned]
-    return stiffness, damping + np.diag(cloth.point_damping / mass)
+    return stiffness, damping + np.diag(cloth.drag / mass)
 
 
 def test_max_stable_dt_is_never_above_the_limit():
@@ -181,18 +181,14 @@ def check_limit(seed):
     shape = tuple(int(n) for n in rng.integers(1, 9, 2))
     if shape == (1, 1):
         shape = (1, 2)
-    model = "spring" if rng.random() < 0.6 else "point"
+    models = [("springs",), ("points",), ("springs", "points")][int(rng.integers(3))] if rng.random() < 0.7 else ()
     strength = 10 ** rng.uniform(-3, 1)
     cloth = cs.Cloth(
         shape,
         mass=rng.uniform(0.1, 0.5, shape) if rng.random() < 0.5 else 3.0,
         stiffness={f: 10 ** rng.uniform(0, 4) for f in families},
-        damping=0.0
-        if rng.random() < 0.3
-        else 10 * strength
-        if model == "point"
-        else {f: strength * 10 ** rng.uniform(0, 1) for f in families},
-        damping_model=model,
+        damping={f: strength * 10 ** rng.uniform(0, 1) for f in families} if "springs" in models else 0.0,
+        drag=10 * strength if "points" in models else 0.0,
         springs=families,
         pins=[(0, 0)] if rng.random() < 0.5 else (),
     )

@@ -24,7 +24,8 @@ def given(category, run):
         ({"damping": 0.0}, "stiffness", None),
         ({"damping": {"structural": 1.0, "shear": 900.0, "bend": 0.0}}, "damping", ("shear",)),
         ({"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0}, "stiffness", ("bend",)),
-        ({"damping": 9000.0, "damping_model": "point"}, "damping", ("points",)),
+        ({"damping": 0.0, "drag": 9000.0}, "damping", ("points",)),
+        ({"damping": 1.0, "drag": 9000.0}, "damping", ("points",)),
     ],
 )
 def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, kind, families):
@@ -38,7 +39,8 @@ def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, 
     def halved(name):
         value = getattr(cloth, name)
         value = {f: v / 2 for f, v in value.items()} if hasattr(value, "items") else value / 2
-        return cs.max_stable_dt(cs.Scene(cloth.replace(**{name: value})), method)
+        drag = cloth.drag / 2 if name == "damping" else cloth.drag
+        return cs.max_stable_dt(cs.Scene(cloth.replace(**{name: value}, drag=drag)), method)
 
     other = {"damping": "stiffness", "stiffness": "damping"}[kind]
     assert halved(kind) > 1.2 * term.max_stable_dt and halved(kind) > halved(other)

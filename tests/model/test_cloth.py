@@ -86,18 +86,18 @@ def test_each_family_has_its_own_numbers():
     assert cloth.family_stiffness["bend"] == 3.0
 
 
-def test_damping_models():
+def test_springs_and_points_are_damped():
     spring = Cloth(damping=7.0)
-    assert (spring.point_damping, set(spring.family_damping.values())) == (0.0, {7.0})
-    point = Cloth(damping=7.0, damping_model="point")
-    assert (point.point_damping, set(point.family_damping.values())) == (7.0, {0.0})
+    assert (spring.drag, set(spring.family_damping.values())) == (0.0, {7.0})
+    point = Cloth(damping=0.0, drag=7.0)
+    assert (point.drag, set(point.family_damping.values())) == (7.0, {0.0})
     assert (point.spring_table()["damping"] == 0).all()
     assert spring.damped and point.damped
     assert not Cloth(damping=0).damped
-    assert not Cloth(damping=0, damping_model="point").damped
+    assert not Cloth(damping=0.0, drag=0).damped
     assert not Cloth(damping=5.0, springs=()).damped
-    with pytest.raises(ValueError, match="damping must be one number.*'point'.*mapping"):
-        Cloth(damping=dict.fromkeys(DEFAULT, 1.0), damping_model="point")
+    both = Cloth(damping=dict.fromkeys(DEFAULT, 1.0), drag=2.0)
+    assert (both.drag, set(both.family_damping.values())) == (2.0, {1.0})
 
 
 def test_geometry_follows_shape_and_size():
@@ -153,7 +153,7 @@ VARIANTS = [
     {},
     {"shape": (2, 3), "mass": np.arange(1.0, 7.0).reshape(2, 3), "pins": np.eye(2, 3) > 0},
     {"springs": ("bend", "structural"), "stiffness": {"structural": 1, "bend": 0.1}},
-    {"damping_model": "point", "damping": 0.3, "pins": ()},
+    {"damping": 0.1, "drag": 0.3, "pins": ()},
     {"springs": (), "stiffness": {}, "damping": {}},
 ]
 
@@ -214,8 +214,13 @@ REFUSED = [
     ),
     ({"springs": ("shear",), "damping": {"shear": -1}}, ValueError, r"damping\['shear'\] must be.*>= 0, got -1"),
     ({"damping": NAN}, ValueError, "damping must be.*nan"),
-    ({"damping_model": "points"}, ValueError, "damping_model.*'points'.*did you mean 'point'"),
-    ({"damping_model": 1}, TypeError, "damping_model must be one of"),
+    (
+        {"damping_model": "point"},
+        TypeError,
+        "'damping_model'; damping .* damps springs and drag .* write damping=0.0, drag=c",
+    ),
+    ({"drag": -1}, ValueError, "drag must be.*>= 0, got -1"),
+    ({"drag": {"shear": 1.0}}, TypeError, "drag must be"),
     ({"springs": ("shear", "shear")}, ValueError, "springs must name each family once"),
     ({"springs": ("sheer",)}, ValueError, r"springs\[0\].*'sheer'.*did you mean 'shear'"),
     ({"springs": "shear"}, TypeError, "springs must be a sequence.*'shear'"),

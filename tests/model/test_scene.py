@@ -68,7 +68,7 @@ SCENES = [
 @pytest.mark.parametrize("scene", SCENES)
 def test_round_trips(scene):
     data = scene.to_dict()
-    assert data["schema"] == 1
+    assert data["schema"] == 2
     assert Scene.from_dict(json.loads(json.dumps(data))) == scene
     assert pickle.loads(pickle.dumps(scene)) == scene
     assert scene.replace() == scene
@@ -115,16 +115,16 @@ REFUSED = [
         r"velocity must be 0 at pinned points, got \[1.0, 1.0, 1.0\] at point \(0, 0\)",
     ),
     (lambda: Scene.from_dict({"cloth": {}}), ValueError, "Scene lacks the key 'schema'"),
-    (lambda: Scene.from_dict({"schema": 1}), ValueError, "Scene lacks the key 'cloth'"),
-    (lambda: Scene.from_dict({"schema": 2, "cloth": {}}), ValueError, "schema must be 1.*got 2"),
+    (lambda: Scene.from_dict({"schema": 2}), ValueError, "Scene lacks the key 'cloth'"),
+    (lambda: Scene.from_dict({"schema": 3, "cloth": {}}), ValueError, "schema must be 2.*got 3"),
     (
-        lambda: Scene.from_dict({"schema": 1, "cloth": {}, "sphere": {}}),
+        lambda: Scene.from_dict({"schema": 2, "cloth": {}, "sphere": {}}),
         ValueError,
         "unknown key 'sphere'.*did you mean 'spheres'",
     ),
-    (lambda: Scene.from_dict({"schema": 1, "cloth": {}, "spheres": {}}), TypeError, "spheres must be a list"),
+    (lambda: Scene.from_dict({"schema": 2, "cloth": {}, "spheres": {}}), TypeError, "spheres must be a list"),
     (
-        lambda: Scene.from_dict({"schema": 1, "cloth": {"sizes": [1, 1]}}),
+        lambda: Scene.from_dict({"schema": 2, "cloth": {"sizes": [1, 1]}}),
         ValueError,
         "Cloth has the unknown key 'sizes'.*did you mean 'size'",
     ),

@@ -34,7 +34,7 @@ def test_what_is_saved_is_loaded(tmp_path, name):
 def test_the_layout(tmp_path):
     text = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml").read_text()
     assert text.partition("\n")[2].startswith(
-        "schema = 1  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
+        "schema = 2  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
     )
     for line in (
         "[cloth]",
@@ -49,24 +49,29 @@ def test_the_layout(tmp_path):
 
 
 def test_what_is_left_out_takes_its_default(tmp_path):
-    (tmp_path / "scene.toml").write_text("schema = 1\n[cloth]\nshape = [4, 4]\n")
+    (tmp_path / "scene.toml").write_text("schema = 2\n[cloth]\nshape = [4, 4]\n")
     assert cs.load_scene(tmp_path / "scene.toml") == cs.Scene(cs.Cloth((4, 4)))
 
 
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("schema = 1\n[cloth]\nstifness = 3.0\n", ValueError, "unknown key 'stifness'.*'stiffness'"),
-        ("schema = 1\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
-        ("schema = 1\n[clothes]\n", ValueError, "'clothes'.*'cloth'"),
-        ("schema = 1\n[cloth]\n[[spheres]]\n[spheres.motion]\nkind = 'linera'\n", ValueError, "'linear'"),
-        ("schema = 1\n[cloth]\nstiffness = { shaer = 1.0 }\n", ValueError, "'shaer'.*'shear'"),
-        ("schema = 2\n[cloth]\n", ValueError, "schema must be 1, the version read here, got 2"),
+        ("schema = 2\n[cloth]\nstifness = 3.0\n", ValueError, "unknown key 'stifness'.*'stiffness'"),
+        ("schema = 2\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
+        ("schema = 2\n[clothes]\n", ValueError, "'clothes'.*'cloth'"),
+        ("schema = 2\n[cloth]\n[[spheres]]\n[spheres.motion]\nkind = 'linera'\n", ValueError, "'linear'"),
+        ("schema = 2\n[cloth]\nstiffness = { shaer = 1.0 }\n", ValueError, "'shaer'.*'shear'"),
+        (
+            "schema = 1\n[cloth]\ndamping_model = 'point'\n",
+            ValueError,
+            "schema must be 2, .* got 1; .* delete damping_model.* as drag",
+        ),
+        ("schema = 3\n[cloth]\n", ValueError, "schema must be 2, the version read here, got 3$"),
         ("[cloth]\n", ValueError, "lacks the key 'schema'"),
-        ("schema = 1\n", ValueError, "lacks the key 'cloth'"),
-        ("schema = 1\n[cloth]\nmass = -3.0\n", ValueError, "mass must be"),
-        ("schema = 1\n[cloth]\nmass = 'heavy'\n", TypeError, "mass must be"),
-        ("schema = 1\ncloth = 3\n", TypeError, "mapping"),
+        ("schema = 2\n", ValueError, "lacks the key 'cloth'"),
+        ("schema = 2\n[cloth]\nmass = -3.0\n", ValueError, "mass must be"),
+        ("schema = 2\n[cloth]\nmass = 'heavy'\n", TypeError, "mass must be"),
+        ("schema = 2\ncloth = 3\n", TypeError, "mapping"),
         ("schema = \n", ValueError, "no TOML file"),
         ("\xff\xfe", ValueError, "no TOML file"),
     ],

@@ -18,7 +18,7 @@ def acceleration(scene, x, v):
     d /= length[:, None]
     rate = ((u[j] - u[i]) * d).sum(axis=1)
     pull = table["stiffness"] * (length - table["rest_length"]) + table["damping"] * rate
-    force = -cloth.point_damping * u
+    force = -cloth.drag * u
     np.add.at(force, i, pull[:, None] * d)
     np.add.at(force, j, -pull[:, None] * d)
     a = force.reshape(x.shape) / cloth.mass_per_point[..., None] + scene.gravity
@@ -46,7 +46,7 @@ def test_paper_scenes_take_table_2(make):
     scene = make()
     cloth = scene.cloth
     assert (cloth.shape, cloth.size, cloth.mass) == ((32, 32), (1.0, 1.0), 512.0)
-    assert (cloth.stiffness, cloth.damping, cloth.damping_model) == (35_000.0, 100.0, "spring")
+    assert (cloth.stiffness, cloth.damping, cloth.drag) == (35_000.0, 100.0, 0.0)
     assert scene.gravity == (0.0, -9.80665, 0.0)
     assert (cloth.spring_count(), make(bend=True).cloth.spring_count()) == (3906, 5826)
     assert np.argwhere(cloth.pinned).tolist() == [[0, 0], [31, 0]]

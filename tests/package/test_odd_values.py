@@ -131,7 +131,7 @@ CALLS = {
         "mass": 1.0,
         "stiffness": 1.0,
         "damping": 1.0,
-        "damping_model": "spring",
+        "drag": 1.0,
         "springs": ("shear",),
         "pins": (),
     },

@@ -14,17 +14,17 @@ from variants import pairs
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
 SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]
-DAMPINGS = {"none": (0.0, "spring"), "spring": (0.3, "spring"), "much": (3.0, "spring"), "point": (0.5, "point")}
+DAMPINGS = {"none": (0.0, 0.0), "springs": (0.3, 0.0), "much": (3.0, 0.0), "points": (0.0, 0.5), "both": (0.3, 0.5)}
 
 
-def sheet(shape, stiffness, damping, model="spring", **changes):
-    """Half a kilogram a point; `damping` in parts of sqrt(K m)."""
+def sheet(shape, stiffness, damping, drag=0.0, **changes):
+    """Half a kilogram a point; `damping` and `drag` in parts of sqrt(K m)."""
     cloth = cs.Cloth(
         shape,
         mass=0.5 * shape[0] * shape[1],
         stiffness=stiffness,
-        damping_model=model,
         damping=damping * math.sqrt(stiffness * 0.5),
+        drag=drag * math.sqrt(stiffness * 0.5),
         **changes,
     )
     return cs.Scene(cloth, gravity=(0, 0, 0))
@@ -90,9 +90,9 @@ def moving(crumpled, **features):
     return state.scene, state.x, state.v
 
 
-@pytest.mark.parametrize("model", ["spring", "point"])
+@pytest.mark.parametrize("model", ["springs", "points", "both"])
 def test_the_tangent_is_the_derivative_of_the_acceleration(crumpled, model):
-    scene, x, v = moving(crumpled, damping_model=model)
+    scene, x, v = moving(crumpled, damped_by=model)
     stiffness, damping = tangent(scene, x, v)
     root = np.sqrt(scene.cloth.mass_per_point)[..., None]
     y = np.random.default_rng(4).normal(size=x.shape) * ~scene.cloth.pinned[..., None]
@@ -105,7 +105,7 @@ def test_the_tangent_is_the_derivative_of_the_acceleration(crumpled, model):
         assert np.abs(result - expected).max() < 1e-6 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("features", [{}, {"damped": False}, {"damping_model": "point"}], ids=str)
+@pytest.mark.parametrize("features", [{}, {"damped_by": "nothing"}, {"damped_by": "points"}], ids=str)
 def test_the_projection_finds_the_limit_of_all_modes(crumpled, features):
     scene, x, v = moving(crumpled, **features)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))

@@ -166,7 +166,7 @@ def test_the_table_has_the_measures_of_the_stored_frames(run, tmp_path):
     (sphere,) = run.scene.spheres
     for k, row in enumerate(rows):
         assert float(row["time_s"]) == run.t[k]
-        for name in ("kinetic", "elastic", "gravity", "total"):
+        for name in ("kinetic", "elastic", "gravity", "force", "total"):
             assert float(row[f"{name}_J"]) == energies[name][k]
         depth = cs.penetration(run.x[k], sphere, float(run.t[k]))
         assert float(row["penetration_points_m"]) == depth["points"]

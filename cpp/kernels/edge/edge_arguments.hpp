@@ -44,7 +44,8 @@ template <class Real>
 struct EdgeRowPointers {
     Real* state;
     Real* work;
-    const Real* inverse_mass;  // null: uniform
+    const Real* inverse_mass;  // null: uniform, and no force on points
+    const Real* applied;  // accelerations by forces on points, three vectors each; null: none
     const Real* free;  // 0 for pinned and padding points, else 1; null: there are none
 };
 

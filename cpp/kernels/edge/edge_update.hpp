@@ -17,13 +17,14 @@ struct PendingRow {
     Real* work;
     const Real* source;
     const Real* inverse_mass;
+    const Real* applied;
     const Real* free;
 };
 
 template <class Real>
 CLOTHSIM_INLINE PendingRow<Real> row_to_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
     const EdgeRowPointers<Real>& r = e.rows[row];
-    return {true, r.state, r.work, source, r.inverse_mass, r.free};
+    return {true, r.state, r.work, source, r.inverse_mass, r.applied, r.free};
 }
 
 template <class Real>
@@ -46,14 +47,17 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
     const V h2_6(e.h2_6), h_6(e.h_6);
     V acceleration[3] = {force.x, force.y, force.z};
-    if (__builtin_expect(e.point_damping != 0, 0))
+    if (__builtin_expect(e.drag != 0, 0))
         each<3>(CLOTHSIM_EACH(j) {
-            acceleration[j] =
-                xsimd::fnma(V(e.point_damping), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+            acceleration[j] = xsimd::fnma(V(e.drag), V::load_aligned(source + (3 + j) * W), acceleration[j]);
         });
     if (__builtin_expect(row.inverse_mass != nullptr, 0)) {
         const V inverse_mass = V::load_aligned(row.inverse_mass + k * W);
         each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] * inverse_mass; });
+        if (row.applied)
+            each<3>(CLOTHSIM_EACH(j) {
+                acceleration[j] = acceleration[j] + V::load_aligned(row.applied + (3 * k + j) * W);
+            });
     }
     each<3>(CLOTHSIM_EACH(j) { acceleration[j] = acceleration[j] + V(e.gravity[j]); });
     if (__builtin_expect(row.free != nullptr, 0)) {

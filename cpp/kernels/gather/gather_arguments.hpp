@@ -27,12 +27,13 @@ inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
 // What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of
 // their own, in which the damping constant is 1 where all families are damped alike: that saves a product for
-// each spring. Gravity and damping per point are in that unit; what accelerations are multiplied by holds it.
+// each spring. Gravity, drag and applied accelerations are in that unit; what accelerations are multiplied by
+// holds it.
 template <class Real>
 struct StepConstants {
     Real unit;  // m / s^2
     Real gravity[3];
-    Real point_damping;             // divided by mass where it is uniform; 0: none
+    Real drag;                      // divided by mass where it is uniform; 0: none
     Real half_h, h;                 // of a velocity
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
@@ -62,7 +63,8 @@ struct GatherArguments : StepConstants<Real> {
     Features features;
     SpringCoefficients<Real> spring[spring_kind_count];
     const LanesWithNeighbour* lanes;  // for each vector of a row
-    const Real* inverse_mass;         // null: uniform
+    const Real* inverse_mass;         // null: uniform, and no force on points
+    const Real* applied;              // three planes: accelerations by forces on points; null: none
     const Real* free;                 // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
     // Six planes each (x, y, z, vx, vy, vz).

@@ -202,13 +202,14 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             Vector3<V> a{zero, zero, zero};
             add_springs<A, damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
                                    stride);
-            if (__builtin_expect(g.point_damping != 0, 0)) {
-                const V c(g.point_damping);
+            if (__builtin_expect(g.drag != 0, 0)) {
+                const V c(g.drag);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
             }
             if (__builtin_expect(g.inverse_mass != nullptr, 0)) {
                 const V w = V::load_unaligned(g.inverse_mass + at);
                 a = {a.x * w, a.y * w, a.z * w};
+                if (g.applied) a = a + position<V>(g.applied + at, planes);
             }
             a = {a.x + V(g.gravity[0]), a.y + V(g.gravity[1]), a.z + V(g.gravity[2])};
             if (__builtin_expect(g.row_has_fixed[row], 0)) {

@@ -48,6 +48,12 @@ OTHER_NAMES = {
 }
 """How clothsim calls an argument, and the names of it in other packages, books and spellings."""
 
+GONE = {
+    "damping_model": "damping [N s/m] damps springs and drag [N s/m] damps points; "
+    "in place of damping_model='point', damping=c write damping=0.0, drag=c"
+}
+"""Arguments of earlier versions, and what to write in their place."""
+
 
 def suggests(function: F) -> F:
     """Wrap `function` so that its error for an unknown keyword argument suggests a known keyword.
@@ -101,6 +107,8 @@ def _unknown(function: Callable[..., Any], given: Mapping[str, Any]) -> str | No
 
 
 def _suggestion(unknown: str, known: list[str]) -> str:
+    if unknown in GONE:
+        return f"; {GONE[unknown]}"
     for ours, others in OTHER_NAMES.items():
         if ours in known and unknown in others.split():
             return f"; clothsim calls it {ours!r}"

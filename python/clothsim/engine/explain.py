@@ -18,8 +18,9 @@ from .plan import core_plan, point_radius
 # Floating-point operations, a root and a division counted as one each.
 _FLOPS_SPRING = 19
 _FLOPS_SPRING_DAMPING = 11
-_FLOPS_POINT_DAMPING = 6
+_FLOPS_DRAG = 6
 _FLOPS_POINT_MASS = 3
+_FLOPS_FORCE = 3
 _FLOPS_ACCELERATION = 6
 _FLOPS_RK4_POINT = 81  # of a whole step of the fused kernel
 _FLOPS_UPDATE = 6  # a vector times a number, added to a vector
@@ -35,7 +36,7 @@ class Explanation(Mapping[str, Any]):
     >>> import clothsim as cs
     >>> account = cs.scenes.paper_swing().explain()
     >>> account["springs"], account["left_out"]
-    (3906, ('bend springs', 'point damping', 'mass per point', 'spheres', 'compensation'))
+    (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'spheres', 'compensation'))
     """
 
     def __init__(self, facts: dict[str, Any]) -> None:
@@ -77,8 +78,9 @@ def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> 
         state = _FLOPS_UPDATE * UPDATES[method.name][cloth.damped] + _FLOPS_ACCELERATION * evaluations
     per_point = {
         "state": state,
-        "point damping": evaluations * _FLOPS_POINT_DAMPING * (cloth.point_damping > 0),
+        "drag": evaluations * _FLOPS_DRAG * (cloth.drag > 0),
         "mass per point": evaluations * _FLOPS_POINT_MASS * (not cloth.uniform_mass),
+        "forces on points": evaluations * _FLOPS_FORCE * (scene.force is not None),
         "compensation": _FLOPS_COMPENSATION * compensated,
         "spheres": _FLOPS_SPHERE_TEST * len(scene.spheres),
     }
@@ -108,8 +110,9 @@ def explain(
     everything = {
         **{f"{family} springs": family in cloth.families for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
-        "point damping": cloth.point_damping > 0,
+        "drag": cloth.drag > 0,
         "mass per point": not cloth.uniform_mass,
+        "forces on points": scene.force is not None,
         "spheres": bool(scene.spheres),
         "compensation": compensated,
     }

@@ -37,6 +37,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
     return _core.Plan(
         cloth=core_cloth(scene),
         gravity=scene.gravity,
+        force=scene.force,
         spheres=[
             _core.Sphere(
                 center=sphere.center,

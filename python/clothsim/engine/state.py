@@ -219,6 +219,12 @@ class State:
         copy.judge.warned_of_dt = copy.judge.warned_of_growth = copy.announced = True
         return seconds_per_step(lambda steps: copy.advance(steps, dt), _SECONDS_TIMED, _TIMINGS, _MOST_STEPS_TIMED)
 
+    def set_force(self, force: FloatArray) -> None:
+        """Set the force on each point [N], float64, of the shape of the state."""
+        self.core.set_force(force)
+        members = force if self.batched else force[None]
+        self.scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
+
     def store(self, x: FloatArray | None, v: FloatArray | None) -> None:
         """Write positions and velocities into the arrays that are not None."""
         self.core.store(x, v)

@@ -267,6 +267,42 @@ class Stepper(StepperView):
         self._scene, self._state = scene, new
         self._announce()
 
+    def set_force(self, force: npt.ArrayLike) -> None:
+        """Set the force on each mass point from now on, such as the wind of the next frame.
+
+        The state, the engine and its threads stay. `scene` then has the new force.
+
+        Parameters
+        ----------
+        force : array_like
+            Force on each mass point [N], of the shape of `positions`, or (rows, columns, 3) for all members of a batch.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If `force` is not as above, or with the backend "gpu"; nothing has changed then.
+        RuntimeError
+            If another thread is advancing this stepper.
+
+        Examples
+        --------
+        Lift a cloth without gravity by 2 N at each point of 0.5 kg:
+
+        >>> import clothsim as cs
+        >>> scene = cs.Scene(cs.Cloth(pins=()), gravity=(0, 0, 0))
+        >>> stepper = cs.Stepper(scene)
+        >>> stepper.set_force(scene.initial_velocity + (0, 2, 0))
+        >>> stepper.advance(100, 1e-3)
+        >>> round(float(stepper.velocities[3, 4, 1]), 12)
+        0.4
+        """
+        state = self._state
+        single = state.shape[-3:]
+        if state.batched and np.ndim(force) == 3:
+            force = np.broadcast_to(check.array("force", force, single), state.shape)
+        state.set_force(check.array("force", force, state.shape))
+        self._scene = state.scenes[0] if isinstance(self._scene, Scene) and not state.batched else state.scenes
+
     def snapshot(self) -> Snapshot:
         """The whole state, to be continued bit for bit by `restore`.
 

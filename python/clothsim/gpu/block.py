@@ -90,6 +90,8 @@ class Block:
 
     def _check_responses(self) -> None:
         for scene in self.scenes:
+            if scene.force is not None:
+                raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
             for k, sphere in enumerate(scene.spheres):
                 if sphere.response not in RESPONSES:
                     raise ValueError(

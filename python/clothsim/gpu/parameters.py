@@ -60,7 +60,7 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
     stiffness, damping = cloth.family_stiffness, cloth.family_damping
     limit = min(speed_limit, float(np.finfo(dtype).max))
-    numbers = [*scene.gravity, cloth.point_damping * scale, limit]
+    numbers = [*scene.gravity, cloth.drag * scale, limit]
     for (family, *_), rest_length in zip(_SPRINGS, rest_lengths(scene), strict=True):
         spring = stiffness.get(family, 0.0), damping.get(family, 0.0)
         numbers += [spring[0] * scale, rest_length, spring[1] * scale]

@@ -32,7 +32,7 @@ class Features:
 
     families: tuple[str, ...]
     spring_damping: bool
-    point_damping: bool
+    drag: bool
     mass_per_point: bool
     pinned: bool
     moving: bool
@@ -44,7 +44,7 @@ class Features:
         return cls(
             families=cloth.families,
             spring_damping=any(cloth.family_damping.values()),
-            point_damping=cloth.point_damping > 0,
+            drag=cloth.drag > 0,
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
@@ -54,7 +54,7 @@ class Features:
     def constants(self, strict: bool) -> dict[str, float]:
         """Values of the shader's override constants."""
         switches: dict[str, bool] = {family: family in self.families for family in FAMILIES}
-        for name in ("spring_damping", "point_damping", "mass_per_point", "pinned", "moving"):
+        for name in ("spring_damping", "drag", "mass_per_point", "pinned", "moving"):
             switches[name] = getattr(self, name)
         return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
 

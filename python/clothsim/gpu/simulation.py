@@ -165,6 +165,9 @@ class Simulation:
                 "counted one point after the other, which is what backend 'cpu' does"
             )
 
+    def set_force(self, force: np.ndarray) -> None:
+        raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
+
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
         """Set the guaranteed time step of each member [s]. The core checks speeds only above this step."""
         self._stable_dt, self._step_set = list(stable_dt), 0.0

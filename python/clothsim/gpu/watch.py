@@ -42,7 +42,7 @@ class EnergyWatch:
         x, v : numpy.ndarray
             Positions [m] and velocities [m/s], float64, shape (rows, columns, 3).
         """
-        kinetic, elastic, gravity = _core.energy(self._cloth, self._scene.gravity, x, v)
+        kinetic, elastic, gravity, _ = _core.energy(self._cloth, self._scene.gravity, None, x, v)
         total = kinetic + elastic + gravity
         if self._start is None:
             self._start = total

@@ -38,24 +38,25 @@ def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.f
 
 @suggests
 def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
-    """Kinetic, elastic and gravity energy, and their total.
+    """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
 
     ::
 
-        kinetic = sum m v^2 / 2,   elastic = sum K (l - L)^2 / 2,   gravity = - sum m g . x
+        kinetic = sum m v^2 / 2,   elastic = sum K (l - L)^2 / 2,   gravity = - sum m g . x,
+        force = - sum F . x
 
     Parameters
     ----------
     scene : Scene
-        Its masses, springs and gravity are used.
+        Its masses, springs, gravity and force are used.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
 
     Returns
     -------
     dict
-        "kinetic", "elastic", "gravity" and "total" [J], floats, or arrays of shape (B,) for a
-        batch. Gravity energy is 0 at the origin.
+        "kinetic", "elastic", "gravity", "force" and "total" [J], floats, or arrays of shape (B,) for a
+        batch. The energies of gravity and force are 0 at the origin.
 
     Raises
     ------
@@ -74,11 +75,11 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     x, v = x.astype(np.float64), v.astype(np.float64)
     cloth = core_cloth(scene)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
-    parts = np.array([_core.energy(cloth, scene.gravity, *one) for one in zip(*batch)])
+    parts = np.array([_core.energy(cloth, scene.gravity, scene.force, *one) for one in zip(*batch)])
     with np.errstate(over="ignore", invalid="ignore"):
         total = parts.sum(axis=1)
     _told("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
-    values = dict(zip(("kinetic", "elastic", "gravity"), parts.T))
+    values = dict(zip(("kinetic", "elastic", "gravity", "force"), parts.T))
     values["total"] = total
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 

@@ -17,7 +17,7 @@ from .measures import energy, penetration
 
 Floats = npt.NDArray[np.float64]
 
-_ENERGIES = ("kinetic", "elastic", "gravity")
+_ENERGIES = ("kinetic", "elastic", "gravity", "force")
 
 
 def scene_lines(scene: Scene) -> list[str]:
@@ -60,9 +60,10 @@ class _State:
         found = [energy(scene, x, v) for scene, x, v in zip(self.scenes, self.x, self.v)]
         if len(found) > 1:
             return f"energy {_range([float(one['total']) for one in found], 'J')}"
-        values = [float(found[0][name]) for name in ("total", *_ENERGIES)]
+        kinds = _ENERGIES if self.scenes[0].force is not None else _ENERGIES[:3]
+        values = [float(found[0][name]) for name in ("total", *kinds)]
         total, *parts = joules(values, _rounding(self.scenes[0]))
-        return f"energy {total} ({', '.join(map(' '.join, zip(_ENERGIES, parts)))})"
+        return f"energy {total} ({', '.join(map(' '.join, zip(kinds, parts)))})"
 
     def penetration(self) -> str:
         """Deepest penetration over the spheres, and over a batch."""

@@ -24,7 +24,7 @@ class LimitingTerm:
     ----------
     kind : {"stiffness", "damping", "nothing"}
     families : tuple of str
-        The spring families of the term, or ("points",) for point damping.
+        The spring families of the term, or "points" for drag.
     values : tuple of float
         The term's value for each family [N/m] or [N s/m].
     below : tuple of float
@@ -51,9 +51,9 @@ class LimitingTerm:
         """Kind and families, such as "the damping of structural and shear springs"."""
         if self.kind == "nothing":
             return "nothing"
-        *most, last = self.families
-        springs = f"{', '.join(most)} and {last}" if most else last
-        return f"the {self.kind} of {springs}{'' if last == 'points' else ' springs'}"
+        *most, last = [f for f in self.families if f != "points"] or [""]
+        springs = f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs" if last else ""
+        return " and ".join([part for part in (springs, "the drag of points" * ("points" in self.families)) if part])
 
     def __str__(self) -> str:
         if self.kind == "nothing":
@@ -117,7 +117,7 @@ def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
         tuple(cloth.family_stiffness[f] for f in families),
         tuple(cloth.family_damping[f] for f in families),
         families,
-        cloth.point_damping,
+        cloth.drag,
         cloth.uniform_mass,
         cloth.mass_per_point.tobytes(),
         cloth.pinned.tobytes(),
@@ -136,7 +136,7 @@ def _limiting_term(
     stiffness: tuple[float, ...],
     damping: tuple[float, ...],
     families: tuple[str, ...],
-    point_damping: float,
+    drag: float,
     uniform_mass: bool,
     mass: bytes,
     pinned: bytes,
@@ -155,7 +155,7 @@ def _limiting_term(
             column_spacing=spacing[1],
             stiffness=k,
             spring_damping=c,
-            point_damping=point,
+            drag=point,
             mass=masses,
             uniform_mass=uniform_mass,
             pinned=pins,
@@ -163,20 +163,20 @@ def _limiting_term(
         return math.sqrt(omega2), delta
 
     k, c = dict(zip(families, stiffness)), dict(zip(families, damping))
-    omega, delta = bounds(k, c, point_damping)
+    omega, delta = bounds(k, c, drag)
     limit = box_limit(integrator, omega, delta)
     alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
         return LimitingTerm("nothing", (), (), (), limit, omega, delta, integrator)
     if alone[1] < alone[0]:
         kind, values, factor = "damping", c, alone[1] / alone[0]
-        left = {f: bounds(k, _without(c, f), point_damping)[1] for f in families}
+        left = {f: bounds(k, _without(c, f), drag)[1] for f in families}
         left["points"] = bounds(k, c, 0.0)[1]
-        values = {**c, "points": point_damping}
+        values = {**c, "points": drag}
         whole = delta
     else:
         kind, values, factor = "stiffness", k, (alone[0] / alone[1]) ** 2
-        left = {f: bounds(_without(k, f), c, point_damping)[0] for f in families}
+        left = {f: bounds(_without(k, f), c, drag)[0] for f in families}
         whole = omega
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))

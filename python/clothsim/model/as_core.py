@@ -17,7 +17,7 @@ def core_cloth(scene: Scene) -> _core.Cloth:
         column_spacing=column_spacing,
         stiffness=cloth.family_stiffness,
         spring_damping=cloth.family_damping,
-        point_damping=cloth.point_damping,
+        drag=cloth.drag,
         mass=cloth.mass_per_point,
         uniform_mass=cloth.uniform_mass,
         pinned=cloth.pinned,

@@ -19,12 +19,10 @@ import numpy.typing as npt
 from ..base import check
 from ..base.keywords import suggesting
 from ..base.record import Record, frozen
-from ..typing import DampingModel, Family, Numbers, Pins, Shape
+from ..typing import Family, Numbers, Pins, Shape
 
 FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
-
-DAMPING_MODELS: tuple[DampingModel, ...] = get_args(DampingModel)
 
 SPRING_DTYPE = np.dtype(
     [
@@ -59,6 +57,8 @@ class Cloth(Record):
 
         F = (stiffness (|d| - rest_length) - damping (v_i - v_j) . n) n,  d = x_j - x_i, n = d/|d|
 
+    Drag acts on each point with the force -drag v. Both kinds of damping may act together.
+
     Cloths are immutable, equal by value, and plain data (``to_dict``).
 
     Parameters
@@ -73,11 +73,10 @@ class Cloth(Record):
     stiffness : float or mapping, default 35000.0
         Stiffness of each spring [N/m], >= 0: one number, or a mapping with one number for every family in `springs`.
     damping : float or mapping, default 100.0
-        With the damping model "spring", damping of each spring [N s/m], >= 0: one number, or a mapping with one number
-        for every family in `springs`. With "point", one number for every mass point [N s/m]. Zero switches damping off.
-    damping_model : {"spring", "point"}, default "spring"
-        "spring" damps the change of a spring's length, "point" each point's velocity v with the
-        force -damping v.
+        Damping of the change of each spring's length [N s/m], >= 0: one number, or a mapping with one number for every
+        family in `springs`. Zero switches it off.
+    drag : float, default 0.0
+        Damping of each point's velocity v with the force -drag v [N s/m], >= 0.
     springs : sequence of str, default ("structural", "shear", "bend")
         Families present. Structural springs join neighbours, shear springs the diagonals of a
         cell, bend springs points two apart along a row or column. Kept in this order.
@@ -94,15 +93,12 @@ class Cloth(Record):
     spacing : (float, float)
         Distance between neighbouring rows and between neighbouring columns at rest [m]; 0 along
         an axis with a single point.
-    point_damping : float
-        Damping of each point's velocity [N s/m]; 0 with the damping model "spring".
     damped : bool
         Whether any force depends on velocities.
     uniform_mass : bool
         Whether all points have the same mass.
     family_stiffness, family_damping : dict
-        Stiffness [N/m] and spring damping [N s/m] of every family present. With the damping model
-        "point" the springs' damping is 0.
+        Stiffness [N/m] and spring damping [N s/m] of every family present.
     mass_per_point : numpy.ndarray
         Masses [kg], shape (rows, columns), read-only.
     pinned : numpy.ndarray
@@ -136,7 +132,7 @@ class Cloth(Record):
     mass: float | npt.NDArray[np.float64] = 512.0
     stiffness: float | Mapping[str, float] = 35_000.0
     damping: float | Mapping[str, float] = 100.0
-    damping_model: DampingModel = "spring"
+    drag: float = 0.0
     springs: tuple[Family, ...] = ("structural", "shear", "bend")
     pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
 
@@ -149,7 +145,7 @@ class Cloth(Record):
             mass: npt.ArrayLike = 512.0,
             stiffness: float | Mapping[str, float] = 35_000.0,
             damping: float | Mapping[str, float] = 100.0,
-            damping_model: DampingModel = "spring",
+            drag: float = 0.0,
             springs: Iterable[Family] = ("structural", "shear", "bend"),
             pins: Pins = ((0, 0), (-1, 0)),
         ) -> None: ...
@@ -157,12 +153,6 @@ class Cloth(Record):
     def __post_init__(self) -> None:
         shape = check.shape(self.shape, least=2)
         springs = _springs(self.springs)
-        damping_model = check.choice("damping_model", self.damping_model, DAMPING_MODELS)
-        if damping_model == "point" and isinstance(self.damping, Mapping):
-            raise ValueError(
-                "damping must be one number >= 0 with damping_model 'point', "
-                f"got a mapping with the keys {list(self.damping)}"
-            )
         size = check.vector("size", self.size, 2)
         for k in range(2):
             check.number(f"size[{k}]", size[k], minimum=0, exclusive=True)
@@ -172,7 +162,7 @@ class Cloth(Record):
             mass=_mass(self.mass, shape),
             stiffness=_per_family("stiffness", self.stiffness, springs),
             damping=_per_family("damping", self.damping, springs),
-            damping_model=damping_model,
+            drag=check.number("drag", self.drag, minimum=0),
             springs=springs,
             pins=_pins(self.pins, shape),
         )
@@ -181,7 +171,7 @@ class Cloth(Record):
     def _check_rates(self) -> None:
         """Refuse values whose accelerations overflow: stability limits and steps would be NaN."""
         least = float(self.mass_per_point.min())
-        largest = max([*self.family_stiffness.values(), *self.family_damping.values(), self.point_damping, 1.0])
+        largest = max([*self.family_stiffness.values(), *self.family_damping.values(), self.drag, 1.0])
         # Squared frequencies are at most sum_j K (1/m_i + 1/m_j) over the 12 springs of a point, below 32 K / m.
         if least == 0.0 or math.isinf(32.0 * largest / least):
             raise ValueError(
@@ -212,18 +202,14 @@ class Cloth(Record):
 
     @property
     def family_damping(self) -> dict[str, float]:
-        return self._families_of(self.damping if self.damping_model == "spring" else 0.0)
+        return self._families_of(self.damping)
 
     def _families_of(self, value: float | Mapping[str, float]) -> dict[str, float]:
         return {f: value[f] if isinstance(value, Mapping) else value for f in self.springs}
 
     @property
-    def point_damping(self) -> float:
-        return self.damping if self.damping_model == "point" else 0.0  # type: ignore[return-value]
-
-    @property
     def damped(self) -> bool:
-        return self.point_damping > 0 or any(c > 0 for c in self.family_damping.values())
+        return self.drag > 0 or any(c > 0 for c in self.family_damping.values())
 
     @property
     def uniform_mass(self) -> bool:
@@ -296,7 +282,7 @@ class Cloth(Record):
         -------
         numpy.ndarray
             Structured. Fields: ``i`` and ``j`` (indices of the two points, i < j), ``family``, ``rest_length`` [m],
-            ``stiffness`` [N/m] and ``damping`` [N s/m]. With the damping model "point" the damping is 0.
+            ``stiffness`` [N/m] and ``damping`` [N s/m].
 
         Examples
         --------

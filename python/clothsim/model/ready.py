@@ -144,14 +144,14 @@ def hanging(
     size: Numbers = (1.0, 1.0),
     mass: float = 2.56,
     stiffness: float = 1_000.0,
-    damping: float = 0.6,
+    drag: float = 0.6,
     springs: Iterable[Family] = ("structural",),
 ) -> Scene:
     """A cloth that hangs from its top row and settles under its own weight.
 
     Row 0 is pinned along y = 0. The other rows hang straight below it, unstretched, in the plane z
     = 0. Point (row, column) starts at (column size[1]/(columns - 1), -row size[0]/(rows - 1), 0).
-    Point damping brings it to rest.
+    Drag brings it to rest.
 
     With structural springs only, every column is a chain and the solution is exact. A spring
     carries the weight of the points below it. With m the mass of a point, g gravity and D the rest
@@ -173,7 +173,7 @@ def hanging(
         Total mass [kg], 0.01 a point with the default shape.
     stiffness : float, default 1000.0
         Stiffness of each spring [N/m].
-    damping : float, default 0.6
+    drag : float, default 0.6
         Damping of each point's velocity [N s/m].
     springs : sequence of str, default ("structural",)
         Families present. The formula above holds only for structural springs alone.
@@ -196,7 +196,7 @@ def hanging(
     >>> scene.cloth.pinned[:, 0].tolist()
     [True, False, False, False, False]
     """
-    cloth = Cloth(shape, size, mass, stiffness, damping, "point", springs, pins=())
+    cloth = Cloth(shape, size, mass, stiffness, 0.0, drag, springs, pins=())
     cloth = cloth.replace(pins=[(0, column) for column in range(cloth.columns)])
     flat = cloth.rest_positions
     position = np.zeros_like(flat)

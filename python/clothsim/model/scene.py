@@ -17,8 +17,14 @@ from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .sphere import Sphere
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
+
+_CHANGES = {
+    1: "; to bring a scene of version 1 to version 2, delete damping_model, and where it was 'point', "
+    "write the number of damping as drag, and damping = 0.0"
+}
+"""The way from an older layout to this one."""
 
 
 @suggesting
@@ -42,6 +48,9 @@ class Scene(Record):
     velocity : array_like, optional
         Initial velocities [m/s], shape (rows, columns, 3). Default: at rest. Zero at the pinned
         points.
+    force : array_like, optional
+        Force on each mass point [N], shape (rows, columns, 3), constant in time. `Stepper.set_force` changes it between
+        calls, for wind and the like. Default: none.
 
     Attributes
     ----------
@@ -70,6 +79,7 @@ class Scene(Record):
     gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
     position: npt.NDArray[np.float64] | None = None
     velocity: npt.NDArray[np.float64] | None = None
+    force: npt.NDArray[np.float64] | None = None
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
 
@@ -80,6 +90,7 @@ class Scene(Record):
             gravity: Numbers = (0.0, -9.80665, 0.0),
             position: npt.ArrayLike | None = None,
             velocity: npt.ArrayLike | None = None,
+            force: npt.ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -100,6 +111,7 @@ class Scene(Record):
             gravity=check.vector("gravity", self.gravity),
             position=position,
             velocity=velocity,
+            force=None if self.force is None else frozen(check.points("force", self.force, cloth.shape)),
         )
 
     @property
@@ -178,7 +190,7 @@ class Scene(Record):
         Returns
         -------
         dict
-            "schema", the version of the layout (1), and the arguments of the constructor; those
+            "schema", the version of the layout (2), and the arguments of the constructor; those
             that are None are left out. ``from_dict`` makes an equal scene of it.
 
         Examples
@@ -186,7 +198,7 @@ class Scene(Record):
         >>> import clothsim as cs
         >>> data = cs.scenes.paper_static().to_dict()
         >>> data["schema"], data["spheres"][0]["center"]
-        (1, [0.5, -0.5, 0.5])
+        (2, [0.5, -0.5, 0.5])
         """
         return {"schema": SCHEMA, **super().to_dict()}
 
@@ -213,13 +225,13 @@ class Scene(Record):
         Examples
         --------
         >>> import clothsim as cs
-        >>> cs.Scene.from_dict({"schema": 1, "cloth": {"shape": [4, 4]}}).cloth.shape
+        >>> cs.Scene.from_dict({"schema": 2, "cloth": {"shape": [4, 4]}}).cloth.shape
         (4, 4)
         """
         arguments = cls._arguments(data, "schema")
         schema = check.integer("schema", arguments.pop("schema"))
         if schema != SCHEMA:
-            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
+            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}{_CHANGES.get(schema, '')}")
         arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):

@@ -22,12 +22,13 @@ _COMMENTS = {
     "gravity": "m/s^2",
     "position": "m, one [x, y, z] per mass point of every row; without it: the flat sheet",
     "velocity": "m/s",
+    "force": "N, one [x, y, z] per mass point of every row",
     "cloth.shape": "rows, columns",
     "cloth.size": "m, along the rows and along the columns",
     "cloth.mass": "kg in all, or per mass point",
     "cloth.stiffness": "N/m, one number or one per family",
-    "cloth.damping": "N s/m",
-    "cloth.damping_model": "spring or point",
+    "cloth.damping": "N s/m along each spring, one number or one per family",
+    "cloth.drag": "N s/m, of each point's velocity",
     "cloth.pins": "row, column; negative ones count from the end",
     "spheres.center": "m",
     "spheres.radius": "m",
@@ -45,7 +46,7 @@ _COMMENTS = {
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
-    The file has "schema" (1), a table "cloth", tables "spheres" and the other arguments of `Scene`.
+    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`.
     The tables have the arguments of the classes. Missing arguments take their defaults.
 
     Parameters

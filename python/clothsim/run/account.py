@@ -117,7 +117,7 @@ def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
     try:
         return {moment: energy(scene, x, v)}
     except ValueError as error:
-        names = ("kinetic", "elastic", "gravity", "total")
+        names = ("kinetic", "elastic", "gravity", "force", "total")
         return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
 
 

@@ -150,7 +150,7 @@ class Run(DisplayedRun, ExportedRun):
         Returns
         -------
         dict
-            "kinetic", "elastic", "gravity" and "total" [J], arrays of shape (frames,); see
+            "kinetic", "elastic", "gravity", "force" and "total" [J], arrays of shape (frames,); see
             `clothsim.energy`.
 
         Examples

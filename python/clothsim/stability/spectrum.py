@@ -84,7 +84,7 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
     def damping_(y: Floats) -> Floats:
         radial = damping * (apart(y) * n).sum(axis=2)
         at_points = (y.reshape(len(y), -1, 3) * scale**2).reshape(y.shape)
-        return np.asarray(cloth.point_damping * at_points - to_points(radial[..., None] * n))
+        return np.asarray(cloth.drag * at_points - to_points(radial[..., None] * n))
 
     return stiffness, damping_
 

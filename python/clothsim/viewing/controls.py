@@ -106,18 +106,23 @@ class Controls:
         for family, stiffness in play.scene.cloth.family_stiffness.items():
             entry(family, stiffness)
         most = 4 * self._damping() or 100.0
-        unit = "N s/m" if play.scene.cloth.damping_model == "spring" else "N s/m a point"
         self._entry(
-            gui.add_slider(f"damping [{unit}]", 0.0, most, most / 400, self._damping()),
+            gui.add_slider("damping [N s/m]", 0.0, most, most / 400, self._damping()),
             lambda value: play.change(damping=value),
             self._damping,
         )
+        most = 4 * self._drag() or 1.0
+        self._entry(
+            gui.add_slider("drag [N s/m a point]", 0.0, most, most / 400, self._drag()),
+            lambda value: play.change(drag=value),
+            self._drag,
+        )
 
     def _damping(self) -> float:
-        cloth = self.playground.scene.cloth
-        if cloth.damping_model == "point":
-            return float(cloth.point_damping)
-        return max(map(float, cloth.family_damping.values()), default=0.0)
+        return max(map(float, self.playground.scene.cloth.family_damping.values()), default=0.0)
+
+    def _drag(self) -> float:
+        return self.playground.scene.cloth.drag
 
     def _build_spheres(self, gui: Any) -> None:
         play = self.playground

@@ -33,7 +33,7 @@ def touching(scene: Scene, x: npt.NDArray[np.float64], t: float) -> int:
 def curves(run: Any, advance: Callable[[int], object] = lambda _: None) -> Curves:
     """Each curve, shape (frames,). `advance` advances by `PARTS` for every frame.
 
-    "kinetic", "elastic", "gravity" and "total" [J]; "stretch" of the most stretched spring, l/L - 1;
+    "kinetic", "elastic", "gravity", "force" and "total" [J]; "stretch" of the most stretched spring, l/L - 1;
     "points" and "triangles", the deepest of each below the true radius of any sphere [m]; "contacts",
     the number of mass points that touch a sphere. Without a sphere the last three are missing.
     """

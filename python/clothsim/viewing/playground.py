@@ -139,14 +139,16 @@ class Playground:
         *,
         stiffness: Mapping[str, float] | None = None,
         damping: float | None = None,
+        drag: float | None = None,
         gravity: float | None = None,
         dt: float | None = None,
         **sphere: Any,
     ) -> None:
         """Change the scene and keep its state.
 
-        `stiffness` maps families to N/m, `damping` sets every family, and `gravity` points down [m/s^2]. Other names
-        are fields of all spheres. A refused value raises its ValueError or TypeError, and nothing has changed then.
+        `stiffness` maps families to N/m, `damping` sets every family, `drag` every point, and `gravity` points down
+        [m/s^2]. Other names are fields of all spheres. A refused value raises its ValueError or TypeError, and nothing
+        has changed then.
         """
         with self.lock:
             scene = self.scene
@@ -155,6 +157,8 @@ class Playground:
                 cloth["stiffness"] = {**scene.cloth.family_stiffness, **stiffness}
             if damping is not None:
                 cloth["damping"] = damping
+            if drag is not None:
+                cloth["drag"] = drag
             if cloth:
                 scene = scene.replace(cloth=scene.cloth.replace(**cloth))
             if gravity is not None:

@@ -12,7 +12,7 @@
 // constants of the spring families, `spring_kinds`, and the numbers that it or the core needs too (parameters.py).
 override stage: u32 = 1u;
 override spring_damping: bool = true;
-override point_damping: bool = true;
+override drag: bool = true;
 override mass_per_point: bool = true;
 override pinned: bool = true;
 override moving: bool = true;  // spheres move: each step has contacts of its own
@@ -41,7 +41,7 @@ struct Spring {
     damping: real,
 }
 
-// `parameters` of a member: gravity (3), point damping, the largest speed, from `first_spring` on 3 numbers per kind of
+// `parameters` of a member: gravity (3), drag, the largest speed, from `first_spring` on 3 numbers per kind of
 // spring, and from `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
 
 @group(0) @binding(0) var<uniform> constants: Constants;

@@ -62,7 +62,7 @@ fn pulled(force: vec3<real>, x: vec3<real>, v: vec3<real>, other: u32, first: u3
 fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
     let base = id.z * constants.parameter_stride;
     var a = spring_forces(id, x, v);
-    if (point_damping) {
+    if (drag) {
         a = a - scaled(parameters[base + 3u], v);
     }
     if (mass_per_point) {

@@ -13,6 +13,7 @@ COLUMNS = (
     "kinetic_J",
     "elastic_J",
     "gravity_J",
+    "force_J",
     "total_J",
     "largest_stretch",
     "penetration_points_m",
@@ -26,7 +27,7 @@ def measures(run: Any) -> np.ndarray:
     Depths are the deepest over the spheres at the time of the frame.
     """
     energies, depths = run.energy(), run.penetration()
-    kinds = (energies[name] for name in ("kinetic", "elastic", "gravity", "total"))
+    kinds = (energies[name] for name in ("kinetic", "elastic", "gravity", "force", "total"))
     return np.column_stack([run.t, *kinds, run.stretch()["largest"], depths["points"], depths["triangles"]])
 
 

@@ -1,0 +1,168 @@
+"""Forces on points: in every kernel and method, in energies, files and the reference; changed between calls."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from variants import cases
+
+INTEGRATORS = tuple(cs.integrators())
+
+
+def forces(scene, seed=5):
+    """Newtons, as large as the springs' of a crumpled sheet."""
+    return 3.0 * np.random.default_rng(seed).normal(size=scene.initial_position.shape)
+
+
+@cases()
+def test_steps_agree_with_the_reference(variant, crumpled, relative):
+    bound = {"double": 1e-12, "single": 5e-5}[variant.precision]
+    for features in ({}, {"mass": "uniform", "damped_by": "both"}, {"shape": (5, 37), "pins": (), "mass": "uniform"}):
+        scene, x, v, dt = crumpled(**features)
+        forced = scene.replace(force=forces(scene))
+        expected = cs.reference_step(forced, x, v, dt, 50)
+        assert relative(cs.step(forced, x, v, dt, 50, **variant.options), expected, x) < bound
+        assert relative(expected, cs.reference_step(scene, x, v, dt, 50), x) > 1e-3
+
+
+def test_the_acceleration_is_the_force_over_the_mass(double_variant, crumpled):
+    scene, x, v, _ = crumpled()
+    forced = scene.replace(force=forces(scene))
+    added = cs.acceleration(forced, x, v, **double_variant.options) - cs.acceleration(scene, x, v, **double_variant.options)
+    expected = np.where(scene.cloth.pinned[..., None], 0.0, forced.force / scene.cloth.mass_per_point[..., None])
+    assert np.abs(added - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, crumpled, relative):
+    scene, x, v, dt = crumpled(shape=(7, 9))
+    extra = np.array([0.7, 2.0, -1.0])
+    heavy = scene.replace(gravity=np.array(scene.gravity) + extra)
+    forced = scene.replace(force=scene.cloth.mass_per_point[..., None] * extra)
+    options = {"steps": 20, "integrator": integrator, "kernel": kernel}
+    assert relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x) < 1e-12
+
+
+@pytest.mark.parametrize("offset", ["edge", "face"])
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+def test_contact_counts_the_work_of_forces(offset, restitution, relative):
+    """The height after a bounce follows from the energy of the normal motion."""
+    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, restitution=restitution, offset=offset, friction=0.2)
+    light = cs.Scene(cs.Cloth((9, 9), mass=0.5, stiffness=80.0, damping=0.02, pins=()), sphere, gravity=(0, -1.0, 0))
+    heavy = light.replace(gravity=(0, -9.0, 0))
+    forced = light.replace(force=light.cloth.mass_per_point[..., None] * [0, -8.0, 0])
+    state = heavy.initial_position, heavy.initial_velocity
+    for dt, steps in ((1e-3, 150), (5e-3, 40)):
+        expected = cs.step(heavy, *state, dt, steps)
+        assert relative(cs.step(forced, *state, dt, steps), expected, state[0]) < 1e-9
+        assert relative(cs.step(light, *state, dt, steps), expected, state[0]) > 1e-2
+
+
+def test_the_potential_of_the_force_is_part_of_the_energy(crumpled):
+    scene, x, v, dt = crumpled(damped_by="nothing")
+    forced = scene.replace(force=forces(scene))
+    parts = cs.energy(forced, x, v)
+    assert parts["force"] == pytest.approx(-(forced.force * x).sum(), rel=1e-12)
+    assert parts["total"] == pytest.approx(
+        sum(parts[name] for name in ("kinetic", "elastic", "gravity", "force")), rel=1e-12
+    )
+    assert cs.energy(scene, x, v)["force"] == 0.0
+    end = cs.energy(forced, *cs.step(forced, x, v, dt / 20, 400))
+    assert abs(end["force"] - parts["force"]) > 1e-2
+    assert abs(end["total"] - parts["total"]) < 1e-6 * abs(end["force"] - parts["force"])
+
+
+@cases()
+def test_a_new_force_needs_no_new_engine(variant, crumpled, same_bits):
+    scene, x, v, dt = crumpled(mass="uniform")
+    first, second = (scene.replace(force=forces(scene, seed)) for seed in (1, 2))
+    options = variant.options
+    stepper = cs.Stepper(scene, x, v, **options)
+    engine = stepper._state.core
+    stepper.set_force(first.force)
+    stepper.advance(7, dt)
+    expected = cs.Stepper(first, x, v, **options)
+    expected.advance(7, dt)
+    assert same_bits(stepper._arrays(), expected._arrays())
+    stepper.set_force(second.force)
+    expected.set_scene(second)
+    for one in (stepper, expected):
+        one.advance(7, dt)
+    assert same_bits(stepper._arrays(), expected._arrays())
+    assert stepper._state.core is engine and stepper.scene == second
+    again = cs.Stepper.restore(stepper.snapshot())
+    for one in (stepper, again):
+        one.advance(7, dt)
+    assert same_bits(stepper._arrays(), again._arrays())
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_force_reaches_a_cloth_in_strips(crumpled, relative, threads):
+    scene, x, v, dt = crumpled(shape=(40, 2600), mass="uniform", pins=(), springs=("structural", "shear"))
+    forced = scene.replace(force=forces(scene))
+    stepper = cs.Stepper(scene, x, v, threads=threads)
+    stepper.advance(2, dt)
+    stepper.set_force(forced.force)
+    stepper.advance(2, dt)
+    expected = cs.reference_step(forced, *cs.reference_step(scene, x, v, dt, 2), dt, 2)
+    assert relative(stepper._arrays(), expected, x) < 1e-12
+
+
+def test_members_of_a_batch_have_forces_of_their_own(crumpled, same_bits):
+    scene, x, v, dt = crumpled()
+    pushed = [scene.replace(force=forces(scene, seed)) for seed in range(3)]
+    xs, vs = np.stack([x] * 3), np.stack([v] * 3)
+    together = cs.step(pushed, xs, vs, dt, 10)
+    stepper = cs.Stepper(scene, xs, vs)
+    stepper.set_force(np.stack([one.force for one in pushed]))
+    stepper.advance(10, dt)
+    assert same_bits(stepper._arrays(), together)
+    stepper.set_force(pushed[1].force)
+    assert (stepper._state.scenes[2].force == pushed[1].force).all()
+    for k, one in enumerate(pushed):
+        assert same_bits([part[k] for part in together], cs.step(one, x, v, dt, 10))
+
+
+def test_a_change_of_force_is_no_energy_out_of_nothing(crumpled, recwarn):
+    """Far from the origin the potential changes by more than all that moves."""
+    scene, x, v, dt = crumpled()
+    stepper = cs.Stepper(scene, x + (0, 300.0, 0), v)
+    for sign in (1, -1, 1, -1):
+        stepper.set_force(np.full(x.shape, sign * 0.5))
+        stepper.advance(300, dt)
+    assert not [one for one in recwarn if issubclass(one.category, cs.StabilityWarning)]
+
+
+def test_runs_and_the_trusted_solution_know_it(tmp_path, crumpled):
+    scene, x, v, _ = crumpled(shape=(5, 6), damped_by="both")
+    scene = scene.replace(position=x, velocity=v, force=forces(scene))
+    trusted = cs.reference(scene, 0.05)
+    run = cs.simulate(scene, 0.05, rtol=1e-9, atol=1e-12, integrator="dop853")
+    assert np.abs(run.x[-1] - trusted.x[-1]).max() < 1e-8
+    assert np.abs(run.x[-1] - cs.reference(scene.replace(force=None), 0.05).x[-1]).max() > 1e-3
+    assert cs.load_scene(cs.save_scene(scene, tmp_path / "scene.toml")) == scene
+    assert cs.load_run(run.save(tmp_path / "run.npz")).scene == scene
+    assert cs.simulate(scene, 0.02, 1e-4).resume(0.01).report["steps"] == 100
+
+
+def test_explain_names_it(crumpled):
+    scene, *_ = crumpled()
+    forced = scene.replace(force=forces(scene)).explain()
+    assert "forces on points" in forced["computed"] and "forces on points" in scene.explain()["left_out"]
+    assert forced["flops"]["forces on points"] > 0
+
+
+def test_what_is_no_force_is_refused(crumpled):
+    scene, x, v, _ = crumpled()
+    with pytest.raises(ValueError, match=r"force must be an array of shape \(9, 20, 3\).*got shape \(3,\)"):
+        scene.replace(force=(0, 1, 0))
+    stepper = cs.Stepper(scene, x, v)
+    bad = np.zeros(x.shape)
+    bad[1, 2, 0] = np.nan
+    with pytest.raises(ValueError, match="force must be.*nan at index"):
+        stepper.set_force(bad)
+    with pytest.raises(ValueError, match="force must be an array of shape"):
+        stepper.set_force(np.zeros((2, *x.shape)))
+    with pytest.raises(TypeError, match="force must be"):
+        stepper.set_force(None)
+    assert stepper.scene is scene
