@@ -47,7 +47,7 @@ def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, cru
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 def test_contact_counts_the_work_of_forces(offset, restitution, relative):
     """The height after a bounce follows from the energy of the normal motion."""
-    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, restitution=restitution, offset=offset, friction=0.2)
+    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, response="continuous", restitution=restitution, offset=offset, friction=0.2)
     light = cs.Scene(cs.Cloth((9, 9), mass=0.5, stiffness=80.0, damping=0.02, pins=()), sphere, gravity=(0, -1.0, 0))
     heavy = light.replace(gravity=(0, -9.0, 0))
     forced = light.replace(force=light.cloth.mass_per_point[..., None] * [0, -8.0, 0])
