@@ -247,8 +247,8 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
         ({"report": "[]"}, "report must be a mapping"),
         ({"report": "{}"}, "report lacks backend, chaotic,"),
         ({"report": "[" * 100_000}, "recursion"),
-        ({"scene": '{"schema": 1, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
-        ({"scene": '{"schema": 1, "cloth": {"shape": [3, 3], "mass": 2.0}}'}, "final state is of another scene"),
+        ({"scene": '{"schema": 2, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
+        ({"scene": '{"schema": 2, "cloth": {"shape": [3, 3], "mass": 2.0}}'}, "final state is of another scene"),
     ],
 )
 def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):
@@ -261,11 +261,11 @@ def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"\xef\xbb\xbfschema = 1\n", "no TOML file"),
+        (b"\xef\xbb\xbfschema = 2\n", "no TOML file"),
         (b"a = " + b"[" * 50_000, "no TOML file"),
         (b"schema = " + b"1" * 5_000, "no TOML file"),
-        (b"schema = 1\n[cloth]\nshape = [" + b"9" * 4_000 + b", 3]\n", "shape"),
-        (b"schema = 1\n[cloth]\nmass = 1" + b"0" * 4_000 + b"\n", "mass"),
+        (b"schema = 2\n[cloth]\nshape = [" + b"9" * 4_000 + b", 3]\n", "shape"),
+        (b"schema = 2\n[cloth]\nmass = 1" + b"0" * 4_000 + b"\n", "mass"),
     ],
 )
 def test_odd_toml_is_a_value_error_with_the_path(content, words, tmp_path):

@@ -65,7 +65,7 @@ def test_two_free_points_swing_about_their_centre_of_mass():
     assert abs((xt[0, :, 0] * masses[0]).sum() - 3 * 1.2) < 1e-13
 
 
-def test_point_damping_slows_a_point_exponentially():
+def test_drag_slows_a_point_exponentially():
     cloth = cs.Cloth((2, 2), mass=8.0, stiffness=0.0, damping=0.0, drag=3.0, pins=())
     scene = cs.Scene(cloth, gravity=(0, 0, 0))
     v = np.full((2, 2, 3), 0.7)
