@@ -7,6 +7,7 @@ import pytest
 
 def test_energy_is_that_of_the_spring_table(crumpled):
     scene, x, v, _ = crumpled()
+    scene = scene.replace(force=np.random.default_rng(3).normal(size=x.shape))
     table, m = scene.cloth.spring_table(), scene.cloth.mass_per_point
     flat = x.reshape(-1, 3)
     stretch = np.linalg.norm(flat[table["j"]] - flat[table["i"]], axis=1) - table["rest_length"]
@@ -14,6 +15,7 @@ def test_energy_is_that_of_the_spring_table(crumpled):
         "kinetic": (m * (v**2).sum(axis=-1)).sum() / 2,
         "elastic": (table["stiffness"] * stretch**2).sum() / 2,
         "gravity": -(m[..., None] * x * np.array(scene.gravity)).sum(),
+        "force": -(scene.force * x).sum(),
     }
     result = cs.energy(scene, x, v)
     assert set(result) == {*expected, "total"}
