@@ -56,21 +56,8 @@ def test_ranges_that_are_none(text):
 
 def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     store, picture = tmp_path / "s.zarr", tmp_path / "s.png"
-    command = (
-        "sweep",
-        scene,
-        "--stiffness",
-        "1e3:1e5:log3",
-        "--dt",
-        "1e-3,1e-2",
-        "--duration",
-        "0.3",
-        "--metric",
-        "error,stable",
-        "--store",
-        store,
-        "--plot",
-    )
+    options = "--stiffness 1e3:1e5:log3 --dt 1e-3,1e-2 --duration 0.3 --metric error,stable --plot --store"
+    command = ("sweep", scene, *options.split(), store)
     code, out, err = run(capsys, *command)
     assert (code, err) == (0, "")
     expected = cs.sweep(
@@ -87,33 +74,17 @@ def test_a_sweep_from_a_file(capsys, scene, tmp_path):
     assert ["1e+04", f"{expected.error.values[1, 0]:.4g}", "unstable"] in rows
     assert ["1e+04", "True", "False"] in rows
     assert picture.read_bytes().startswith(b"\x89PNG") and str(picture) in out
-    code, out, _ = run(capsys, *command[:-1])
+    code, out, _ = run(capsys, *command)
     assert code == 0 and "nothing was missing" in out.splitlines()[0]
-    code, _, err = run(capsys, *command[:-1], "--no-resume")
+    code, _, err = run(capsys, *command, "--no-resume")
     assert code == 2 and "without --no-resume it would be continued" in err and err.count("\n") == 1
     code, _, err = run(capsys, *[("4e3:1e5:log3" if "log" in str(c) else c) for c in command])
     assert code == 2 and "over[0].values.stiffness[0] (1000.0 in the store, 4000.0 given)" in err
 
 
 def test_json_and_single_values(capsys):
-    code, out, err = run(
-        capsys,
-        "sweep",
-        "paper_swing",
-        "--mass",
-        "100,200",
-        "--dt",
-        "1e-3",
-        "--duration",
-        "0.01",
-        "--precision",
-        "single",
-        "--stiffness-shear",
-        "5",
-        "--metric",
-        "largest_stretch",
-        "--json",
-    )
+    options = "--mass 100,200 --dt 1e-3 --duration 0.01 --precision single --stiffness-shear 5 --metric largest_stretch"
+    code, out, err = run(capsys, "sweep", "paper_swing", *options.split(), "--json")
     assert (code, err) == (0, "")
     data = json.loads(out)
     assert data["variables"]["largest_stretch"]["dims"] == ["mass"]
@@ -124,24 +95,8 @@ def test_json_and_single_values(capsys):
 
 
 def test_zip_and_set(capsys):
-    code, out, err = run(
-        capsys,
-        "sweep",
-        "paper_static",
-        "--mass",
-        "100,200",
-        "--dt",
-        "1e-3,2e-3",
-        "--zip",
-        "mass,dt",
-        "--set",
-        "sphere0_radius=0.1,0.2,0.3",
-        "--duration",
-        "0.01",
-        "--metric",
-        "stable",
-        "--json",
-    )
+    options = "--mass 100,200 --dt 1e-3,2e-3 --zip mass,dt --set sphere0_radius=0.1,0.2,0.3 --duration 0.01 --metric stable"
+    code, out, err = run(capsys, "sweep", "paper_static", *options.split(), "--json")
     assert (code, err) == (0, "")
     data = json.loads(out)
     assert data["variables"]["stable"]["dims"] == ["mass_dt", "sphere0_radius"]
@@ -240,20 +195,8 @@ def _close():
 
 
 def test_zipped_tolerances_and_steps_are_told_by_their_values(capsys, scene):
-    command = [
-        "sweep",
-        str(scene),
-        "--zip",
-        "dt,rtol",
-        "--dt",
-        "1e-3,none",
-        "--rtol",
-        "none,1e-6",
-        "--duration",
-        "0.05",
-        "--metric",
-        "stable",
-    ]
+    options = "--zip dt,rtol --dt 1e-3,none --rtol none,1e-6 --duration 0.05 --metric stable"
+    command = ["sweep", str(scene), *options.split()]
     assert main(command) == 0
     out = capsys.readouterr().out
     assert "dt=0.001 rtol=none    True" in out and "dt=none rtol=1e-06    True" in out

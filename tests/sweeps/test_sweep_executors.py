@@ -204,10 +204,12 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 PLAIN = cs.Scene(cs.Cloth((6, 7), mass=2.5, stiffness=1e3, damping=0.1))
 
 
-def planner(over, metrics, rate, count=2, duration=1.0, shortest=workers.SHORTEST):
+def planner(over, metrics, rate, count=2, duration=1.0):
+    """As for an executor with `count` workers."""
     grid = make_grid(over)
     members = Members(PLAIN, grid, SweepOptions(duration, 1e-3, metrics=choose_metrics(metrics)))
-    made = Planner(members, np.arange(grid.size), count, shortest=shortest)
+    with ThreadPoolExecutor(count) as pool:
+        made = Planner(members, np.arange(grid.size), Workers(pool, None))
     made.rate, made.known = rate, True
     return made
 
@@ -250,7 +252,8 @@ def cost(made, task):
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_tasks_get_shorter_so_that_all_workers_end_together(count):
-    made = planner({"stiffness": np.geomspace(100, 1000, 700)}, "stable", 1e-7, count, shortest=0.05)
+    made = planner({"stiffness": np.geomspace(100, 1000, 700)}, "stable", 1e-7, count)
+    made.shortest = 0.05
     tasks = [task.weight * 1e-7 for task in made.tasks()]
     assert sum(tasks) == pytest.approx(700 * (1000 * 42 + 1e4) * 1e-7, rel=1e-9, abs=0)
     assert tasks[0] == pytest.approx(sum(tasks) / (2 * count), rel=0.02, abs=0)
@@ -266,8 +269,6 @@ def test_a_task_that_leaves_the_process_takes_no_made_members():
     (task,) = planner({"stiffness": [100.0, 200.0]}, "stable", 1e-7).tasks()
     assert sorted(task.made) == [0, 1] and pickle.loads(pickle.dumps(task)).made == {}
     assert pickle.loads(pickle.dumps(task)).values == task.values
-    with ThreadPoolExecutor(1) as pool:
-        assert Workers(pool, None).shortest_task == workers.SHORTEST > 0.2
 
 
 def test_a_member_is_made_once(monkeypatch):
@@ -321,4 +322,7 @@ def test_one_small_task_has_all_threads_and_many_have_one_each():
     with ThreadPoolExecutor(5) as pool:
         others = Workers(pool, None)
         assert others.threads_of(1) == 1 and others.limit() == 10
-    assert planner({"duration": [1e4]}, "stable", 1e-7).expected_tasks == 1  # a single member is a single task
+    members = Members(PLAIN, make_grid(None), SweepOptions(1e4, 1e-3))
+    alone = Workers(None, None)
+    assert Planner(members, np.arange(1), alone).threads is None  # a single member is a single task
+    alone.close()

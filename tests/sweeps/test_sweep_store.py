@@ -181,24 +181,8 @@ def halting(self, result):
 workers.Planner.learn = halting
 sys.exit(main(sys.argv[1:]))
 """
-COMMAND = [
-    sys.executable,
-    "-c",
-    SCRIPT,
-    "sweep",
-    "paper_swing",
-    "--stiffness",
-    "1e4:4e4:log4",
-    "--dt",
-    "1e-4,2e-3",
-    "--duration",
-    "0.1",
-    "--metric",
-    "stable,energy_drift",
-    "--threads",
-    "1",
-    "--store",
-]
+OPTIONS = "--stiffness 1e4:4e4:log4 --dt 1e-4,2e-3 --duration 0.1 --metric stable,energy_drift --threads 1 --store"
+COMMAND = [sys.executable, "-c", SCRIPT, "sweep", "paper_swing", *OPTIONS.split()]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -215,14 +199,8 @@ def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
     if how == signal.SIGINT:
         assert process.returncode == 130
         assert f"{done.sum()} of {done.size} members are in" in err and "interrupted" in err
-    whole = cs.sweep(
-        cs.scenes.paper_swing(),
-        {"stiffness": part.stiffness.values, "dt": part.dt.values},
-        duration=0.1,
-        metrics=["stable", "energy_drift"],
-        store=path,
-        progress=False,
-    )
+    over = {"stiffness": part.stiffness.values, "dt": part.dt.values}
+    whole = sweep(path, over, cs.scenes.paper_swing(), duration=0.1, metrics=["stable", "energy_drift"])
     assert (whole.status.values > 0).all()
     same(whole.where(done), part.where(done), but=("message",))
     assert np.array_equal(whole.message.values[done], part.message.values[done])

@@ -210,8 +210,7 @@ def _run(
     workers: Workers, members: Members, results: Results, session: dict[str, Any], bar: _Bar, task_seconds: float | None
 ) -> None:
     start = time.perf_counter()
-    planner = Planner(members, results.pending, workers.count, task_seconds, workers.shortest_task)
-    planner.threads = workers.threads_of(planner.expected_tasks)
+    planner = Planner(members, results.pending, workers, task_seconds)
 
     def record(result: TaskResult) -> None:
         for one in result.records:

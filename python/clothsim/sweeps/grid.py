@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -47,8 +48,6 @@ def digest(value: Any) -> str:
 
 
 def sha256(data: bytes) -> str:
-    import hashlib  # loads OpenSSL, which `import clothsim` shall not wait for
-
     return hashlib.sha256(data).hexdigest()
 
 

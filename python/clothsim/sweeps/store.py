@@ -23,7 +23,7 @@ from ..errors import warn_caller
 from .grid import Coordinate
 from .member import PENDING, Record
 from .results import ATTRIBUTE, FRAMES, SCHEMA, SESSIONS, Results, Variable
-from .stored import Lock, digests, find_damage, part_of, read_attrs, sealed
+from .stored import Lock, digests, find_damage, part_of, places, read_attrs, sealed
 
 _CHUNK = 16_384  # members
 _SECONDS_BETWEEN_WRITES = 1.0
@@ -88,7 +88,6 @@ class Store(Results):
             raise ValueError(f"{where} is of another sweep; it differs in {shown}")
         self.sessions = [*attrs.pop("sessions"), self.session]
         if "files" not in attrs:  # stopped before it had anything
-            shutil.rmtree(self.path)
             return None
         damage = find_damage(self.path, attrs, files)
         if damage.files:
@@ -120,7 +119,7 @@ class Store(Results):
                 more = array.metadata.dimension_names[lost.ndim :] if array.ndim else ()
                 self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), tuple(more))
         kept = [v for v in self.variables.values() if v.name not in FRAMES and v.name in self._arrays]
-        for place in self._places():
+        for place in places(self.grid.shape, self._chunks):
             part = part_of(place, self._chunks)
             if lost[part].any():
                 self._touched.add(place)
@@ -129,10 +128,6 @@ class Store(Results):
                     variable.values[part] = self._arrays[variable.name][part]
         for variable in kept:
             variable.values[lost] = variable.fill
-
-    def _places(self) -> list[tuple[int, ...]]:
-        """The chunks of the grid."""
-        return list(np.ndindex(*(-(-n // c) for n, c in zip(self.grid.shape, self._chunks, strict=True))))
 
     def prepare(self) -> None:
         """Make the missing arrays: all, or damaged ones."""
@@ -254,14 +249,6 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
         chunks.append(max(1, min(length, room)))
         room //= max(length, 1)
     return tuple(reversed(chunks))
-
-
-def _clear(path: Path) -> None:
-    for entry in path.iterdir():
-        if entry.is_dir():
-            shutil.rmtree(entry)
-        else:
-            entry.unlink()
 
 
 def differences(theirs: Any, mine: Any) -> list[str]:

@@ -12,7 +12,7 @@ import json
 import math
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -134,7 +134,7 @@ def find_damage(path: Path, attrs: Mapping[str, Any], files: list[str], most: fl
     if damage.arrays & arrays.keys():
         damage.members[...] = True
     own = {name: more for name, more in arrays.items() if name not in FRAMES}
-    for place in np.ndindex(*(-(-n // c) for n, c in zip(shape, chunks, strict=True))):
+    for place in places(shape, chunks):
         files = [_chunk(name, place, more) for name, more in own.items()]
         if bad := [file for file in files if not whole(path / file)]:
             damage.files += bad
@@ -165,6 +165,11 @@ def _copies_agree(path: Path) -> bool:
         and group.keys() == {"attributes", "zarr_format", "node_type"}
         and (group["zarr_format"], group["node_type"], *names) == (3, "group", ATTRIBUTE)
     )
+
+
+def places(shape: tuple[int, ...], chunks: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """The chunks of a grid."""
+    return iter(np.ndindex(*(-(-n // c) for n, c in zip(shape, chunks, strict=True))))
 
 
 def part_of(place: tuple[int, ...], chunks: tuple[int, ...]) -> tuple[slice, ...]:

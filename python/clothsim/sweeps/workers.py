@@ -107,25 +107,18 @@ class Planner:
     one physics come together, so that members that differ in numerics share a reference.
     """
 
-    def __init__(
-        self, members: Members, pending: np.ndarray, workers: int, longest: float | None = None, shortest: float = SHORTEST
-    ) -> None:
-        self.members, self.workers, self.shortest = members, workers, shortest
+    def __init__(self, members: Members, pending: np.ndarray, workers: Workers, longest: float | None = None) -> None:
+        self.members, self.count = members, workers.count
+        self.shortest = SHORTEST_HERE if workers.own else SHORTEST
         self.longest = LONGEST if longest is None else longest
-        self.threads: int | None = 1
         physics = members.grid.physics[pending]
         order = np.lexsort((pending, physics, members.points[pending]))
         self.order, self.physics = pending[order], physics[order]
         # Two workers must not wait for one reference, unless there is nothing else to do.
-        self.whole_physics = members.references and len(np.unique(physics)) >= 2 * workers
+        self.whole_physics = members.references and len(np.unique(physics)) >= 2 * self.count
         self.rate, self.known = _FIRST_GUESS, False  # seconds per weight
         self._before = np.concatenate([[0.0], np.cumsum(members.weights[self.order])])  # weight of all before a place
-
-    @property
-    def expected_tasks(self) -> int:
-        """Approximate number of tasks."""
-        tasks = self._left(0) / self._target(0)
-        return int(max(1, min(len(self.order), tasks)))
+        self.threads = workers.threads_of(int(min(len(self.order), self._left(0) / self._target(0))))
 
     def _left(self, place: int) -> float:
         """Seconds that the members from this place on take."""
@@ -134,7 +127,7 @@ class Planner:
     def _target(self, place: int) -> float:
         """Seconds that a task should take which begins at this place."""
         longest = self.longest if self.known else self.shortest
-        return min(longest, max(self.shortest, self._left(place) / (_TASKS_LEFT * self.workers)))
+        return min(longest, max(self.shortest, self._left(place) / (_TASKS_LEFT * self.count)))
 
     def learn(self, result: TaskResult) -> None:
         """Take into account how long a task took."""
@@ -199,16 +192,9 @@ class Workers:
         if self._stop.is_set():
             raise Stopped
 
-    @property
-    def shortest_task(self) -> float:
-        """Seconds that a task should take at least."""
-        return SHORTEST_HERE if self.own else SHORTEST
-
     def threads_of(self, tasks: int) -> int | None:
         """Threads of each task: one, or all threads (None) for a single task."""
-        if self.own:
-            return self.threads if tasks == 1 else 1
-        return self.threads or 1
+        return (self.threads if tasks <= 1 else 1) if self.own else self.threads or 1
 
     def limit(self) -> int:
         """Largest number of simultaneous tasks. It changes, because a cluster may grow."""
