@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
+#include "bindings/saved_fields.hpp"
 #include "driver/simulation.hpp"
 
 namespace clothsim {
@@ -32,6 +33,10 @@ public:
         SharedSimulation& shared_;
     };
     Use use() { return Use(*this); }
+    void set_scene(std::vector<Plan> plans, std::vector<double> stable_dt) {
+        Use(*this)->set_plans(std::move(plans), std::move(stable_dt));
+        environment_ = kernel_environment();
+    }
     // Whether the environment would choose the same kernels now.
     bool current() const { return environment_ == kernel_environment(); }
 
@@ -64,14 +69,20 @@ Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
     return {x.mutable_data(), v.mutable_data(), std::size_t(x.size()) / simulation.size()};
 }
 
+// What is not given stays, with the digits that T has.
 template <class T>
-void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v) {
+void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std::optional<Array<T>>& v,
+          std::optional<double> time) {
     auto simulation = shared.use();
-    const auto from = members_of(*simulation, x, v);
+    const std::size_t size = 3 * std::size_t(simulation->plan(0).cloth.points());
+    std::vector<T> own_x(x ? 0 : size), own_v(v ? 0 : size);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
-        simulation->member(i).load(from.x_of(i), from.v_of(i));
+        Engine& member = simulation->member(i);
+        member.store(x ? nullptr : own_x.data(), v ? nullptr : own_v.data());
+        member.load(x ? x->data() + i * size : own_x.data(), v ? v->data() + i * size : own_v.data());
         simulation->restart(i);
     }
+    if (time) simulation->clock = {*time, 0, 0};
 }
 
 template <class T>
@@ -245,33 +256,6 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
-py::tuple snapshot(SharedSimulation& shared) {
-    auto simulation = shared.use();
-    py::list members;
-    for (std::size_t i = 0; i < simulation->size(); ++i) {
-        const std::vector<double> raw = simulation->member(i).raw_state();
-        members.append(py::make_tuple(py::array_t<double>(py::ssize_t(raw.size()), raw.data()),
-                                      simulation->member(i).contact_energy));
-    }
-    const Clock& clock = simulation->clock;
-    return py::make_tuple(clock.origin, clock.steps, clock.dt, members);
-}
-
-void restore(SharedSimulation& shared, double origin, std::int64_t steps, double dt,
-             const std::vector<std::pair<std::vector<double>, double>>& members) {
-    auto simulation = shared.use();
-    if (members.size() != simulation->size()) throw std::invalid_argument("snapshot is of another batch");
-    for (std::size_t i = 0; i < members.size(); ++i)
-        if (!simulation->member(i).fits(members[i].first.size()))
-            throw std::invalid_argument("snapshot is of another shape or precision");
-    simulation->clock = {origin, steps, dt};
-    for (std::size_t i = 0; i < members.size(); ++i) {
-        simulation->member(i).set_raw_state(members[i].first);
-        simulation->member(i).contact_energy = members[i].second;
-        simulation->restart(i);
-    }
-}
-
 }  // namespace
 
 void bind_simulation(py::module_& m) {
@@ -290,10 +274,12 @@ void bind_simulation(py::module_& m) {
                 std::tie(c.h, c.previous_error, c.rejected) = state;
             })
         .def_readwrite("h", &StepController::h);
+    // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())
-        .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert())
-        .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert())
+        .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert(), py::arg() = py::none())
+        .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert(), py::arg() = py::none())
+        .def("set_scene", &S::set_scene)
         .def("step", &step<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
              py::arg(), py::arg(), py::arg(), py::arg().noconvert(), py::arg().noconvert())
         .def("step", &step<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
@@ -352,8 +338,8 @@ void bind_simulation(py::module_& m) {
         .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })
         .def("sample", &sample)
         .def_property_readonly("watched", &watched)
-        .def("snapshot", &snapshot)
-        .def("restore", &restore)
+        .def("snapshot", [](S& s) { return saved_fields(*s.use()); })
+        .def("restore", [](S& s, const py::dict& fields) { restore_fields(*s.use(), fields); })
         .def("set_track_contact_energy",
              [](S& s, bool on) {
                  auto simulation = s.use();

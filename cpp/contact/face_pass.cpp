@@ -284,6 +284,24 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
     return report_;
 }
 
+bool keeps_persistent(const Scene& before, const Scene& after, double t) {
+    std::vector<const Sphere*> spheres[2];
+    for (const int k : {0, 1})
+        for (const Sphere& sphere : (k == 0 ? before : after).spheres)
+            if (sphere.response == Response::continuous) spheres[k].push_back(&sphere);
+    const auto& [old, now] = spheres;
+    const auto same = [&](std::size_t i, std::size_t k) {
+        return old[i]->radius == now[k]->radius && old[i]->center_at(t) == now[k]->center_at(t);
+    };
+    if (old.size() != now.size()) return false;
+    for (std::size_t k = 0; k < now.size(); ++k) {
+        if (old[k]->faces != now[k]->faces) return false;
+        for (std::size_t i = 0; i < old.size(); ++i)
+            if (same(i, k) && !same(k, k)) return false;  // a sphere has another number than before
+    }
+    return true;
+}
+
 std::unique_ptr<FacePass> make_face_pass(const Scene& scene, const std::vector<bool>& faces,
                                          const FaceKernels& kernels) {
     return std::make_unique<FaceWork>(scene, faces, kernels);

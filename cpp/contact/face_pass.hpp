@@ -39,12 +39,15 @@ public:
 
     // Impulses of what lies on the spheres, of the newest step: where the next begins to look for its own.
     struct PersistentContact {
-        static constexpr std::size_t values = 7;
         std::size_t feature;
         Vec3 place, speed;  // over the square of the time step [kg m/s^2], over the time step [N]
     };
     std::vector<PersistentContact> persistent;
 };
+
+// Whether impulses of one scene may serve another at time t: a feature counts the continuous spheres, so
+// their number, order and kind must be the same. Each sphere may have moved.
+bool keeps_persistent(const Scene& before, const Scene& after, double t);
 
 // `faces`: of each continuous sphere, whether it keeps triangles out.
 std::unique_ptr<FacePass> make_face_pass(const Scene& scene, const std::vector<bool>& faces,

@@ -98,6 +98,28 @@ void Simulation::set_stable_dt(std::vector<double> stable_dt) {
     speed_limits_.clear();
 }
 
+void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_dt) {
+    std::vector<std::unique_ptr<Engine>> members;
+    std::vector<EnergyWatch> watches;
+    watches.reserve(plans.size());
+    for (std::size_t i = 0; i < plans.size(); ++i) {
+        members.push_back(make_engine(plans[i]));
+        Engine& member = *members.back();
+        member.threads = members_[i]->threads;
+        member.track_contact_energy = members_[i]->track_contact_energy;
+        member.watch_depths(sample_every_ > 0);
+        SavedState state = members_[i]->saved_state();
+        if (!keeps_persistent(plans_[i], plans[i], clock.now())) state.contacts.clear();
+        member.set_saved_state(state);
+        watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
+    }
+    plans_.swap(plans);
+    members_.swap(members);
+    watches_.swap(watches);
+    set_stable_dt(std::move(stable_dt));
+    for (const std::size_t i : all_) restart(i);
+}
+
 void Simulation::restart(std::size_t i) {
     watches_[i].restart();
     members_[i]->watched = {};

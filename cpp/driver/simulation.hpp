@@ -72,6 +72,12 @@ public:
 
     Clock clock;
 
+    const Plan& plan(std::size_t i) const { return plans_[i]; }
+    // Replace the scenes of all members, by scenes of the same shape, precision and integrator. State and
+    // clock stay; points that are now pinned stop; contact memory that does not fit is dropped. An exception
+    // leaves everything as it was.
+    void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
+
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
     // member, and advance. None if `load` tells that a state is not finite.
     std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "contact/contact_report.hpp"
+#include "engines/saved_state.hpp"
 #include "integrators/adaptive.hpp"
 #include "measure/watched.hpp"
 #include "memory/plan.hpp"
@@ -64,13 +65,10 @@ public:
     // -1.
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
-    // The whole state including what compensation holds; restoring it continues bit for bit.
-    virtual std::vector<double> raw_state() const = 0;
-    virtual void set_raw_state(const std::vector<double>& raw) = 0;
-    // Values of the state alone, without what spheres left for the next step.
-    virtual std::size_t raw_values() const = 0;
-    // Whether a raw state of so many values may be one of this cloth.
-    virtual bool fits(std::size_t size) const = 0;
+    // The whole state; an engine of another layout or scene may continue it. The numbers of values must be
+    // those of this cloth and precision. Velocities of pinned points are taken as 0.
+    virtual SavedState saved_state() const = 0;
+    virtual void set_saved_state(const SavedState& state) = 0;
 
     // A copy that the engine keeps, with its counts and extremes; see driver/checkpoint.hpp.
     virtual void save_checkpoint() = 0;

@@ -67,34 +67,25 @@ public:
         state_known_ = false;
     }
 
-    std::vector<double> raw_state() const final {
-        std::vector<double> raw(raw_values());
-        double* next = raw.data();
-        for_each_place([&](std::ptrdiff_t place) { *next++ = double(memory_[std::size_t(place)]); });
-        std::copy(origin_.begin(), origin_.end(), next);
-        for (const FacePass::PersistentContact& l : contact_pass_.persistent()) {
-            raw.push_back(double(l.feature));
-            raw.insert(raw.end(), l.place.begin(), l.place.end());
-            raw.insert(raw.end(), l.speed.begin(), l.speed.end());
+    SavedState saved_state() const final {
+        SavedState state;
+        for (const SavedPart& part : saved_parts(compensated))
+            for_each_place(part, [&](std::ptrdiff_t at) { (state.*part.values).push_back(memory_[at]); });
+        state.origin = origin_;
+        state.contact_energy = contact_energy;
+        state.contacts = contact_pass_.persistent();
+        return state;
+    }
+    void set_saved_state(const SavedState& state) final {
+        for (const SavedPart& part : saved_parts(compensated)) {
+            auto next = (state.*part.values).begin();
+            for_each_place(part, [&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
         }
-        return raw;
-    }
-    std::size_t raw_values() const final {
-        return std::size_t(plan_.cloth.points()) * (compensated ? 12 : 6) + 3;
-    }
-    bool fits(std::size_t size) const final {
-        return size >= raw_values() && (size - raw_values()) % FacePass::PersistentContact::values == 0;
-    }
-    void set_raw_state(const std::vector<double>& raw) final {
-        auto next = raw.begin();
-        for_each_place([&](std::ptrdiff_t place) { memory_[place] = Real(*next++); });
-        set_origin({next[0], next[1], next[2]});
+        stop_pinned_points();
+        set_origin(state.origin);
         state_replaced();
-        std::vector<FacePass::PersistentContact> persistent;
-        for (next += 3; next != raw.end(); next += FacePass::PersistentContact::values)
-            persistent.push_back(
-                {std::size_t(next[0]), {next[1], next[2], next[3]}, {next[4], next[5], next[6]}});
-        contact_pass_.set_persistent(persistent);
+        contact_energy = state.contact_energy;
+        contact_pass_.set_persistent(state.contacts);
     }
 
     void save_checkpoint() final {
@@ -307,9 +298,12 @@ private:
             }
             if (!all) finite.store(false, std::memory_order_relaxed);
         });
+        stop_pinned_points();
+        return finite;
+    }
+    void stop_pinned_points() {
         for (const int point : pinned_points_)
             for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
-        return finite;
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
@@ -348,15 +342,11 @@ private:
         return is;
     }
     template <class Visit>
-    void for_each_place(Visit visit) const {
-        std::vector<std::ptrdiff_t> column(static_cast<std::size_t>(columns()));  // from the first
-        for (int c = 0; c < columns(); ++c) column[std::size_t(c)] = layout_.at(0, c) - layout_.at(0, 0);
-        for (int part = 0; part < (compensated ? 2 : 1); ++part)
-            for (int k = 0; k < 6; ++k)
-                for (int r = 0; r < rows(); ++r) {
-                    const std::ptrdiff_t first = layout_.at(r, 0, k) + part * layout_.compensation();
-                    for (const std::ptrdiff_t further : column) visit(first + further);
-                }
+    void for_each_place(const SavedPart& part, Visit visit) const {
+        const std::ptrdiff_t low = part.low ? layout_.compensation() : 0;
+        for (int r = 0; r < rows(); ++r)
+            for (int c = 0; c < columns(); ++c)
+                for (int k = 0; k < 3; ++k) visit(layout_.at(r, c, part.first + k) + low);
     }
 
     // float32 tells points of a cloth that is far from 0 apart no better than by 6e-8 of that distance. So in

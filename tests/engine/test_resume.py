@@ -233,8 +233,8 @@ def test_a_file_of_another_schema_is_refused(tmp_path):
     path = cs.Stepper(SMALL).snapshot().save(tmp_path / "state")
     data = files.read_npz(path, "snapshot", ())
     header = json.loads(str(data["snapshot"]))
-    files.write_npz(path, {**data, "snapshot": json.dumps({**header, "schema": 2})})
-    with pytest.raises(ValueError, match="schema must be 1, got 2"):
+    files.write_npz(path, {**data, "snapshot": json.dumps({**header, "schema": 1})})
+    with pytest.raises(ValueError, match="schema must be 2, got 1"):
         cs.Snapshot.load(path)
 
 

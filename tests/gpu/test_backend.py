@@ -46,6 +46,33 @@ def test_a_change_of_step_is_followed(crumpled, same_bits):
     assert np.abs(gpu.positions - cpu.positions).max() < 1e-6
 
 
+def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(crumpled, same_bits):
+    scene, x, v, dt = crumpled(spheres=BALL)
+    stepper, twin = (cs.Stepper(scene, x, v, t=0.0, **GPU) for _ in "ab")
+    for one in (stepper, twin):
+        one.advance(40, dt)
+    with pytest.raises(ValueError, match=r"offset of spheres\[0\] must be .* got 'face'"):
+        stepper.set_scene(scene.replace(spheres=BALL.replace(response="continuous", offset="face")))
+    stepper.set_scene(scene)
+    for one in (stepper, twin):
+        one.advance(40, dt)
+    assert stepper.time == twin.time and same_bits(arrays(stepper), arrays(twin))
+    stepper.set_scene(scene.replace(cloth=scene.cloth.replace(pins=((3, 3),))))
+    held = stepper.positions[3, 3]
+    assert not stepper.velocities[3, 3].any()
+    stepper.advance(40, dt)
+    np.testing.assert_array_equal(stepper.positions[3, 3], held)
+
+
+def test_what_set_state_is_not_given_stays(crumpled, same_bits):
+    scene, x, v, _ = crumpled()
+    stepper = cs.Stepper(scene, x, v, **GPU)
+    before = arrays(stepper)
+    stepper.set_state(v=v)
+    stepper.set_state(x=x, t=3.0)
+    assert stepper.time == 3.0 and same_bits(arrays(stepper), before)
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
     scene, x, v, dt = crumpled(shape=(17, 20), spheres=BALL)
@@ -166,7 +193,7 @@ def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64)
     [
         ({"rtol": 1e-3}, "rtol and atol must be None"),
         ({"atol": 1e-3}, "rtol and atol must be None"),
-        ({"integrator": "auto"}, "integrator must be 'rk4'"),
+        ({"integrator": "auto"}, "integrator 'rk4', with backend 'gpu'"),
         ({"integrator": "dop853"}, "integrator must be 'rk4'"),
         ({"dt": 1e-4, "integrator": "pefrl"}, "must be 'rk4' with backend 'gpu', got 'pefrl'"),
     ],

@@ -16,7 +16,8 @@ from ..machine.build import build_config
 from ..model.scene import Scene
 from .options import Options
 
-SCHEMA = 1
+SCHEMA = 2
+_FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
 _OPTIONS = tuple(field.name for field in fields(Options))
 
 
@@ -44,7 +45,7 @@ class Snapshot:
     arguments: dict[str, Any]
     shape: tuple[int, ...]
     dtype: str
-    core: tuple[Any, ...]
+    core: dict[str, Any]
 
     @property
     def scene(self) -> Scene | Sequence[Scene]:
@@ -60,8 +61,7 @@ class Snapshot:
     @property
     def time(self) -> float:
         """Time of the state [s]."""
-        origin, steps, dt, _ = self.core
-        return float(origin + steps * dt)
+        return float(self.core["time"])
 
     def __repr__(self) -> str:
         options = ", ".join(str(self.arguments[name]) for name in ("integrator", "precision"))
@@ -127,16 +127,15 @@ class Snapshot:
         >>> path.name, stepper.time
         ('start.npz', 0.0)
         """
-        arrays = _files.read_npz(path, "snapshot", ("snapshot", "snapshot_state"))
+        arrays = _files.read_npz(path, "snapshot", ("snapshot",))
         with _files.reading(path, "snapshot"):
             return from_arrays(arrays)
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
-    """The snapshot as a text and an array, "snapshot" (JSON) and "snapshot_state"."""
+    """The snapshot as a text, "snapshot" (JSON), and the fields of the core, "snapshot_" and their names."""
     arguments = dict(snapshot.arguments)
     scene = arguments.pop("scene")
-    origin, steps, dt, members = snapshot.core
     header = {
         "schema": SCHEMA,
         "version": build_config()["version"],
@@ -144,11 +143,8 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
         "arguments": arguments,
         "shape": list(snapshot.shape),
         "dtype": snapshot.dtype,
-        "clock": [origin, steps, dt],
-        "contact_energy": [energy for _, energy in members],
     }
-    state = np.array([values for values, _ in members])
-    return {"snapshot": json.dumps(header), "snapshot_state": state}
+    return {"snapshot": json.dumps(header)} | {_FIELD + name: value for name, value in snapshot.core.items()}
 
 
 def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
@@ -161,26 +157,13 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
         scene = [Scene.from_dict(one) for one in scene]
     else:
         scene = Scene.from_dict(scene)
-    state = np.asarray(arrays["snapshot_state"], dtype=np.float64)
-    energies = header["contact_energy"]
-    if state.ndim != 2 or len(state) != len(energies):
-        raise ValueError(f"its state must have {len(energies)} rows, got shape {state.shape}")
-    origin, steps, dt = header["clock"]
-    members = [(row, float(energy)) for row, energy in zip(state, energies)]
-    return Snapshot(
-        {**header["arguments"], "scene": scene},
-        tuple(header["shape"]),
-        str(header["dtype"]),
-        (float(origin), int(steps), float(dt), members),
-    )
+    core = {name.removeprefix(_FIELD): value for name, value in arrays.items() if name.startswith(_FIELD)}
+    if "time" not in core:
+        raise ValueError("it lacks the fields of the state")
+    return Snapshot({**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]), core)
 
 
 def take(state: Any, scene: Scene | Sequence[Scene], options: Options, track: bool = False) -> Snapshot:
     """A snapshot of a state that was made with these options."""
-    arguments = {
-        **{name: getattr(options, name) for name in _OPTIONS},
-        "scene": scene,
-        "track_contact_energy": track,
-        "frozen": [k for k, frozen in enumerate(state.core.frozen) if frozen],
-    }
+    arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene, "track_contact_energy": track}
     return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, cast
 
@@ -17,7 +18,7 @@ from ..methods.integration import integrators, warn_of_order
 from ..methods.limiting import limiting_term
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
-from .arrays import FloatArray, start_time
+from .arrays import FloatArray, scenes_of, start_time
 from .judge import Judge
 from .options import Options
 from .plan import core_plan
@@ -43,6 +44,14 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
+@dataclass(frozen=True)
+class _Compiled:
+    """Plans for the core, or scenes for the adapter, and the guaranteed time step [s] of each member."""
+
+    plans: list[Any]
+    stable_dt: list[float]
+
+
 class State:
     """A simulation of the core. Its `judge` turns outcomes into warnings and errors."""
 
@@ -51,28 +60,54 @@ class State:
     ) -> None:
         """`inspect`: warn of continuous spheres that are on the cloth."""
         start = Start.checked(scene, x, v, t, options.precision)
-        self.scenes, self.batched, self.options = start.scenes, start.batched, options
+        self.batched, self.options = start.batched, options
         self.shape, self.dtype = start.x.shape, start.x.dtype
         self._start_time = start.t
-        one_scene = isinstance(scene, Scene)  # then its members share a plan
-        different = self.scenes[:1] if one_scene else self.scenes
+        self.threads = 1
+        compiled = self._compiled(start.scenes, isinstance(scene, Scene))
         if options.backend == "gpu":
-            self._use_gpu(start.t)
-            cloths = [core_cloth(s) for s in different]
+            from ..gpu.simulation import Simulation
+
+            simulation = Simulation(start.scenes, start.t, options.precision, options.strict)
+            self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
-            cloths = self._use_cpu(different, start.t)
-        limits = [guaranteed_dt(cloth, options.integrator) for cloth in cloths]
-        self.max_stable_dt = limits * len(self.scenes) if one_scene else limits
-        self.core.set_stable_dt(self.max_stable_dt)
-        self.judge = Judge(self.core, self.scenes, self.batched, options.integrator, self.max_stable_dt)
+            self.threads = options.threads_for(start.scenes[0].cloth.shape, len(start.scenes))
+            self.core = _core.Simulation(compiled.plans, start.t, self.threads)
+        self.core.set_stable_dt(compiled.stable_dt)
+        self._adopt(start.scenes, compiled, inspect)
         method = integrators()[options.integrator]
         self._may_lose_order = method.order_damped < method.order
         self.announced = False
         self.core.load(start.x, start.v)
-        spheres = [sphere for one in different for sphere in one.spheres]
+        self._warn_of_start(start.x, start.t)
+
+    def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
+        """Replace the scenes, and keep the state. An error leaves everything as it was."""
+        one_scene = isinstance(scene, Scene)
+        scenes = scenes_of(scene) * (len(self.scenes) if one_scene else 1)
+        compiled = self._compiled(scenes, one_scene)
+        self.core.set_scene(compiled.plans, compiled.stable_dt)
+        self._adopt(scenes, compiled, inspect=False)
+
+    def _compiled(self, scenes: list[Scene], one_scene: bool) -> _Compiled:
+        """Compile the scenes; if all are `one_scene`, they share a plan."""
+        different = scenes[:1] if one_scene else scenes
+        on_gpu = self.options.backend == "gpu"
+        plans: list[Any] = list(different) if on_gpu else [core_plan(one, self.options) for one in different]
+        cloths = [core_cloth(one) if on_gpu else one.cloth for one in plans]
+        limits = [guaranteed_dt(cloth, self.options.integrator) for cloth in cloths]
+        each = len(scenes) // len(different)
+        return _Compiled(plans * each, limits * each)
+
+    def _adopt(self, scenes: list[Scene], compiled: _Compiled, inspect: bool) -> None:
+        self.scenes, self.max_stable_dt = scenes, compiled.stable_dt
+        on_gpu = self.options.backend == "gpu"
+        self.kernel = "gather" if on_gpu else self.options.kernel_for(scenes[0].cloth)
+        self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
+        self.judge = Judge(self.core, scenes, self.batched, self.options.integrator, compiled.stable_dt)
+        spheres = [sphere for one in scenes for sphere in one.spheres]
         self._moves = any(sphere.motion is not None for sphere in spheres)
         self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
-        self._warn_of_start(start.x, start.t)
 
     @property
     def integrator(self) -> str:
@@ -81,25 +116,6 @@ class State:
     @property
     def threads_optional(self) -> bool:
         return self.options.threads is None
-
-    def _use_cpu(self, different: list[Scene], t: float) -> list[_core.Cloth]:
-        plans = [core_plan(s, self.options) for s in different]
-        cloths = [plan.cloth for plan in plans]
-        if len(plans) < len(self.scenes):
-            plans *= len(self.scenes)
-        self.threads = self.options.threads_for(different[0].cloth.shape, len(plans))
-        self.kernel = self.options.kernel_for(different[0].cloth)
-        self.instruction_set = plans[0].instruction_set
-        self.core = _core.Simulation(plans, t, self.threads)
-        return cloths
-
-    def _use_gpu(self, t: float) -> None:
-        from ..gpu.simulation import Simulation
-
-        simulation = Simulation(self.scenes, t, self.options.precision, self.options.strict)
-        self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
-        self.threads, self.kernel = 1, "gather"
-        self.instruction_set = str(simulation.adapter)
 
     def _warn_of_start(self, x: FloatArray, t: float) -> None:
         if self._inspected:

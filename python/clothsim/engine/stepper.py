@@ -201,17 +201,15 @@ class Stepper(StepperView):
         (0.01, 0.01)
         """
         state = self._state
-        # float64 holds the whole compensated state of "single".
-        here = np.empty(state.shape), np.empty(state.shape)
-        state.store(*here)
-        x, v = (own if new is None else new for own, new in zip(here, (x, v)))
-        x, v = checked_state(x, v, state.scenes, state.batched, self._options.precision)
-        if x.shape != state.shape:
-            raise ValueError(f"x and v must have shape {state.shape}, got {x.shape}")
-        time = state.core.time if t is None else check.number("t", t)
-        if t is not None:
-            state.core.time = time
-        state.core.load(x, v)
+        # With zeros of float64 for what is not given, the core's own is of float64: the whole state of "single".
+        zeros = np.zeros(state.shape)
+        given_x, given_v = checked_state(
+            zeros if x is None else x, zeros if v is None else v, state.scenes, state.batched, self._options.precision
+        )
+        if given_x.shape != state.shape:
+            raise ValueError(f"x and v must have shape {state.shape}, got {given_x.shape}")
+        time = None if t is None else check.number("t", t)
+        state.core.load(None if x is None else given_x, None if v is None else given_v, time)
 
     @suggests
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
@@ -219,7 +217,8 @@ class Stepper(StepperView):
 
         Positions, velocities (with the compensation of "single"), the clock, the energy of
         contacts and frozen members stay. Newly pinned points stop where they are. Points that are no longer pinned
-        start from rest. The new scene's initial state is ignored.
+        start from rest. The new scene's initial state is ignored. Impulses of faces that lie on spheres stay too, unless
+        the continuous spheres have another number, order or `offset`.
 
         Parameters
         ----------
@@ -254,17 +253,8 @@ class Stepper(StepperView):
             raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
         if scenes[0].cloth.shape != shape:
             raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
-        x, v = self.positions, self.velocities
-        new = State(scene, x, v, self.time, self._options, inspect=False)
-        new.core.set_track_contact_energy(self._track)
-        origin, steps, dt, states = old.core.snapshot()
-        for one, (values, _) in zip(new.scenes, states):
-            planes = values[:-3].reshape(-1, 6, *shape)  # the last three are an origin
-            planes[:, 3:, one.cloth.pinned] = 0.0
-        new.core.restore(origin, steps, dt, states)
-        for member in self.frozen.nonzero()[0]:
-            new.core.set_frozen(int(member), True)
-        self._scene, self._state = scene, new
+        old.set_scene(scene)
+        self._scene = scene
         self._announce()
 
     def set_force(self, force: npt.ArrayLike) -> None:
@@ -377,11 +367,9 @@ class Stepper(StepperView):
         zeros = np.zeros(snapshot.shape, snapshot.dtype)
         state = State(scene, zeros, zeros, snapshot.time, stepper._options, inspect=False)
         state.core.set_track_contact_energy(stepper._track)
-        state.core.restore(*snapshot.core)
+        state.core.restore(snapshot.core)
         stepper._state = state
         stepper._announce()
-        for member in snapshot.arguments["frozen"]:
-            stepper.freeze(member)
         return stepper
 
 

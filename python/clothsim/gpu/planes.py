@@ -23,9 +23,14 @@ def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarr
     shape = (len(scenes), -1, 3)
     planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
     planes = planes.astype(np.float64, order="C")
+    stop_pinned_points(planes, scenes)
+    return planes
+
+
+def stop_pinned_points(planes: np.ndarray, scenes: Sequence[Scene]) -> None:
+    """Set the velocities of pinned points to 0."""
     for member, scene in enumerate(scenes):
         planes[member, 3:, scene.cloth.pinned.ravel()] = 0
-    return planes
 
 
 def far_origins(positions: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from .batches import MOST_STEPS_UNCHECKED, Blocks
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts
-from .planes import far_origins, joined, planes_of, split, vectors_of
+from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
 from .safe import SafeCopy
 from .watch import EnergyWatches
 
@@ -61,6 +61,7 @@ class Simulation:
                 "whose shaders have no float64, got 'double'"
             )
         self._scenes = list(scenes)
+        self._precision, self._strict = precision, strict
         self._single = precision == "single"
         self._members = len(self._scenes)
         self._clock = Clock(time)
@@ -85,14 +86,36 @@ class Simulation:
 
     # State in and out -----------------------------------------------------------------------------
 
-    def load(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Set positions and velocities, shape ([B,] rows, columns, 3). Pinned points get the velocity 0."""
+    def load(self, x: np.ndarray | None, v: np.ndarray | None, time: float | None = None) -> None:
+        """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a value as it is.
+        Pinned points get the velocity 0.
+        """
         with self._used():
+            if x is None or v is None:
+                shape = (self._members, *self._scenes[0].cloth.shape, 3)
+                own = arrays_of(joined(self._state(), self._origins), shape)
+                x, v = (one if given is None else given for one, given in zip(own, (x, v), strict=True))
             planes = planes_of(x, v, self._scenes)
+            if time is not None:
+                self._clock = Clock(time)
             if self._single:
                 self._set_origins(far_origins(planes[:, :3]))
                 planes[:, :3] -= self._origins[:, :, None]
             self._take(split(planes, self._single))
+
+    def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
+        """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
+        with self._used():
+            self._need_adapter()
+            parts = [np.array(part) for part in self._state()]
+            blocks = Blocks(self.device, scenes, self._precision, self._strict)
+            blocks.make(self._frozen, self._origins)
+            for part in parts:
+                stop_pinned_points(part, scenes)
+            self._scenes, self._blocks, self._watches = list(scenes), blocks, EnergyWatches(scenes)
+            self._contacts = [0] * self._members
+            self.set_stable_dt(stable_dt)
+            self._take(parts)
 
     def _set_origins(self, origins: np.ndarray) -> None:
         if (origins != self._origins).any():
@@ -126,24 +149,39 @@ class Simulation:
                 if array is not None:
                     array[...] = vectors_of(planes, first, array.shape)
 
-    def snapshot(self) -> tuple[Any, ...]:
-        """The clock and the whole state, in the form of the core's."""
+    def snapshot(self) -> dict[str, Any]:
+        """The clock and the whole state, with the fields of the core's; there is no contact memory."""
         with self._used():
-            rows = [part.reshape(self._members, -1) for part in self._state()]
-            raw = np.concatenate([*rows, self._origins], axis=1)
-            clock = self._safe.clock
-            members = [(row, 0.0) for row in raw.astype(np.float64)]
-            return clock.origin, clock.steps, clock.dt, members
+            parts, clock = self._state(), self._safe.clock
+            shape = (self._members, *self._scenes[0].cloth.shape, 3)
+            fields: dict[str, Any] = {}
+            for name, part in zip(("", "_low"), parts):
+                arrays = arrays_of(part.astype(np.float64), shape)
+                fields["positions" + name], fields["velocities" + name] = arrays
+            return {
+                **fields,
+                "origins": self._origins.copy(),
+                "contact_energy": np.zeros(self._members),
+                "contact_member": np.zeros(0, np.int64),
+                "contact_feature": np.zeros(0, np.int64),
+                "contact_place": np.zeros((0, 3)),
+                "contact_speed": np.zeros((0, 3)),
+                "frozen": np.array(self._frozen),
+                "time": clock.now(),
+                "clock_origin": clock.origin,
+                "clock_steps": clock.steps,
+                "clock_step": clock.dt,
+            }
 
-    def restore(self, origin: float, steps: int, dt: float, members: Any) -> None:
+    def restore(self, fields: dict[str, Any]) -> None:
         """Return to the state of `snapshot`."""
         with self._used():
-            raw = np.array([values for values, _ in members])
-            shape = (self._members, 2 if self._single else 1, 6, -1)
-            self._set_origins(raw[:, -3:].copy())
-            parts = raw[:, :-3].reshape(shape).astype(self._safe.parts[0].dtype)
-            self._clock = Clock(origin, steps, dt)
-            self._take([np.ascontiguousarray(parts[:, k]) for k in range(shape[1])])
+            names = ("", "_low") if self._single else ("",)
+            parts = [planes_of(fields["positions" + n], fields["velocities" + n], self._scenes) for n in names]
+            self._frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
+            self._make_blocks()
+            self._clock = Clock(float(fields["clock_origin"]), int(fields["clock_steps"]), float(fields["clock_step"]))
+            self._take([part.astype(self._safe.parts[0].dtype) for part in parts])
 
     @property
     def time(self) -> float:

@@ -84,7 +84,7 @@ class Resumed:
 
     def state(self, scene: Scene, options: RunOptions) -> State:
         state = options.state(scene, inspect=False)
-        state.core.restore(*self.snapshot.core)
+        state.core.restore(self.snapshot.core)
         return state
 
 

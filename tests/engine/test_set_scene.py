@@ -1,0 +1,151 @@
+"""A scene replaced in the middle of a run: the state, the clock and the contact memory stay."""
+
+import threading
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.viewing.playground import Playground
+
+CLOTH = cs.Cloth((8, 8), (1, 1), mass=0.3, stiffness=60.0, damping=0.02, pins=())
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, None, "continuous", "face", restitution=0.0, friction=0.3)
+OTHER = cs.Sphere((0.9, -0.3, 0.9), 0.2, None, "continuous", "face", restitution=0.0, friction=0.3)
+SCENE = cs.Scene(CLOTH, BALL)
+
+
+def resting(scenes=SCENE, **options):
+    """A sheet that lies on the ball."""
+    stepper = cs.Stepper(scenes, **options)
+    stepper.advance(1500, 2e-4)
+    assert stepper.snapshot().core["contact_feature"].size
+    return stepper
+
+
+def continued(stepper, steps=200):
+    stepper.advance(steps, 2e-4)
+    return stepper.positions, stepper.velocities
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("scenes", [SCENE, [SCENE, SCENE.replace(spheres=BALL.replace(center=(0.6, -0.4, 0.5)))]])
+def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precision, same_bits):
+    stepper = resting(scenes, precision=precision)
+    there = cs.Stepper.restore(stepper.snapshot())
+    there.set_scene(scenes)
+    assert there.time == stepper.time
+    assert same_bits(continued(there), continued(stepper))
+
+
+def test_a_sphere_that_moves_keeps_its_contact_memory():
+    stepper = resting()
+    memory = stepper.snapshot().core
+    stepper.set_scene(SCENE.replace(spheres=BALL.replace(center=(0.5, -0.301, 0.5))))
+    for name in ("contact_feature", "contact_place", "contact_speed"):
+        np.testing.assert_array_equal(stepper.snapshot().core[name], memory[name])
+
+
+@pytest.mark.parametrize(
+    "spheres",
+    [(), (BALL,), (BALL, OTHER, OTHER), (OTHER, BALL), (BALL.replace(offset="edge"), OTHER)],
+    ids=["none", "fewer", "more", "another order", "another kind"],
+)
+def test_spheres_of_another_number_order_or_kind_begin_without_contact_memory(spheres):
+    stepper = resting(SCENE.replace(spheres=(BALL, OTHER)))
+    before = stepper.positions
+    stepper.set_scene(SCENE.replace(spheres=spheres))
+    assert not stepper.snapshot().core["contact_feature"].size
+    np.testing.assert_array_equal(stepper.positions, before)
+    x, v = continued(stepper)
+    assert np.isfinite(x).all() and np.abs(v).max() < 5.0
+
+
+def test_a_batch_whose_members_touch_in_different_places_is_saved(tmp_path, same_bits):
+    stepper = resting([SCENE, SCENE.replace(spheres=BALL.replace(center=(0.5, -9.0, 0.5)))])
+    path = stepper.snapshot().save(tmp_path / "two")
+    again = cs.Stepper.restore(cs.Snapshot.load(path))
+    assert set(again.snapshot().core["contact_member"]) == {0}
+    assert same_bits(continued(again), continued(stepper))
+
+
+def test_a_slider_of_the_live_viewer_changes_a_sheet_in_contact():
+    playground = Playground(SCENE, dt=2e-4)
+    playground.stepper.advance(1500, 2e-4)
+    before = playground.stepper.positions
+    playground.change(stiffness={"structural": 80.0}, friction=0.5)
+    np.testing.assert_array_equal(playground.stepper.positions, before)
+    playground.drag_sphere(0, (0.5, -0.31, 0.5))
+    for _ in range(20):
+        playground.tick(0.01)
+    assert np.isfinite(playground.stepper.positions).all()
+
+
+def test_a_snapshot_of_another_shape_or_precision_is_refused():
+    snapshot = cs.Stepper(SCENE).snapshot()
+    with pytest.raises(ValueError, match="precision 'double', and the simulation of the other"):
+        cs.Stepper(SCENE, precision="single")._state.core.restore(snapshot.core)
+    other = cs.Stepper(SCENE.replace(cloth=CLOTH.replace(shape=(8, 9))))._state.core
+    with pytest.raises(ValueError, match=r"positions of a snapshot must have the shape \(1, 8, 9, 3\), got \(1, 8, 8, 3\)"):
+        other.restore(snapshot.core)
+
+
+def test_a_time_that_is_refused_leaves_the_state_and_the_clock():
+    stepper = resting()
+    before = stepper.snapshot().core
+    with pytest.raises(ValueError, match="x must be"):
+        stepper.set_state(np.full((8, 8, 3), np.nan), t=5.0)
+    for name, value in stepper.snapshot().core.items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+class Advancing:
+    """Another thread that advances a stepper for as long as the block runs."""
+
+    def __init__(self, stepper):
+        self.stepper, self.steps, self.stop = stepper, 0, threading.Event()
+        self.thread = threading.Thread(target=self.work)
+
+    def work(self):
+        while not self.stop.is_set():
+            try:
+                self.stepper.advance(20, 1e-4)
+                self.steps += 20
+            except RuntimeError:  # the other thread was quicker
+                pass
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop.set()
+        self.thread.join()
+
+
+SHEET = cs.Scene(cs.Cloth((100, 100)))
+CALLS = {
+    "set_scene": lambda stepper: stepper.set_scene(SHEET),
+    "set_state": lambda stepper: stepper.set_state(v=np.zeros((100, 100, 3))),
+    "set_state of the clock": lambda stepper: stepper.set_state(t=-1.0),
+    "freeze": lambda stepper: stepper.freeze(0),
+    "advance": lambda stepper: stepper.advance(1, 1e-4),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name):
+    stepper = cs.Stepper(SHEET, threads=1)
+    refused = done = 0
+    with Advancing(stepper) as other:
+        while refused < 3:
+            try:
+                CALLS[name](stepper)
+                done += 1
+            except RuntimeError as error:
+                assert str(error) == "this state is being advanced by another thread; give each thread a Stepper of its own"
+                refused += 1
+    if name == "set_state of the clock":
+        assert stepper.time < 0 if done else round(stepper.time / 1e-4) == other.steps
+    elif name == "freeze":
+        assert stepper.frozen.tolist() == [done > 0]
+    else:
+        assert round(stepper.time / 1e-4) == other.steps + (done if name == "advance" else 0)
