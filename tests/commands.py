@@ -4,9 +4,10 @@ from clothsim.cli import main
 
 
 def run(capsys, *arguments):
-    """Exit code, stdout and stderr of one command."""
+    """Exit code, stdout and stderr of one command, whose first argument is split at blanks."""
+    first, *others = map(str, arguments or ("",))
     try:
-        code = main([str(argument) for argument in arguments])
+        code = main([*first.split(), *others])
     except SystemExit as stop:
         code = stop.code
     captured = capsys.readouterr()

@@ -220,20 +220,8 @@ def test_csv_and_picture(data, tmp_path):
 
 
 def test_the_command(tmp_path, capsys):
-    arguments = [
-        "work-precision",
-        "oscillator",
-        "--duration",
-        "0.2",
-        "--method",
-        "rk4",
-        "--precision",
-        "double",
-        "--windows",
-        "1",
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    options = "oscillator --duration 0.2 --method rk4 --precision double --windows 1 --out"
+    arguments = ["work-precision", *options.split(), str(tmp_path / "out")]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "rk4 double" in text and "oscillator.csv" in text

@@ -147,22 +147,7 @@ def test_info(capsys):
 
 def test_run_saves_what_simulate_gives(capsys, tmp_path):
     path = tmp_path / "swing.npz"
-    code, out, err = run(
-        capsys,
-        "run",
-        "paper_swing",
-        "--duration",
-        "0.01",
-        "--dt",
-        "1e-3",
-        "--every",
-        "2",
-        "--threads",
-        "1",
-        "--out",
-        path,
-        "--json",
-    )
+    code, out, err = run(capsys, "run paper_swing --duration 0.01 --dt 1e-3 --every 2 --threads 1 --json --out", path)
     assert (code, err) == (0, "")
     report = json.loads(out)
     assert report["steps"] == 10

@@ -4,6 +4,7 @@ import csv
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,9 @@ from clothsim.paper import gpu_report as report
 from clothsim.paper.gpu_runs import GPU, SCALAR, SIMD, Measurement, Settings, Target, run, touching_scene
 
 ROOT = Path(__file__).parents[2]
+
+
+SMALL = Settings(batches=(), methods=(2,), precisions=("single",), frame_steps=5, window_frames=4)
 
 
 def made(kind, size, rate, members=1, method=2):
@@ -48,34 +52,8 @@ def test_the_gain_is_over_the_fastest_of_the_cpu():
 
 
 @pytest.mark.needs_no_adapter
-def test_a_window_that_was_ended_early_is_told():
-    cut, whole = made(SIMD, 32, 40.0), made(GPU, 32, 20.0)
-    whole.steps = [10, 10, 10]
-    assert cut.shortened and not whole.shortened
-    rows = report.rows([cut, whole])
-    assert [(r["shortened"], r["steps_asked"], r["steps_timed"]) for r in rows] == [(True, 30, 24), (False, 30, 30)]
-    assert [r["frames_per_run"] for r in rows] == [1.6, 2.0]
-    text = report.text([cut, whole])
-    assert "* 1 of 2 measurements are means over fewer steps" in text and "after 1.5 s" in text
-    assert "4 of 10 steps" in text and " 1.6*  SIMD" in text and " 2  GPU" in text
-    assert report.shortened([whole]) == []
-
-
-@pytest.mark.needs_no_adapter
 def test_the_papers_cloth_has_a_limit_of_its_own_and_others_end_early():
-    settings = Settings(
-        sizes=(32, 40),
-        batches=(),
-        methods=(2,),
-        precisions=("double",),
-        runs=1,
-        frame_steps=5,
-        window_frames=4,
-        seconds=0.0,
-        paper_seconds=60.0,
-        first_frames=3,
-        first_seconds=0.0,
-    )
+    settings = replace(SMALL, sizes=(32, 40), runs=1, seconds=0.0, paper_seconds=60.0, first_frames=3, first_seconds=0.0)
     for m in run(settings, []):
         assert m.shortened == (m.size == 40) == (m.steps[0] < 20) and m.steps[0] >= 1
         assert len(m.first_frames[0]) == 2  # the first and, as that was over time, one more
@@ -93,16 +71,7 @@ def test_a_target_that_fails_is_left_out_by_name_and_the_rest_goes_on(device, mo
         return real(m, scene, dt, settings)
 
     monkeypatch.setattr(experiment, "measure", measure)
-    settings = Settings(
-        sizes=(40, 20),
-        batches=(),
-        methods=(2,),
-        precisions=("single",),
-        runs=3,
-        frame_steps=2,
-        window_frames=1,
-        first_frames=1,
-    )
+    settings = replace(SMALL, sizes=(40, 20), runs=3, frame_steps=2, window_frames=1, first_frames=1)
     runs = []
     measurements = run(
         settings,
@@ -131,18 +100,8 @@ def test_the_scene_is_in_contact_and_stays_well(size):
 
 
 def test_every_target_is_measured_and_a_software_adapter_told(device):
-    settings = Settings(
-        sizes=(16,),
-        batches=(2,),
-        batch_size=16,
-        methods=(2,),
-        precisions=("single",),
-        runs=2,
-        seconds=0.02,
-        first_frames=2,
-        first_seconds=0.01,
-        frame_steps=5,
-        window_frames=4,
+    settings = replace(
+        SMALL, sizes=(16,), batches=(2,), batch_size=16, runs=2, seconds=0.02, first_frames=2, first_seconds=0.01
     )
     snapshots = []
     measurements = run(settings, [device.adapter], finished=lambda m: snapshots.append(len(m)))
@@ -156,24 +115,9 @@ def test_every_target_is_measured_and_a_software_adapter_told(device):
 
 
 def test_the_command_runs_unattended_and_saves_a_csv(tmp_path):
-    command = [
-        sys.executable,
-        str(ROOT / "benchmarks" / "gpu.py"),
-        "--quick",
-        "--sizes",
-        "16",
-        "--batches",
-        "--method",
-        "2",
-        "--runs",
-        "1",
-        "--seconds",
-        "0.02",
-        "--out",
-        str(tmp_path),
-        "--name",
-        "here",
-    ]
+    script = str(ROOT / "benchmarks" / "gpu.py")
+    options = "--quick --sizes 16 --batches --method 2 --runs 1 --seconds 0.02 --name here --out"
+    command = [sys.executable, script, *options.split(), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900, env=os.environ)
     assert done.returncode == 0, done.stderr
     with open(tmp_path / "here.csv", encoding="utf-8") as file:

@@ -16,7 +16,6 @@ pytest.importorskip("matplotlib")
 from clothsim.paper import FULL, QUICK, Settings, reproduce, text
 from clothsim.paper import responses as contact
 from clothsim.paper.paper_settings import reductions
-from clothsim.paper.paper_tables import number
 from matplotlib.image import imread
 
 SMALL = Settings(
@@ -66,12 +65,6 @@ def test_full_run_takes_the_papers_frames_and_step():
     assert (FULL.runs, FULL.window_frames) == (10, 200)
     assert reductions(FULL) == []
     assert (QUICK.static_frames, QUICK.moving_frames) == (FULL.static_frames, FULL.moving_frames)
-
-
-def test_every_reduction_is_told():
-    told = " ".join(reductions(QUICK))
-    for changed in ("2e-05", "5e-05", "3 instead of 10", "1000 instead of 20000"):
-        assert changed in told
 
 
 def test_cells_are_those_of_the_papers_tables(report):
@@ -233,14 +226,6 @@ def test_page_is_whole_and_fetches_nothing(report, folder):
     assert page.tags.count("img") == len(page.references) - 2 == 24 + 4 + 1 + with_gpu(report)
     style = source[source.index("<style>") : source.index("</style>")]
     assert "url(" not in style and "@import" not in style
-
-
-def test_captions_say_which_method_and_which_frame(report, folder):
-    source = (folder / "index.html").read_text()
-    for c in [c for n in "12" for c in report["experiments"][n]["cells"]]:
-        depth = number(1e3 * c["penetration"]["triangles"])
-        caption = f"Method {c['method']}, {c['variant']}, frame {c['frame']}: {depth} mm deep"
-        assert f"<figcaption>{caption}</figcaption>" in source
 
 
 @pytest.mark.parametrize("key", ["1", "2"])
