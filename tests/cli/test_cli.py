@@ -86,10 +86,25 @@ def test_a_scene_is_printed_as_a_file_to_edit(capsys, tmp_path):
 def test_options_change_the_scene_of_a_run(capsys, tmp_path):
     path = tmp_path / "run.npz"
     options = ("--dt", "1e-3", "--duration", "0.005", "--out", path)
-    changes = ("--damping", "20", "--gravity", "0;-1;0", "--set", "sphere_center_y=-0.6", "--set", "stiffness_shear=2e4")
+    changes = (
+        "--damping",
+        "20",
+        "--drag",
+        "0.5",
+        "--gravity",
+        "0;-1;0",
+        "--set",
+        "sphere_center_y=-0.6",
+        "--set",
+        "stiffness_shear=2e4",
+    )
     assert run(capsys, "run", "paper_static", *changes, *options)[0] == 0
     scene = cs.load_run(path).scene
-    assert scene.cloth.damping == 20 and scene.gravity == (0, -1, 0) and scene.spheres[0].center == (0.5, -0.6, 0.5)
+    assert (scene.cloth.damping, scene.cloth.drag, scene.gravity) == (20, 0.5, (0, -1, 0)) and scene.spheres[0].center == (
+        0.5,
+        -0.6,
+        0.5,
+    )
     assert scene.cloth.family_stiffness["shear"] == 2e4
     assert run(capsys, "run", "1e6 m away", *options)[0] == 0
     assert cs.load_run(path).scene == cs.scenes.hard_cases()["1e6 m away"].scene
@@ -172,7 +187,7 @@ def test_run_prints_the_report_as_text(capsys):
     assert shown["precision"].strip() == "single"
     assert int(shown["steps"]) >= 1
     assert re.fullmatch(r" +[\d.e-]+ s", shown["dt"])
-    assert re.match(r" *kinetic \S+ J, elastic \S+ J, gravity \S+ J, total \S+ J$", shown["energy, end"])
+    assert re.match(r" *kinetic \S+ J, elastic \S+ J, gravity \S+ J, force 0 J, total \S+ J$", shown["energy, end"])
     assert max(len(number) for number in re.findall(r"\d+", out)) <= 9, "digits are for --json"
 
 

@@ -26,7 +26,7 @@ _SPEC = (
 )
 
 # What an option cannot say.
-_NOT_OPTIONS = ("scene", "position", "velocity", "pins", "sphere_motion", "sphere_times", "sphere_centers")
+_NOT_OPTIONS = ("scene", "position", "velocity", "force", "pins", "sphere_motion", "sphere_times", "sphere_centers")
 
 
 def add_parser(subparsers: Any) -> None:
