@@ -82,17 +82,10 @@ class ClothsimAccessor:
         **selection
             Labels as for ``Dataset.sel``, one for each remaining dimension.
 
-        Returns
-        -------
-        Run
-
         Raises
         ------
-        KeyError
-            If there is no such label; ``ds.sel(..., method="nearest").clothsim.member()`` takes
-            the nearest.
-        ValueError
-            If more than one member is left, or a swept array is too large for the Dataset to keep.
+        KeyError, ValueError
+            If there is no such label, more than one member is left, or a swept array is too large for the Dataset to keep.
 
         Examples
         --------
@@ -144,10 +137,9 @@ def _selected(dataset: xarray.Dataset, selection: Mapping[str, Any]) -> xarray.D
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
     """The axis that `Grid.describe` described."""
-    columns = {name: [_value(name, value) for value in values] for name, values in entry["values"].items()}
-    places = tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
-    labels = entry.get("labels")
-    return Axis(entry["dimension"], places, None if labels is None else tuple(labels))
+    columns = [[_value(name, value) for value in values] for name, values in entry["values"].items()]
+    places = tuple(dict(zip(entry["values"], row, strict=True)) for row in zip(*columns, strict=True))
+    return Axis(entry["dimension"], places, tuple(entry["labels"]) if "labels" in entry else None)
 
 
 def _value(name: str, value: Any) -> Any:

@@ -258,23 +258,17 @@ class _Bar:
     """The progress bar: members done and their rate; its length is work, as a member may cost a thousand times another's."""
 
     def __init__(self, shown: bool, members: Members, pending: Any) -> None:
-        self._weights, self._members = members.weights, members.grid.size
-        self._done = self._before = self._members - len(pending)
-        self._unstable, self._recorded = 0, 0.0
+        self._weights, self._members, self._pending = members.weights, members.grid.size, len(pending)
+        self._done, self._unstable, self._recorded = 0, 0, 0.0
         self._start = time.monotonic()
-        self._bar = ProgressBar(
-            shown,
-            total=float(self._weights[pending].sum()),
-            bar_format="{desc}{percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]",
-            desc="sweep: ",
-            postfix=[self._text()],
-        )
+        layout = "sweep: {percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]"
+        total = float(self._weights[pending].sum())
+        self._bar = ProgressBar(shown, total=total, bar_format=layout, postfix=[self._text()])
 
     def _text(self) -> str:
-        seconds = time.monotonic() - self._start
-        rate = (self._done - self._before) / seconds if seconds > 0.05 else 0.0
+        rate = self._done / max(time.monotonic() - self._start, 0.05)
         unstable = f", {self._unstable} unstable" if self._unstable else ""
-        return f"{self._done}/{self._members} members{unstable}, {rate:.3g}/s"
+        return f"{self._members - self._pending + self._done}/{self._members} members{unstable}, {rate:.3g}/s"
 
     def record(self, result: TaskResult) -> None:
         """Count the members of a task that has ended."""

@@ -11,7 +11,7 @@ import json
 import shutil
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ import numpy as np
 from ..base import check
 from ..base.extras import needed
 from ..errors import warn_caller
-from .grid import Coordinate
 from .member import PENDING, Record
 from .results import ATTRIBUTE, FRAMES, SCHEMA, SESSIONS, Results, Variable
 from .stored import Lock, digests, find_damage, part_of, places, read_attrs, sealed
@@ -140,52 +139,40 @@ class Store(Results):
         self.group = self.zarr.open_group(self.path, mode="r+", use_consolidated=False)
         for variable in self.variables.values():
             if variable.name not in self._arrays:
-                self._create(variable)
-        for coordinate in self.coordinates:
-            if coordinate.name not in self._arrays:
-                self._create_coordinate(coordinate)
+                self._create_variable(variable)
+        for label in self.coordinates:
+            if label.name not in self._arrays:
+                self._create(label.name, label.values, (label.dimension,), label.attrs)
         if SESSIONS not in self._arrays:
-            self._create_array(SESSIONS, shape=(), dtype="str")
+            self._create(SESSIONS, np.array("", object), (), {})
         self._describe()
         self._prepared = True
 
-    def _create_array(self, name: str, **options: Any) -> Any:
-        codecs = self.zarr.codecs.ZstdCodec(), self.zarr.codecs.Crc32cCodec()
-        self._arrays[name] = self.group.create_array(
-            name, compressors=codecs, config={"write_empty_chunks": True}, overwrite=True, **options
+    def _create(self, name: str, values: np.ndarray, dims: Sequence[str], attrs: Mapping[str, Any], **layout: Any) -> Any:
+        text = values.dtype.kind in "OU"
+        array = self._arrays[name] = self.group.create_array(
+            name,
+            shape=values.shape,
+            dtype="str" if text else values.dtype,
+            dimension_names=dims,
+            attributes=attrs,
+            compressors=(self.zarr.codecs.ZstdCodec(), self.zarr.codecs.Crc32cCodec()),
+            config={"write_empty_chunks": True},
+            overwrite=True,
+            **layout,
         )
-        return self._arrays[name]
+        if name not in FRAMES:
+            array[...] = values.astype(object) if text else values
+        return array
 
-    def _create(self, variable: Variable) -> None:
-        values, own = variable.values, len(self.grid.shape)
-        frames = variable.name in FRAMES
+    def _create_variable(self, variable: Variable) -> None:
+        name, values, own = variable.name, variable.values, len(self.grid.shape)
         # A member's frames are written once and are a chunk each.
-        array = self._create_array(
-            variable.name,
-            shape=values.shape,
-            chunks=((1,) * own if frames else self._chunks) + values.shape[own:],
-            dtype="str" if values.dtype.kind == "O" else values.dtype,
-            fill_value=variable.fill,
-            dimension_names=(*self.grid.dimensions, *variable.more),
-            attributes=variable.attrs,
-        )
-        if frames:
+        chunks = ((1,) * own if name in FRAMES else self._chunks) + values.shape[own:]
+        dims = (*self.grid.dimensions, *variable.more)
+        array = self._create(name, values, dims, variable.attrs, chunks=chunks, fill_value=variable.fill)
+        if name in FRAMES:
             variable.values = array
-        else:
-            array[...] = values
-
-    def _create_coordinate(self, coordinate: Coordinate) -> None:
-        values = coordinate.values
-        if values.dtype.kind == "U":
-            values = values.astype(object)
-        array = self._create_array(
-            coordinate.name,
-            shape=values.shape,
-            dtype="str" if values.dtype.kind == "O" else values.dtype,
-            dimension_names=(coordinate.dimension,),
-            attributes=coordinate.attrs,
-        )
-        array[...] = values
 
     def _describe(self) -> None:
         """Write what the store has: the digests of its files, and all metadata in one place for fast readers."""
@@ -204,7 +191,7 @@ class Store(Results):
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         super()._add_function(name, value)
-        self._create(self.variables[name])
+        self._create_variable(self.variables[name])
         self._describe()
 
     def record(self, record: Record) -> None:
