@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from clothsim.cli import main
 from clothsim.cli.sweep import parse_values
-from clothsim.sweeps import sweep_plots as plots
 from clothsim.sweeps import workers
+from clothsim.viewing import sweep_plots as plots
 from commands import run
 
 pytest.importorskip("xarray")

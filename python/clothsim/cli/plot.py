@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.sweeps.sweep_plots import KINDS
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
 from ..viewing.animation import FORMATS, animate
 from ..viewing.chart import plot
 from ..viewing.page import run_to_html
+from ..viewing.sweep_plots import KINDS
 from ._common import add_command
 from .sweep import save_plot
 

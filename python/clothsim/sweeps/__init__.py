@@ -5,7 +5,7 @@ Each file has one concept:
 - `api` runs a whole sweep: `workers` cuts it into tasks and executes them.
 - `fields` has the names that can be swept, `grid` the members, `member` a single member, `task` the members of one task.
 - `metrics` and `reference` measure. `results` keeps and labels, `store` writes a store, and `stored` reads and checks it.
-- `sweep_plots` and `accessor` draw.
+- `accessor` gives Datasets of sweeps their plots and members.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,41 +17,39 @@ from ..run.frames import as_every
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Every
-from . import sweep_plots
 from .grid import Axis, Grid
 from .member import Member, SweepOptions
 from .results import ATTRIBUTE
 
 
-def _bound(draw: Callable[..., Any]) -> Callable[..., Any]:
-    @functools.wraps(draw)
-    def method(self: Plots, *arguments: Any, **options: Any) -> Any:
-        return draw(self._dataset, *arguments, **options)
-
-    return method
-
-
 class Plots:
-    """`Dataset.clothsim.plot`: call it, or call one of its kinds."""
+    """`Dataset.clothsim.plot`: call it, or call one of its kinds, which return matplotlib axes."""
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
 
-    __call__ = _bound(sweep_plots.plot)
-    convergence = _bound(sweep_plots.convergence)
-    stability = _bound(sweep_plots.stability)
-    heatmap = _bound(sweep_plots.heatmap)
+    def __call__(self, kind: str | None = None, **options: Any) -> Any:
+        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap"."""
+        from ..viewing.sweep_plots import plot
+
+        return plot(self._dataset, kind, **options)
+
+    def convergence(self, **options: Any) -> Any:
+        """Error over dt, rtol or atol, a line for each value of another dimension."""
+        return self("convergence", **options)
+
+    def stability(self, **options: Any) -> Any:
+        """Members that reached their end, with the guaranteed stable time step."""
+        return self("stability", **options)
+
+    def heatmap(self, variable: str | None = None, **options: Any) -> Any:
+        """A metric over two dimensions."""
+        return self("heatmap", variable=variable, **options)
 
 
 @xarray.register_dataset_accessor("clothsim")
 class ClothsimAccessor:
-    """Methods of a sweep's Dataset.
-
-    Attributes
-    ----------
-    plot : Plots
-        ``ds.clothsim.plot()`` and its kinds.
-    """
+    """Methods of a sweep's Dataset; ``plot`` has its pictures."""
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
@@ -60,8 +57,7 @@ class ClothsimAccessor:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Scene, grid, settings and version ("identity"), and machine, instruction sets, wall time
-        and tasks of every session that worked on it ("sessions")."""
+        """The "identity" (scene, grid, settings, version) and the "sessions" (machine, wall time, tasks of each)."""
         text = self._dataset.attrs.get(ATTRIBUTE)
         if text is None:
             raise ValueError(

@@ -57,8 +57,8 @@ def sweep(
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
-    A member's result has the same bits as `simulate` gives for it alone. One that diverges is
-    marked and harms no other.
+    A member's result has the same bits as `simulate` gives for it alone. A member that diverges is marked and harms no
+    other.
 
     Parameters
     ----------
@@ -70,18 +70,15 @@ def sweep(
         ``{name: {label: value}}`` labels values that are no numbers. A sequence of mappings (or a
         table with ``to_dict("records")``) are given samples, with the dimension "sample".
 
-        Names are the arguments of `Cloth` and `Scene`; those of `Sphere` with "sphere_" in front
-        (of every sphere) or "sphere1_" (of the one with index 1); parts of them such as
-        "stiffness_shear", "damping_bend", "gravity_y", "sphere_center_x"; "sphere_speed" [m/s] and
-        the other arguments of a sphere's motion; "scene"; and "dt", "rtol", "atol", "duration",
-        "integrator", "precision", "kernel" and "strict". `sweepable` lists them all.
+        `sweepable` lists the names: arguments of `Cloth`, `Scene` and the run, and of `Sphere` and its motion. These two
+        have "sphere_" in front (of every sphere) or "sphere1_" (of the sphere with index 1). Parts have names too, such as
+        "stiffness_shear", "gravity_y", "sphere_center_x" and "sphere_speed" [m/s].
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
         {metrics}.
-        docs/sweeps.md describes them. A function
-        takes a `Run`, with the frames of `every`, and returns a number, an array, or a mapping of
-        them. It must pickle to run in another process. Default: "stable", "energy_drift" and
+        docs/sweeps.md describes them. A function takes a `Run`, with the frames of `every`, and returns a number, an
+        array, or a mapping of them. It must pickle to run in another process. Default: "stable", "energy_drift" and
         "largest_stretch".
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
@@ -119,8 +116,7 @@ def sweep(
         One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
         2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
         diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
-        why. ``ds.clothsim.provenance`` has the provenance of the results. Frames in a `store` are read when they are
-        used.
+        why. ``ds.clothsim.provenance`` has the provenance of the results. Frames in a `store` are read at their use.
 
     Raises
     ------
@@ -131,6 +127,11 @@ def sweep(
         Without xarray, zarr (for `store`) or tqdm (for `progress`): the extra "sweep".
     KeyboardInterrupt
         On Ctrl-C; the store then has all finished members.
+
+    Warns
+    -----
+    RuntimeWarning
+        If a metric fails for a member, or files of the store are damaged, whose members are computed again.
 
     Examples
     --------
@@ -155,7 +156,8 @@ def sweep(
         task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
     workers = Workers(executor, threads)
     try:
-        identity, session = _identity(scene, grid, options), _session()
+        identity, counts = _identity(scene, grid, options), {"wall_time": 0.0, "tasks": 0, "task_seconds": 0.0}
+        session = {**provenance(), **counts, "hosts": [], "instruction_sets": []}
         results = Results(grid, options, scene)
         if store is not None:
             resume = check.boolean("resume", resume)
@@ -200,10 +202,6 @@ def _identity(scene: Scene, grid: Grid, options: SweepOptions) -> dict[str, Any]
         "over": grid.describe(),
         "settings": {name: plain(value) for name, value in settings.items()},
     }
-
-
-def _session() -> dict[str, Any]:
-    return {**provenance(), "wall_time": 0.0, "tasks": 0, "task_seconds": 0.0, "hosts": [], "instruction_sets": []}
 
 
 def _run(

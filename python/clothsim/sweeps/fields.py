@@ -1,10 +1,4 @@
-"""Names to sweep: every argument of Cloth, Sphere, Scene and the run, and parts of them.
-
-Arguments of Cloth, Scene and the run keep their names ("stiffness", "gravity", "dt"). "sphere_"
-stands before arguments of every sphere ("sphere_radius"). "sphere1_" stands before arguments of the
-sphere with index 1. Parts: a family's ("stiffness_shear", "damping_bend"), a component's
-("gravity_y", "sphere_center_x"), a motion's argument ("sphere_period"), and "sphere_speed".
-"""
+"""Names to sweep: every argument of Cloth, Sphere, Scene and the run, and parts of them (docs/sweeps.md)."""
 
 from __future__ import annotations
 
@@ -75,17 +69,14 @@ _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 
 def check_name(name: Any) -> str:
     """`name` if it can be swept, else an error that suggests the nearest name."""
-    if isinstance(name, str):
-        match = _SPHERE_NAME.fullmatch(name)
-        if match and match[1]:
-            check.choice("over", f"sphere_{match[2]}", NAMES)
-            return name
-    if not isinstance(name, str) or name not in NAMES:
-        if name in _NOT_SWEPT:
-            raise ValueError(f"over must have names that can be swept, got {name!r}, which is the same for all members")
-        hint = check._nearest(name, NAMES)
-        raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
-    return name
+    match = _SPHERE_NAME.fullmatch(name) if isinstance(name, str) else None
+    known = f"sphere_{match[2]}" if match else name
+    if isinstance(known, str) and known in NAMES:
+        return str(name)
+    if name in _NOT_SWEPT:
+        raise ValueError(f"over must have names that can be swept, got {name!r}, which is the same for all members")
+    hint = check._nearest(known, NAMES)
+    raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
 
 
 @suggests

@@ -202,33 +202,27 @@ def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
     names = tuple(map(check_name, names))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
-    places = []
-    for k, row in enumerate(_values(f"over[{names!r}]", rows)):
+    given = _values(f"over[{names!r}]", rows)
+    for k, row in enumerate(given):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(f"over[{names!r}] must have {wanted}, got {check.shown(row)} at index {k}")
-        places.append(_place(dict(zip(names, row, strict=True))))
-    return Axis("_".join(names), tuple(places))
+    return Axis("_".join(names), tuple(_place(dict(zip(names, row, strict=True))) for row in given))
 
 
 def _samples(over: Any) -> Axis:
     """Rows of names and values: mappings, or a table with ``to_dict("records")``."""
     if hasattr(over, "to_dict") and not isinstance(over, Record):
         over = over.to_dict("records")
-    places: list[dict[str, Any]] = []
-    for k, sample in enumerate(_values("over", over)):
+    given = _values("over", over)
+    for k, sample in enumerate(given):
         if not isinstance(sample, Mapping) or not sample:
-            raise TypeError(
-                "over must be a mapping of names to values or a sequence of mappings, "
-                f"got {check.shown(sample)} at index {k}"
-            )
-        if places and set(sample) != set(places[0]):
-            raise ValueError(
-                f"over must give every sample the same names, got {sorted(sample)} at index {k} "
-                f"and {sorted(places[0])} before"
-            )
-        places.append(_place({check_name(name): _scalar(v) for name, v in sample.items()}))
-    return Axis("sample", tuple(places))
+            wanted = "a mapping of names to values or a sequence of mappings"
+            raise TypeError(f"over must be {wanted}, got {check.shown(sample)} at index {k}")
+        if set(sample) != set(given[0]):
+            names = f"{sorted(sample)} at index {k} and {sorted(given[0])} before"
+            raise ValueError(f"over must give every sample the same names, got {names}")
+    return Axis("sample", tuple(_place({check_name(n): _scalar(v) for n, v in sample.items()}) for sample in given))
 
 
 def _place(values: dict[str, Any]) -> dict[str, Any]:

@@ -112,11 +112,10 @@ METRICS = {metric.name: metric for metric in _ALL}
 def listing() -> str:
     """Every metric with its variables and their units, for documentation."""
     parts = []
-    for metric in _ALL:
-        units = next(iter(metric.variables.values())).get("units", "1")
-        more = [name for name in metric.variables if name != metric.name]
-        given = f" (and {', '.join(more)})" if more else ""
-        parts.append(f'"{metric.name}"{given}{"" if units == "1" else f" [{units}]"}')
+    for name, metric in METRICS.items():
+        unit = next(iter(metric.variables.values())).get("units", "1")
+        more = ", ".join(variable for variable in metric.variables if variable != name)
+        parts.append(f'"{name}"' + (f" (and {more})" if more else "") + ("" if unit == "1" else f" [{unit}]"))
     return ", ".join(parts)
 
 

@@ -29,30 +29,10 @@ _SECONDS_BETWEEN_WRITES = 1.0
 
 
 class Store(Results):
-    """Results that are also in a zarr group.
+    """Results that are also in a zarr group, with the identity of the sweep, and the provenance of each `session`.
 
-    Parameters
-    ----------
-    path : path
-        Folder of the group; made if missing.
-    resume : bool
-        Whether an existing store may be continued.
-    identity : dict
-        Identity of the sweep. A store with another identity is refused.
-    session : dict
-        Provenance of the results, which is stored beside them.
-    sweep
-        As for `Results`.
-
-    Raises
-    ------
-    ValueError
-        If the folder is no store, another process writes to it, or its sweep differs.
-
-    Warns
-    -----
-    RuntimeWarning
-        If files of the store are damaged; the message names them. Their members are pending again.
+    A ValueError refuses a folder that is no store, is being written, or, unless `resume`, exists; and a store of another
+    identity, with the differences. A warning names damaged files. Their members are pending again.
     """
 
     def __init__(self, path: Path, resume: bool, identity: dict[str, Any], session: dict[str, Any], *sweep: Any) -> None:
@@ -96,12 +76,11 @@ class Store(Results):
         for name in damage.arrays:
             shutil.rmtree(self.path / name, ignore_errors=True)
         names = {file.partition("/")[0] for file in attrs["files"]} - damage.arrays
-        self._arrays = {name: self._opened(name) for name in names}
+        for name in names:
+            array = self.zarr.open_array(self.path / name, mode="r+")
+            self._arrays[name] = array.with_config({"write_empty_chunks": True})
         self.attrs = {**attrs, "arrays": {name: more for name, more in attrs["arrays"].items() if name in names}}
         return damage.members
-
-    def _opened(self, name: str) -> Any:
-        return self.zarr.open_array(self.path / name, mode="r+").with_config({"write_empty_chunks": True})
 
     def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
         if name not in FRAMES:

@@ -13,6 +13,7 @@ import math
 import os
 import socket
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,10 +49,6 @@ def _unsealed(text: str) -> dict[str, Any]:
     return attrs
 
 
-def _of_group(path: Path) -> dict[str, Any]:
-    return _unsealed(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE])
-
-
 def _sessions(path: Path) -> dict[str, Any]:
     """The text of the array "sessions": a copy of the attributes, and the sessions that worked on the store."""
     if not whole(path / SESSIONS / "c"):
@@ -68,7 +65,7 @@ def read_attrs(path: Path) -> tuple[dict[str, Any], list[str]]:
     damaged: list[str] = []
     attrs: dict[str, Any] = {}
     try:
-        attrs = _of_group(path)
+        attrs = _unsealed(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         damaged.append("zarr.json")
         reason: Exception = error
@@ -204,19 +201,14 @@ class Lock:
                     os.close(handle)
             if owner:
                 raise ValueError(f"store {str(path)!r} is being written by {owner}; wait for its end, or give another store")
-            if self._is_there(handle):
-                self._handle = handle
-                _mine.add(self._file)
-            else:  # its last owner has removed it since
+            with suppress(FileNotFoundError):  # its last owner may have removed it since
+                if os.path.samestat(os.fstat(handle), os.stat(self._file)):
+                    self._handle = handle
+                    _mine.add(self._file)
+            if self._handle is None:
                 os.close(handle)
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
-
-    def _is_there(self, handle: int) -> bool:
-        try:
-            return os.path.samestat(os.fstat(handle), os.stat(self._file))
-        except FileNotFoundError:
-            return False
 
     def release(self) -> None:
         if self._handle is not None:

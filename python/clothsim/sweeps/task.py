@@ -33,11 +33,7 @@ _OF_ERRORS = ("time", "point", "x", "v")
 
 @dataclass(frozen=True)
 class Task:
-    """Members by their index and swept values; it pickles.
-
-    `made` has the members as the planner made them. Another process makes them from their values, which are smaller to
-    send.
-    """
+    """Members by their index and swept values; another process makes them from the values, which are smaller to send."""
 
     scene: Scene
     options: SweepOptions
@@ -207,20 +203,16 @@ class Batch:
             except (UnstableError, ContactError) as caught:
                 error, count = caught, caught.step - 1
             seconds = time.perf_counter() - start
-            self._account(count, seconds)
+            self.total += count
+            self.uncounted += count * self.points * len(self.live)
+            for outcome in self.live.values():
+                outcome.steps += count
+                outcome.seconds += seconds / len(self.live)
             if error is None:
                 self.chunk = max(1, int(_SECONDS_BETWEEN_PAUSES * count / max(seconds, 1e-9)))
             else:
                 self._drop(error)
             done += count
-
-    def _account(self, steps: int, seconds: float) -> None:
-        self.total += steps
-        self.uncounted += steps * self.points * len(self.live)
-        share = seconds / len(self.live)
-        for outcome in self.live.values():
-            outcome.steps += steps
-            outcome.seconds += share
 
     def _drop(self, error: UnstableError | ContactError) -> None:
         """Exclude the diverged member; all members stand at the last good step."""

@@ -176,10 +176,8 @@ class Workers:
             self.executor = executor.get_executor(pure=False)
             self.limit()
         else:
-            raise TypeError(
-                "executor must be None, a concurrent.futures.Executor or a dask.distributed "
-                f"Client, got {check.shown(executor)}"
-            )
+            accepted = "None, a concurrent.futures.Executor or a dask.distributed Client"
+            raise TypeError(f"executor must be {accepted}, got {check.shown(executor)}")
 
     @property
     def under_way(self) -> float:
@@ -203,18 +201,12 @@ class Workers:
         return _AHEAD * self.count
 
     def run_all(
-        self,
-        planner: Planner,
-        record: Callable[[TaskResult], None],
-        meanwhile: Callable[[], None] = lambda: None,
-        sign: Callable[[], None] = lambda: None,
+        self, planner: Planner, record: Callable[[TaskResult], None], meanwhile: Callable[[], None], sign: Callable[[], None]
     ) -> None:
-        """Execute all tasks. `record` is called in this thread with each result.
+        """Execute all tasks, and call `record` in this thread with each result.
 
-        `meanwhile` is called once, before that, when the first tasks are under way, and `sign` while no task ends.
-
-        If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled. Finished tasks are recorded before the
-        error is raised.
+        `meanwhile` is called once, when the first tasks are under way, and `sign` again and again. If Ctrl-C or a broken
+        pool ends this early, waiting tasks are cancelled and finished tasks are recorded before the error is raised.
         """
         from concurrent.futures import FIRST_COMPLETED, wait
 

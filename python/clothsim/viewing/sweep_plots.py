@@ -13,7 +13,7 @@ import numpy as np
 from ..base import check
 from ..base.extras import needed
 from ..base.plots import BLACK, BLUE, GREY, LIGHT_GREY, RED, YELLOW, tidy
-from .member import STATUS
+from ..sweeps.member import STATUS
 
 KINDS = ("convergence", "stability", "heatmap")
 
