@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import warnings
+from pathlib import Path
 
 import clothsim as cs
 import numpy as np
@@ -185,6 +186,28 @@ def test_a_text_that_no_file_can_hold_is_refused_before_the_file_is_touched(tmp_
         with pytest.raises(ValueError, match="a text without lone surrogates"):
             write_page()
     assert path.read_bytes() == before
+
+
+# Writes of a module that go into a folder of `files`, or into memory.
+WITHIN = {
+    "base/files.py": None,
+    "base/plots.py": ".savefig(part",
+    "viewing/chart.py": "self.savefig(file",
+    "viewing/formats": None,
+}
+
+
+def test_every_module_writes_its_files_by_the_helper():
+    package = Path(cs.__file__).parent
+    wanted = re.compile(r"""\.write_text\(|(?<!files)\.write_bytes\(|\.savefig\(|open\([^)]*["'][wax]b?["']|np\.save""")
+    found = []
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package).as_posix()
+        for line in path.read_text().splitlines():
+            allowed = next((WITHIN[start] or "" for start in WITHIN if name.startswith(start)), "part.open(")
+            if wanted.search(line) and allowed not in line and ">>>" not in line:
+                found.append(f"{name}: {line.strip()}")
+    assert found == []
 
 
 # Damage

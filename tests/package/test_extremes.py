@@ -160,12 +160,16 @@ else:
 
 
 @pytest.mark.parametrize(
-    ("name", "shown"), [("garbage", "'garbage'"), ("x" * 100_000, f"'{'x' * 40}...'"), ("\udcff\x01a", "'\\?\\?a'")]
+    ("variable", "name", "shown"),
+    [
+        ("CLOTHSIM_ISA", "garbage", "'garbage'"),
+        ("CLOTHSIM_ISA", "x" * 100_000, f"'{'x' * 40}...'"),
+        ("CLOTHSIM_FORWARD", "\udcff\x01a", "'??a'"),
+    ],
 )
-@pytest.mark.parametrize("variable", ["CLOTHSIM_ISA", "CLOTHSIM_FORWARD"])
 def test_a_wrong_name_in_the_environment_is_shown_short(variable, name, shown):
     last = python("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", **{variable: name})
-    assert last.startswith(f"ValueError: {variable} is {shown.replace(chr(92), '')}; ") and len(last) < 150
+    assert last.startswith(f"ValueError: {variable} is {shown}; ") and len(last) < 150
 
 
 def test_explain_says_what_fuses():

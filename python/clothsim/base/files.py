@@ -114,7 +114,8 @@ def put(files: Sequence[Path], folder: Path) -> list[Path]:
             if stat.S_ISREG(before.st_mode):
                 file.chmod(stat.S_IMODE(before.st_mode))
         os.replace(file, place)
-    _to_disk(folder)
+    with suppress(OSError):  # some file systems take no such order for a folder
+        _to_disk(folder)
     return places
 
 

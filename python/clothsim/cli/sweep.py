@@ -13,6 +13,7 @@ from clothsim.sweeps.metrics import DEFAULT_METRICS
 
 from ..base.extras import check_installed, needed
 from ..base.plain_json import as_json
+from ..base.plots import save
 from ..base.progress import wanted_by_command
 from ._common import EVERY_HELP, add_command, count, every
 from ._scenes import SCENE_HELP, named_values, option, parsed, parsed_range, scene_of
@@ -166,4 +167,4 @@ def save_plot(dataset: Any, picture: str, kind: str | None = None, **options: An
 
     matplotlib.use("Agg")
     axes = dataset.clothsim.plot(kind, **options)
-    axes.figure.savefig(picture, dpi=120)
+    save(axes.figure, Path(picture))

@@ -11,7 +11,8 @@ import clothsim as cs
 from clothsim.gpu import Adapter
 from clothsim.machine import processor
 
-from ..base.plots import BLUE, DPI, GREY, RED, figure
+from ..base.files import replacing
+from ..base.plots import BLUE, GREY, RED, figure, save
 from ..base.table import aligned
 from . import paper_settings
 from .gpu_runs import GPU, Measurement, run, settings_of
@@ -152,7 +153,7 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
 
 def write_csv(path: Path, entries: Sequence[dict[str, Any]]) -> Path:
     """Write mappings of equal keys as lines of a CSV file."""
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(entries[0]))
         writer.writeheader()
         writer.writerows(entries)
@@ -229,7 +230,7 @@ def draw(measurements: Sequence[Measurement], path: Path) -> Path:
         _draw_first_frames(start, group)
     if warned := warnings(measurements):
         drawn.suptitle("\n".join(warned), fontsize="small", color=_COLORS["GPU"])
-    drawn.savefig(path, dpi=DPI)
+    save(drawn, path)
     return path
 
 

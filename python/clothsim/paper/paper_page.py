@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from ..base.files import write_bytes
 from . import published as paper
 from .paper_report import headline
 from .paper_tables import Table, number, tables
@@ -62,7 +63,7 @@ def write(report: dict[str, Any], folder: Path) -> None:
         f"<title>clothsim: the experiments of Kim et al.</title>\n<style>{STYLE}</style>\n"
         f"</head>\n<body>\n{chr(10).join(parts)}\n</body>\n</html>\n"
     )
-    (folder / "index.html").write_text(page, encoding="utf-8")
+    write_bytes(folder / "index.html", page.encode())
 
 
 def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]:

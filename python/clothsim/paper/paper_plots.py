@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.plots import BLUE, DPI, GREY, RED, figure
+from ..base.plots import BLUE, GREY, RED, figure, save
 from . import published as paper
 from .responses import Case, Experiment
 
@@ -38,7 +38,7 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
         energy.set_yscale("symlog", linthresh=LINEAR_ENERGY)
         energy.set_ylim(bottom=-LINEAR_ENERGY)
     name = f"{experiment.table}_history.png"
-    drawn.savefig(folder / name, dpi=DPI)
+    save(drawn, folder / name)
     return name
 
 
@@ -77,7 +77,7 @@ def methods(result: dict[str, Any], folder: Path) -> str:
         label=f"{paper.FRAMES_PER_SECOND} steps/s: the paper's frames/s, one step each",
     )
     panel.legend(fontsize="small", loc="center")
-    drawn.savefig(folder / "figure9.png", dpi=DPI)
+    save(drawn, folder / "figure9.png")
     return "figure9.png"
 
 
@@ -91,5 +91,5 @@ def speedup(result: dict[str, Any], folder: Path) -> str:
         panel.plot(runs, row["runs"], marker="o", ms=4, label=label)
     panel.set(xlabel="run", ylabel="steps/s", yscale="log", xticks=runs)
     panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    drawn.savefig(folder / "figure10.png", dpi=DPI)
+    save(drawn, folder / "figure10.png")
     return "figure10.png"

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from ..base.files import write_bytes
 from ..base.plain_json import as_json
 from ..base.table import aligned
 from . import published as paper
@@ -60,5 +61,5 @@ def _items(entries: Iterable[str]) -> list[str]:
 
 def write(report: dict[str, Any], folder: Path) -> None:
     """Write report.txt and report.json into `folder`."""
-    (folder / "report.txt").write_text(text(report), encoding="utf-8")
-    (folder / "report.json").write_text(as_json(report) + "\n", encoding="utf-8")
+    write_bytes(folder / "report.txt", text(report).encode())
+    write_bytes(folder / "report.json", (as_json(report) + "\n").encode())

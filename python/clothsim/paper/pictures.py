@@ -11,7 +11,7 @@ import numpy as np
 import clothsim as cs
 from clothsim.typing import Report
 
-from ..base.plots import DPI, figure
+from ..base.plots import figure, save
 from . import responses as contact
 from .paper_settings import Settings
 from .paper_tables import number
@@ -99,7 +99,7 @@ def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> s
         depth = cell["penetration"]
         panel.set_xlabel(f"deepest point {number(1e3 * depth['points'])} mm, triangle {number(1e3 * depth['triangles'])} mm")
     name = f"{experiment.table}.png"
-    drawn.savefig(folder / name, dpi=DPI)
+    save(drawn, folder / name)
     return name
 
 

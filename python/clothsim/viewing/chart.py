@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, DPI, GREEN, RED, figure
+from ..base.plots import BLACK, BLUE, DPI, GREEN, RED, figure, save
 from ..base.progress import ProgressBar
 from .curves import PARTS, curves
 from .picture import file_path
@@ -72,5 +72,5 @@ def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> An
     axes[-1, 0].set_xlabel("time [s]")
     drawn.align_ylabels()
     if path is not None:
-        drawn.savefig(path, dpi=DPI)
+        save(drawn, path)
     return drawn
