@@ -21,21 +21,25 @@ constexpr double light_size = 0.15;
 // points. At half, a sheet shades itself in stripes; at twice, contact shadows begin 10 mm beside the
 // contact.
 constexpr double map_slack = 2.5;
-// Places of the map that are inspected around a point. At half, bands show in wide shadows; twice takes twice
-// the time.
+// Places of the map that a sample inspects. At half, bands show in wide shadows; twice takes twice the time.
 constexpr int taps = 24;
 
-// A sunflower's seeds: evenly spread over the unit disc.
-std::array<std::array<double, 2>, taps> seeds() {
-    std::array<std::array<double, 2>, taps> places;
+struct Place {
+    double x, y;
+};
+// A sunflower's seeds, evenly spread over the unit disc. Neighbouring samples take every fourth, so that the
+// samples of a pixel inspect them all.
+std::array<std::array<Place, taps>, 4> seeds() {
+    std::array<std::array<Place, taps>, 4> places;
     const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
-    for (int k = 0; k < taps; ++k) {
-        const double radius = std::sqrt((k + 0.5) / taps);
-        places[std::size_t(k)] = {radius * std::cos(k * turn), radius * std::sin(k * turn)};
+    for (int k = 0; k < 4 * taps; ++k) {
+        const double radius = std::sqrt((k + 0.5) / (4 * taps));
+        places[std::size_t(k % 4)][std::size_t(k / 4)] = {radius * std::cos(k * turn),
+                                                          radius * std::sin(k * turn)};
     }
     return places;
 }
-const std::array<std::array<double, 2>, taps> disc = seeds();
+const std::array<std::array<Place, taps>, 4> discs = seeds();
 
 }  // namespace
 
@@ -75,8 +79,8 @@ Shadow::Shadow(const Picture& picture, Poll& poll) : picture_(picture) {
     if (nearest.find(sheet, bins, 0, poll)) nearness_ = std::move(nearest.nearness);
 }
 
-double Shadow::lit(const Triple& point, const Ball* on) const {
-    double lit = nearness_.empty() ? 1.0 : past_sheet(point);
+double Shadow::lit(const Triple& point, int column, int row, const Ball* on) const {
+    double lit = nearness_.empty() ? 1.0 : past_sheet(point, 2 * (row % 2) + column % 2);
     for (const Ball& ball : picture_.balls) {
         if (!ball.solid || &ball == on) continue;
         const Triple way = ball.center - point;
@@ -97,7 +101,8 @@ double Shadow::above(double x, double y, double height) const {
 
 // First the mean height of what is between point and light, then how much of a disc as wide as the light's
 // edge seems at that height is covered.
-double Shadow::past_sheet(const Triple& point) const {
+double Shadow::past_sheet(const Triple& point, int which) const {
+    const std::array<Place, taps>& disc = discs[std::size_t(which)];
     const Triple seen = view_.to_view(point);
     const double x = map_size / 2.0 + view_.scale * seen[0], y = map_size / 2.0 - view_.scale * seen[1];
     const double slack = map_slack / view_.scale,

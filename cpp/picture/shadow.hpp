@@ -13,11 +13,11 @@ public:
     // Of nothing where the look has no shadows.
     Shadow(const Picture& picture, Poll& poll);
 
-    // Part of the light that reaches a point, 0 to 1. A ball throws no shadow on itself.
-    double lit(const Triple& point, const Ball* on = nullptr) const;
+    // Part of the light that reaches the point of a sample, 0 to 1. A ball throws no shadow on itself.
+    double lit(const Triple& point, int column, int row, const Ball* on = nullptr) const;
 
 private:
-    double past_sheet(const Triple& point) const;
+    double past_sheet(const Triple& point, int which) const;
     // Metres towards the light that the sheet at (x, y) of the map is above `height`.
     double above(double x, double y, double height) const;
 

@@ -11,7 +11,7 @@ namespace {
 
 // Factor of the ground's colour in full shadow. At half the ground outshines the cloth's own shadows, at
 // twice no shadow is left.
-constexpr double ground_in_shadow = 0.55;
+constexpr double ground_in_shadow = 0.7;
 
 struct Lit {
     const double *nx, *ny, *nz, *ex, *ey, *ez, *lit;
@@ -152,7 +152,7 @@ void Tile::gather(const Facet& facet, int row, int first, int last) {
             base_[n][i] = color[n];
             to_eye_[n][i] = to_eye[n];
         }
-        if (p.look.shadow) lit_[i] = shadow_.lit(blend(w, p.sheet.points, facet));
+        if (p.look.shadow) lit_[i] = shadow_.lit(blend(w, p.sheet.points, facet), k, row);
     }
 }
 
@@ -167,8 +167,9 @@ void Tile::paint_ball(const Ball& ball, const Disc& disc) {
             if (!disc.hit(column, row, nearness, normal) || nearness <= nearest_.nearness[i]) continue;
             normal = view.to_world(normal);
             const Triple to_eye = ray(view, column, row).to_eye;
-            const double lit =
-                picture_.look.shadow ? shadow_.lit(ball.center + ball.radius * normal, &ball) : 1.0;
+            const double lit = picture_.look.shadow
+                ? shadow_.lit(ball.center + ball.radius * normal, column, row, &ball)
+                : 1.0;
             const double light = light_on(picture_.look, normal[0], normal[1], normal[2], to_eye[0],
                                           to_eye[1], to_eye[2], lit);
             const double red = ball.solid ? red_of(picture_.look, depth_below(ball, disc, column, row)) : 0.0;
@@ -206,7 +207,7 @@ void Tile::paint_ground() {
             if (nearness <= nearest_.nearness[i]) continue;
             const double far = std::sqrt(dot(point - ground.middle, point - ground.middle)) / ground.radius;
             const double part = std::clamp(2 * (1 - far), 0.0, 1.0), drawn = part * part * (3 - 2 * part);
-            const double lit = picture_.look.shadow && drawn > 0 ? shadow_.lit(point) : 1.0;
+            const double lit = picture_.look.shadow && drawn > 0 ? shadow_.lit(point, column, row) : 1.0;
             const double shade = 1 - (1 - ground_in_shadow) * (1 - lit);
             for (std::size_t k = 0; k < 3; ++k) {
                 const double background = picture_.look.background[k];

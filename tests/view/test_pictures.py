@@ -244,13 +244,40 @@ def test_mp4_film(run, tmp_path):
     assert np.abs(film[-1, : expected.shape[0]].astype(int) - expected).mean() < 6
 
 
+def test_mp4_film_by_the_package_where_no_program_is(run, tmp_path, monkeypatch):
+    package = pytest.importorskip("imageio_ffmpeg")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    used = []
+    found = package.get_ffmpeg_exe()
+    monkeypatch.setattr(package, "get_ffmpeg_exe", lambda: used.append(found) or found)
+    assert run.animate(tmp_path / "a.mp4", width=64).stat().st_size > 1000
+    assert used
+
+
+@pytest.mark.parametrize("suffix", ["gif", "webp"])
+def test_memory_of_a_film_does_not_grow_with_its_pictures(suffix, tmp_path):
+    pytest.importorskip("PIL.Image")
+    code = f"""
+import resource, clothsim as cs
+run = cs.simulate(cs.scenes.paper_swing(), 0.2, dt=1e-3, every=0.005)
+peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+run.animate({str(tmp_path / "a")!r} + ".{suffix}", fps=20, speed=1, width=800)
+before = peak()
+run.animate({str(tmp_path / "b")!r} + ".{suffix}", fps=50, speed=0.05, width=800)
+print(peak() - before)
+"""
+    grown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert float(grown) < 60  # MB; 201 pictures of 800 x 600 take 290
+
+
 def test_films_that_cannot_be(run, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"path must end in one of .gif, .webp, .mp4"):
         run.animate(tmp_path / "a.avi")
     with pytest.raises(ValueError, match="fps must be a finite number > 0 and <= 50"):
         run.animate(tmp_path / "a.gif", fps=60)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(RuntimeError, match="needs the program ffmpeg.*apt-get install ffmpeg.*webp"):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(RuntimeError, match=r"needs ffmpeg, .*imageio-ffmpeg.*apt-get install ffmpeg.*'.\[film\]'.*webp"):
         run.animate(tmp_path / "a.mp4", width=64)
     short = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
     with pytest.raises(ValueError, match="at least 3 stored frames, this run has 2.*every="):

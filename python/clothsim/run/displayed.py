@@ -20,6 +20,12 @@ class DisplayedRun:
         *,
         camera: Any = None,
         width: int = 640,
+        color: Any = "faces",
+        limits: tuple[float, float] | None = None,
+        label: bool = False,
+        shadow: bool = False,
+        ground: bool | float = False,
+        perspective: bool = False,
     ) -> Any:
         """Draw a stored frame; see `clothsim.picture`.
 
@@ -33,8 +39,9 @@ class DisplayedRun:
             Time [s], in place of `frame`. The nearest stored frame is drawn.
         path : path-like, optional
             File to write as well; see `Picture.save`.
-        camera, width
-            As for `clothsim.picture`.
+        camera, width, color, limits, label, shadow, ground, perspective
+            As for `clothsim.picture`. The view, the colour scale and the ground are those of all frames. An array as
+            `color` has shape (rows, columns) or (frames, rows, columns).
 
         Returns
         -------
@@ -54,7 +61,20 @@ class DisplayedRun:
         """
         from ..viewing.picture import picture_of_run
 
-        return picture_of_run(self, frame, t, path, camera, width)
+        return picture_of_run(
+            self,
+            frame,
+            t,
+            path,
+            camera,
+            width,
+            color=color,
+            limits=limits,
+            label=label,
+            shadow=shadow,
+            ground=ground,
+            perspective=perspective,
+        )
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -91,7 +111,19 @@ class DisplayedRun:
         return plot(self, path)
 
     def animate(
-        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, camera: Any = None, width: int = 640
+        self,
+        path: str | Path,
+        fps: float = 30.0,
+        *,
+        speed: float = 1.0,
+        camera: Any = None,
+        width: int = 640,
+        color: Any = "faces",
+        limits: tuple[float, float] | None = None,
+        label: bool = False,
+        shadow: bool = False,
+        ground: bool | float = False,
+        perspective: bool = False,
     ) -> Path:
         """Write a film of the run.
 
@@ -101,14 +133,15 @@ class DisplayedRun:
         Parameters
         ----------
         path : path-like
-            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program
-            ffmpeg).
+            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program ffmpeg or the extra
+            "film").
         fps : float, default 30
             Pictures a second, > 0, at most 240, of a GIF at most 50: browsers slow down more.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
-        camera, width
-            As for `clothsim.picture`. The view is fixed and holds every frame.
+        camera, width, color, limits, label, shadow, ground, perspective
+            As for `clothsim.picture`. The view, the colour scale and the ground are fixed and hold every frame. An array
+            as `color` has shape (rows, columns) or (frames, rows, columns).
 
         Returns
         -------
@@ -134,7 +167,20 @@ class DisplayedRun:
         """
         from ..viewing.animation import animate
 
-        return animate(self, path, fps, speed, camera, width)
+        return animate(
+            self,
+            path,
+            fps,
+            speed,
+            camera,
+            width,
+            color=color,
+            limits=limits,
+            label=label,
+            shadow=shadow,
+            ground=ground,
+            perspective=perspective,
+        )
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser.

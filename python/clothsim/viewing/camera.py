@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,8 @@ import numpy.typing as npt
 from ..base import check
 from ..base.keywords import suggesting
 from ..typing import Numbers
+
+DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view
 
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
@@ -146,22 +148,48 @@ def direction_of(value: Any) -> tuple[float, float, float]:
     )
 
 
-def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike) -> Camera:
+def _points(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]) -> Iterator[Any]:
+    """Mass points, then the outlines of each sphere at all times, both along `axes`, shape (3, n)."""
+    # `@` would wake BLAS's threads, which then spin beside the picture.
+    yield np.einsum("pk,ak->ap", x.reshape(-1, 3), axes)
+    for sphere in scene.spheres:
+        centers = np.einsum("pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes)
+        ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T
+        yield (centers[:, :, None] + ends[:, None]).reshape(3, -1)
+
+
+def extremes(
+    scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Lowest and highest coordinates along `axes` of the cloth and of the spheres at all times."""
+    ends = [(part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)]
+    low, high = zip(*ends)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, perspective: bool = False) -> Camera:
     """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
     A direction becomes a view that contains the cloth and the spheres at all times `t`.
     """
     if isinstance(value, Camera):
+        if perspective and value.distance is None:
+            raise ValueError("perspective must be False with a Camera: set its distance")
         return value
     direction = direction_of("corner" if value is None else value)
     axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
-    flat = x.reshape(-1, 3)
-    # Only extremes count: of the cloth along the picture's axes, and of each sphere's outline.
-    # `@` would wake BLAS's threads, which then spin beside the picture.
-    seen = np.einsum("pk,ak->ap", flat, axes)
-    points = [flat[np.concatenate([seen.argmin(axis=1), seen.argmax(axis=1)])]]
-    for sphere in scene.spheres:
-        centers = np.atleast_2d(sphere.center_at(np.asarray(t, float)))
-        outline = sphere.radius * np.concatenate([axes, -axes])
-        points.append((centers[:, None] + outline).reshape(-1, 3))
-    return Camera.around(direction, np.concatenate(points))
+    low, high = extremes(scene, x, t, axes)
+    camera = Camera.around(direction, np.stack([low, high]) @ axes)
+    if not perspective:
+        return camera
+    # From there the picture's longer side is seen at 29 degrees, as by a lens of 70 mm.
+    distance = DISTANCE * max(camera.width, camera.height)
+    middle = axes @ camera.target
+    ends = []
+    for part in _points(scene, x, t, axes):
+        seen = part - middle[:, None]
+        seen = seen[:2] * distance / (distance - seen[2])
+        ends.append((seen.min(axis=1), seen.max(axis=1)))
+    low, high = (np.array(end) for end in zip(*ends))
+    width, height = 2 * np.maximum(-low.min(axis=0), high.max(axis=0)) * 1.06
+    return replace(camera, width=float(max(width, height)), height=float(height), distance=float(distance))

@@ -26,9 +26,10 @@ from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for
 from .curves import PARTS, curves
+from .drawing import PIN_SIZE
 from .notebook import Frame, runs_html
 from .packing import pack, point_stretch, top_of
-from .picture import PIN_SIZE, draw, file_path
+from .picture import file_path, picture
 
 Advance = Callable[[int], object]
 
@@ -278,7 +279,7 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
 
 def _poster(run: Run, camera: Camera) -> str:
     """The last frame as a picture, for readers without scripts or WebGL."""
-    png = draw(run.scene, run.x[-1], float(run.t[-1]), camera, POSTER_WIDTH)._repr_png_()
+    png = picture(run.scene, run.x[-1], float(run.t[-1]), camera=camera, width=POSTER_WIDTH)._repr_png_()
     return f'<img alt="Last frame" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
 
 

@@ -8,19 +8,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .. import _core
 from ..base import check, files
 from ..base.extras import needed
 from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from . import png
-from .camera import Camera, camera_for
-from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, render
+from .drawing import Drawing
 
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
-WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
-PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 
 
 @suggesting
@@ -123,15 +119,21 @@ def picture(
     x: npt.ArrayLike | None = None,
     t: float | None = None,
     *,
+    v: npt.ArrayLike | None = None,
     camera: Any = None,
     width: int = WIDTH,
     path: str | Path | None = None,
+    color: Any = "faces",
+    limits: tuple[float, float] | None = None,
+    label: bool = False,
+    shadow: bool = False,
+    ground: bool | float = False,
+    perspective: bool = False,
 ) -> Picture:
     """Draw a cloth and its spheres, shaded and with exact depth. Cloth inside a sphere is red.
 
     The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth lies under the
-    surface of a sphere, the surface is red, and stronger with depth up to 10 mm. Dark dots are pins. The view is
-    orthographic.
+    surface of a sphere, the surface is red, and stronger with depth up to 10 mm. Dark dots are pins.
 
     Parameters
     ----------
@@ -141,6 +143,8 @@ def picture(
         Positions [m], shape (rows, columns, 3). Default: the scene's initial positions.
     t : float, optional
         Time [s], which determines the places of moving spheres. Required where a sphere moves and `x` is given; else 0.
+    v : array_like, optional
+        Velocities [m/s], shape (rows, columns, 3), for ``color="speed"``.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
         "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth and all spheres.
@@ -149,6 +153,23 @@ def picture(
         Pixels along the picture, 16 to 8192; its height follows from the view.
     path : path-like, optional
         File to write as well; see `Picture.save`.
+    color : str or array_like, default "faces"
+        Colours of the cloth: "faces", "stretch", "speed" or "depth", or a number for each mass point. "stretch" is
+        l/L - 1 of the most stretched spring at a point, "depth" that below a sphere's surface. An array has shape (rows,
+        columns).
+    limits : (float, float), optional
+        Ends of the colour scale, in SI units. Default: 0 and the value that 99 % of the points do not exceed; of an
+        array, its least and greatest number.
+    label : bool, default False
+        Add a strip below the picture: the time, a length, and the colour scale. ``>`` at its end says that a value is
+        above. In perspective the length holds in the plane through the view's target. `width` is at least 320 then.
+    shadow : bool, default False
+        Draw soft shadows of the light from the side.
+    ground : bool or float, default False
+        Draw a horizontal plane: True below cloth and spheres, a number at that height [m].
+    perspective : bool, default False
+        Draw nearer parts larger. The default is orthographic: lengths can be compared. A `Camera` has its own
+        ``distance``.
 
     Returns
     -------
@@ -173,22 +194,26 @@ def picture(
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     t = 0.0 if t is None and x is None else start_time(t, [scene])
     x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
-    width = check.integer("width", width, minimum=16, maximum=WIDEST)
+    v = None if v is None else check.points("v", v, scene.cloth.shape)[None]
     path = None if path is None else file_path("path", path)
-    drawn = draw(scene, x, t, camera_for(camera, scene, x[None], [t]), width)
+    drawing = Drawing(
+        scene,
+        x[None],
+        v,
+        np.array([t]),
+        camera,
+        width,
+        color=color,
+        limits=limits,
+        label=label,
+        shadow=shadow,
+        ground=ground,
+        perspective=perspective,
+    )
+    drawn = Picture(drawing.pixels(0))
     if path is not None:
         drawn.save(path)
     return drawn
-
-
-def draw(scene: Scene, x: npt.NDArray[np.float64], t: float, camera: Camera, width: int) -> Picture:
-    """`picture` with a given camera; the arguments are checked."""
-    size = PIN_SIZE * max(scene.cloth.size)
-    balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in scene.spheres]
-    balls += [Ball(point, size, PIN, solid=False) for point in x[scene.cloth.pinned]]
-    if min(scene.cloth.shape) < 2:  # a single row has no surface: its mass points are shown
-        balls += [Ball(point, size, CLOTH_FRONT, solid=False) for point in x[~scene.cloth.pinned]]
-    return Picture(render(x, balls, camera, width, threads=_core.available_threads()))
 
 
 def frame_index(run: Any, frame: int | None, t: float | None) -> int:
@@ -205,9 +230,12 @@ def frame_index(run: Any, frame: int | None, t: float | None) -> int:
 
 
 def picture_of_run(
-    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int
+    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int, **look: Any
 ) -> Picture:
-    """`Run.picture`. One camera contains all frames, so that pictures of a run can be compared."""
+    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
     k = frame_index(run, frame, t)
-    camera = camera_for(camera, run.scene, run.x, run.t)
-    return picture(run.scene, run.x[k], float(run.t[k]), camera=camera, width=width, path=path)
+    path = None if path is None else file_path("path", path)
+    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, camera, width, **look).pixels(k))
+    if path is not None:
+        drawn.save(path)
+    return drawn

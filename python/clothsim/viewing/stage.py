@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..model.mesh import triangles
 from .camera import camera_for
-from .picture import PIN_SIZE
+from .drawing import PIN_SIZE
 from .playground import Playground
 from .raster import CLOTH_BACK, CLOTH_FRONT, PIN, SPHERE
 

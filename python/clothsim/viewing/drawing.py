@@ -1,0 +1,90 @@
+"""States of a scene as pictures of one view, one ground and one colour scale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import check
+from .camera import Camera, camera_for, extremes
+from .lettering import LEAST_WIDTH, labelled
+from .palette import scale_of, values_of
+from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, Ground, render
+
+WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
+PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
+GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all that is drawn
+
+Floats = npt.NDArray[np.float64]
+
+
+class Drawing:
+    """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,).
+
+    Parameters
+    ----------
+    scene : Scene
+    x, v, t : array
+        `v` may be None.
+    camera, width, color, limits, label, shadow, ground, perspective
+        As for `clothsim.picture`.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        x: Floats,
+        v: Floats | None,
+        t: Floats,
+        camera: Any,
+        width: int,
+        *,
+        color: Any = "faces",
+        limits: Any = None,
+        label: bool = False,
+        shadow: bool = False,
+        ground: bool | float = False,
+        perspective: bool = False,
+    ) -> None:
+        self.scene, self.x, self.t = scene, x, t
+        self.width = check.integer("width", width, minimum=16, maximum=WIDEST)
+        self.label, self.shadow = check.boolean("label", label), check.boolean("shadow", shadow)
+        if self.label and self.width < LEAST_WIDTH:
+            raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {width}")
+        self.ground: Ground | None = None
+        if ground is not False:
+            low, high = extremes(scene, x, t, np.eye(3))
+            height = float(low[1]) if ground is True else check.number("ground", ground)
+            middle = (low[0] + high[0]) / 2, height, (low[2] + high[2]) / 2
+            self.ground = Ground(height, middle, GROUND_REACH * float(np.linalg.norm(high - low)))
+        self.camera: Camera = camera_for(camera, scene, x, t, perspective=check.boolean("perspective", perspective))
+        self.values = values_of(color, scene, x, v, t)
+        if self.values is None and limits is not None:
+            raise ValueError(f'limits must be None with color="faces", got {limits!r}')
+        self.scale = None if self.values is None else scale_of(color, self.values, limits)
+
+    def pixels(self, k: int) -> npt.NDArray[np.uint8]:
+        """The picture of frame `k`, shape (height, width, 3)."""
+        x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
+        size = PIN_SIZE * max(cloth.size)
+        balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in self.scene.spheres]
+        balls += [Ball(point, size, PIN, solid=False) for point in x[cloth.pinned]]
+        colors = None if self.scale is None or self.values is None else self.scale.colors(self.values[k])
+        if min(cloth.shape) < 2:  # a single row has no surface: its mass points are shown
+            shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
+            free = ~cloth.pinned
+            balls += [Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])]
+        drawn = render(
+            x,
+            balls,
+            self.camera,
+            self.width,
+            colors=colors,
+            ground=self.ground,
+            shadow=self.shadow,
+            threads=_core.available_threads(),
+        )
+        return labelled(drawn, t, self.width / self.camera.width, self.scale) if self.label else drawn

@@ -1,0 +1,112 @@
+"""The label below a picture: its time, a length, and the colour scale, in letters made of strokes."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .palette import Scale
+
+Pixels = npt.NDArray[np.uint8]
+
+# Strokes on a grid 4 wide: each pair of digits is x and y, the base line at y = 2, small letters to 6, digits to 8.
+STROKES = {
+    "0": "123243473818070312", "1": "1728 2822 1232", "2": "07183847460242", "3": "07183847463544433212 35 1203 3515",
+    "4": "32380444", "5": "480805354443321203", "6": "4738180703123243443505", "7": "084812",
+    "8": "153546473818070615 150403123243443515", "9": "0312324347381807061545", "a": "16364542 433212031444",
+    "c": "4536160503123243", "d": "4842 4536160503123243", "e": "044445361605031242", "h": "0802 0516364542",
+    "k": "0802 3604 0432", "l": "18132232", "m": "0602 05162522 25364542", "n": "0602 0516364542",
+    "p": "0600 0516364543321203", "r": "0602 04152636", "s": "4616051434433202", "t": "18132232 0636",
+    "u": "0603123243 4642", "v": "062246", ".": "2222", "-": "0545", "+": "0545 2327",
+    "%": "0717180807 3242433332 0248", "=": "0646 0444", "/": "0148", ">": "074503 0242", " ": "",
+}  # fmt: skip
+ADVANCE, HEIGHT = 5.6, 6.0  # of a letter, and of a digit above the base line, in cells of the grid
+INK = 40.0  # of 255
+LEAST_WIDTH = 320
+"""Pixels; in a narrower picture the label cannot be read."""
+
+
+@lru_cache(maxsize=256)
+def _glyph(letter: str, cell: float) -> npt.NDArray[np.float64]:
+    """Coverage of a letter's pixels, whose row 0 is 9 cells above its lowest."""
+    half = max(0.55, 0.4 * cell)  # of a stroke's width
+    height, width = math.ceil(10 * cell), math.ceil((ADVANCE + 1) * cell)
+    y, x = np.mgrid[:height, :width] + 0.5
+    x, y = x - cell, 9 * cell - y
+    cover = np.zeros((height, width))
+    for stroke in STROKES[letter].split():
+        points = [(cell * int(stroke[k]), cell * int(stroke[k + 1])) for k in range(0, len(stroke), 2)]
+        for (x0, y0), (x1, y1) in zip(points, points[1:]):
+            dx, dy = x1 - x0, y1 - y0
+            along = ((x - x0) * dx + (y - y0) * dy) / ((dx * dx + dy * dy) or 1.0)
+            along = along.clip(0, 1)
+            distance = np.hypot(x - x0 - along * dx, y - y0 - along * dy)
+            cover = np.maximum(cover, (half + 0.5 - distance).clip(0, 1))
+    return cover
+
+
+def write(pixels: Pixels, text: str, left: float, base: int, cell: float) -> float:
+    """Write `text` with its base line at row `base`. Return the column at its right end."""
+    top = base - round(7 * cell)
+    for letter in text:
+        cover = _glyph(letter, cell)
+        first = round(left - cell)
+        below = pixels[max(top, 0) : top + len(cover), max(first, 0) : first + cover.shape[1]]
+        cover = cover[max(-top, 0) :, max(-first, 0) :][: below.shape[0], : below.shape[1], None]
+        below[:] = np.round(below + cover * (INK - below)).astype(np.uint8)
+        left += ADVANCE * cell
+    return left
+
+
+def _width(text: str, cell: float) -> float:
+    return len(text) * ADVANCE * cell
+
+
+def nice_length(most: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most `most`."""
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(k * power for k in (1, 2, 5) if k * power <= most * (1 + 1e-9))
+
+
+def length_in_words(length: float) -> str:
+    """A length in m, cm or mm."""
+    for unit, size in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
+        if length >= size * (1 - 1e-9):
+            return f"{length / size:g} {unit}"
+    return f"{length:g} m"
+
+
+def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None) -> Pixels:
+    """The picture above a strip that shows the time [s], a length, and the colour scale."""
+    width = pixels.shape[1]
+    cell = width / 320
+    strip = np.full((round(16 * cell), width, 3), 255, np.uint8)
+    base, edge = round(10.5 * cell), 5 * cell
+    write(strip, f"t = {t:.4f} s", edge, base, cell)
+    length = nice_length(0.17 * width / pixels_per_metre)
+    left, right = 0.26 * width, 0.26 * width + length * pixels_per_metre
+    thick = max(1, round(0.8 * cell))
+    strip[base - thick : base, round(left) : round(right)] = int(INK)
+    for end in (left, right - thick):
+        strip[base - round(4 * cell) : base, round(end) : round(end) + thick] = int(INK)
+    write(strip, length_in_words(length), right + 2.5 * cell, base, cell)
+    if scale is not None:
+        _write_scale(strip, scale, base, cell, edge)
+    return np.concatenate([pixels, strip])
+
+
+def _write_scale(strip: Pixels, scale: Scale, base: int, cell: float, edge: float) -> None:
+    """The colour bar between its ends, at the right of the strip."""
+    width = strip.shape[1]
+    ends = [f"{scale.factor * end:.3g}" for end in (scale.low, scale.high)]
+    high = f"{'>' if scale.open_end else ''}{ends[1]} {scale.unit}".rstrip()
+    write(strip, high, width - edge - _width(high, cell), base, cell)
+    right = round(width - edge - _width(high, cell) - 2.5 * cell)
+    left = round(right - 0.13 * width)
+    part = scale.low + (scale.high - scale.low) * (np.arange(right - left) + 0.5) / (right - left)
+    strip[base - round(HEIGHT * cell) : base, left:right] = np.round(255 * scale.colors(part)).astype(np.uint8)
+    title = f"{scale.title} {ends[0]}".lstrip()
+    write(strip, title, left - 2.5 * cell - _width(title, cell), base, cell)
