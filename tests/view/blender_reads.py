@@ -2,7 +2,7 @@
 
     python blender_reads.py FOLDER FRAME...
 
-Prints JSON: positions in Blender's world (z up) by file and frame.
+Prints JSON: positions in Blender's world (z up) by file and frame, and whether the .glb is shaded smooth.
 """
 
 import json
@@ -50,6 +50,8 @@ def main(folder, *frames):
             if not still:
                 bpy.context.scene.frame_set(frame)
             positions[f"{path.suffix} {frame}"] = vertices(bpy, cloth)
+        if path.suffix == ".glb":
+            positions["smooth"] = all(face.use_smooth for face in cloth.data.polygons)
     print("READ", json.dumps(positions))
 
 

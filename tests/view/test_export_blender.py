@@ -38,6 +38,7 @@ def test_blender_shows_the_positions_of_the_run(tmp_path):
     lines = [line for line in result.stdout.splitlines() if line.startswith("READ ")]
     assert lines, result.stdout + result.stderr
     read = json.loads(lines[0].removeprefix("READ "))
+    assert read.pop("smooth")
     frames = {f"{s} {k}" for s in (".usdc", ".glb", ".pc2", ".mdd") for k in (0, 7, 18)}
     assert set(read) == frames | {".obj 7", ".ply 7"}
     for name, positions in read.items():

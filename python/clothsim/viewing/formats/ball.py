@@ -13,6 +13,12 @@ from ..clip import Clip, Frame
 _AROUND, _FROM_POLE_TO_POLE = 48, 24  # cells; off the true sphere by at most 0.5 % of the radius
 
 
+def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    """An sRGB colour in linear light, as materials have it."""
+    red, green, blue = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).tolist()
+    return red, green, blue
+
+
 @cache
 def unit_ball() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Vertices, which are also the normals, and triangles whose normals point outwards."""

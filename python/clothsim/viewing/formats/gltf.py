@@ -15,12 +15,16 @@ import numpy as np
 
 from ...machine.build import build_config
 from ..clip import Clip, Floats
-from .ball import unit_ball
+from ..raster import CLOTH_FRONT, SPHERE
+from .ball import linear, unit_ball
 
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
-CLOTH_COLOR, BALL_COLOR = (0.12, 0.37, 0.65), (0.85, 0.55, 0.20)  # linear RGB, colour-blind safe
+CLOTH_COLOR, BALL_COLOR = linear(CLOTH_FRONT), linear(SPHERE)
+# Radians by which the normals of the first frame are off. Where they are those of the triangles, as on a flat sheet,
+# Blender shades flat in all frames; its limit is 4.5e-4. At twice, nobody sees it either.
+TILT = 2e-3
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
@@ -112,7 +116,9 @@ def _cloth(file: _File, clip: Clip) -> int:
     for frame in clip.frames():
         positions, normals = frame.positions, clip.normals(frame.positions)
         if frame.number == 0:
-            first = positions, normals
+            axis = np.eye(3)[np.abs(normals).argmin(axis=-1)]
+            tilted = normals + TILT * np.cross(normals, axis)
+            first = positions, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)
             continue
         targets.append(
             {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...machine.build import build_config
-from ..clip import Clip
+from ..clip import Clip, Frame
 from .gltf import BALL_COLOR, CLOTH_COLOR
 
 # Time codes a second where frames stand at their own times; codes need not be whole.
@@ -36,7 +36,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
     moves = [_sphere(stage, clip, k) for k in range(len(clip.spheres))]
     for frame in clip.frames():
         code = Usd.TimeCode(_code(clip, frame.number, rate))
-        _set_points(mesh, clip, frame.positions, code)
+        _set_points(mesh, clip, frame, code)
         for move, center in zip(moves, frame.centers):
             if move is not None:
                 move.Set(Gf.Vec3d(*center.tolist()), code)
@@ -79,13 +79,14 @@ def _paint(stage: Any, prim: Any, name: str, color: tuple[float, float, float], 
     UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material)
 
 
-def _set_points(mesh: Any, clip: Clip, positions: np.ndarray, code: Any) -> None:
+def _set_points(mesh: Any, clip: Clip, frame: Frame, code: Any) -> None:
     from pxr import Vt
 
-    points = positions.astype(np.float32)
-    normals = clip.normals(positions).astype(np.float32)
+    points = frame.positions.astype(np.float32)
+    normals = clip.normals(frame.positions).astype(np.float32)
     mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), code)
     mesh.GetNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(normals), code)
+    mesh.GetVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(frame.velocities.astype(np.float32)), code)
     extent = np.stack([points.min(axis=0), points.max(axis=0)])
     mesh.GetExtentAttr().Set(Vt.Vec3fArray.FromNumpy(extent), code)
 
