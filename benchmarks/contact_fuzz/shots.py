@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import Any, cast
 
 import clothsim as cs
@@ -83,13 +84,49 @@ def _passed(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) 
     return False
 
 
+def _thrown(scene: cs.Scene, state: tuple[np.ndarray, ...], end: tuple[np.ndarray, ...], dt: float) -> tuple[bool, bool]:
+    """Whether contact moved a point too far from the free step, and whether contact made energy.
+
+    The free step is one without spheres. Springs may take up the ways of a step. Spheres work at most
+    with their speed times the impulse; a pinned corner may bear 0.99 of it.
+    """
+    cloth, free = scene.cloth, cs.Scene(scene.cloth, (), scene.gravity)
+    x, v = cs.step(free, *state, dt, t=0.0)
+    ways = [float(np.linalg.norm(np.asarray(s.center_at(dt)) - s.center_at(0.0))) for s in scene.spheres]
+    own = np.linalg.norm(x - state[0], axis=-1)
+    changed = (end[0] != x).any(axis=-1) | (end[1] != v).any(axis=-1)
+    farthest = 2 * (sum(ways) + own[changed].max(initial=0.0)) + max(s.radius for s in scene.spheres)
+    far = bool(np.linalg.norm(end[0] - x, axis=-1).max() > farthest)
+    # Two spheres that close on a point squeeze it out faster than they move.
+    most = 100 if cloth.pinned.any() or len(scene.spheres) > 1 else 1
+    impulses = most * (cloth.mass_per_point * np.linalg.norm(end[1] - v, axis=-1)).sum()
+    table = cloth.spring_table()
+    stiffness = np.zeros(cloth.rows * cloth.columns)
+    for corner in ("i", "j"):
+        np.add.at(stiffness, table[corner], table["stiffness"])
+    slack = (stiffness.reshape(cloth.shape) * (own + sum(ways) + 1e-6) ** 2)[changed].sum() / 2
+    before, after = (cs.energy(free, *of)["total"] for of in ((x, v), end))
+    bound = before + impulses * max(ways, default=0.0) / dt + slack + 1e-9 * abs(before) + 1e-12
+    return far, bool(after > bound)
+
+
+def _no_place(v: np.ndarray) -> Callable[[cs.Scene, np.ndarray, np.ndarray, float, float], bool]:
+    """Judge of a place: whether a sphere contains a free part of it, or contact moves no point so far."""
+
+    def judge(scene: cs.Scene, x: np.ndarray, y: np.ndarray, t: float, dt: float) -> bool:
+        x, y = x.reshape(v.shape), y.reshape(v.shape)
+        return _passed(scene, x, y, t, dt) or _thrown(scene, (x, v), (y, v), dt)[0]
+
+    return judge
+
+
 def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     """Shoot spheres at sheets and judge every step.
 
     Steps go up to 1,000 radii. One to three spheres have sizes from a tenth of a cell to three
     sheets. Offsets are "face", "edge" and "none", with restitution and friction. Some corners are
-    pinned. In each of four steps the oracle looks whether a sphere crossed a triangle of free
-    corners or left one inside.
+    pinned. In each of four steps the oracle checks whether a sphere crossed a triangle of free
+    corners or left one inside, and how far and with how much energy contact moved the points.
 
     Parameters
     ----------
@@ -102,11 +139,12 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
     -------
     dict
         "shots"; "hits": shots in which a sphere changed the sheet; "passed": with a triangle or a
-        point crossed or inside; "refused": ended with a `ContactError`; "with_place": refused, though
-        an independent search finds a place.
+        point crossed or inside; "thrown": with a point farther from the free step than contact may
+        move it; "gained": with energy that no sphere gave; "refused": ended with a `ContactError`;
+        "with_place": refused, though an independent search finds a place within these bounds.
     """
     rng = np.random.default_rng(seed)
-    total = {"shots": 0, "hits": 0, "passed": 0, "refused": 0, "with_place": 0}
+    total = {"shots": 0, "hits": 0, "passed": 0, "thrown": 0, "gained": 0, "refused": 0, "with_place": 0}
     while total["shots"] < count:
         drawn = _shot(rng, several=total["shots"] % 2 == 1)
         if drawn is None:
@@ -116,19 +154,25 @@ def shots(count: int = 300, seed: int = 1) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", cs.ContactWarning)
             stepper = cs.Stepper(scene, threads=1)
-            x, passed = stepper.positions, False
+            x, v = stepper.positions, stepper.velocities
+            passed = thrown = gained = False
             for _ in range(_STEPS):
                 t = stepper.time
                 try:
                     stepper.advance(1, dt)
                 except cs.ContactError:
                     total["refused"] += 1
-                    total["with_place"] += finds_place(scene, x, t, dt, _passed)
+                    total["with_place"] += finds_place(scene, x, t, dt, _no_place(v))
                     break
-                y = stepper.positions
+                y, u = stepper.positions, stepper.velocities
                 passed |= _passed(scene, x, y, t, dt)
-                x = y
+                far, more = _thrown(scene, (x, v), (y, u), dt)
+                thrown |= far
+                gained |= more
+                x, v = y, u
         total["passed"] += passed
+        total["thrown"] += thrown
+        total["gained"] += gained
         total["hits"] += bool(np.abs(stepper.velocities).max() > 0.1)
     return total
 

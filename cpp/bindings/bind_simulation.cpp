@@ -110,6 +110,7 @@ void signal(const Outcome& outcome, py::dict& result) {
     result["step"] = unstable->step;
     result["time"] = unstable->time;
     result["trapped"] = unstable->trapped;
+    result["energy"] = unstable->energy;
 }
 
 // None where all steps were done and there is nothing to tell: a call may be shorter than the making of a

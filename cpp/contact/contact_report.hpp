@@ -10,9 +10,14 @@ struct ContactReport {
     std::int64_t trapped = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
     bool changed = false;             // whether a response changed a mass point
+    double energy = 0;                // of a trapped point: energy made beyond its bound, or 0 [J]
 
     void note_trapped(std::int64_t i) {
         if (trapped < 0) trapped = i;
+    }
+    void note_fault(std::int64_t i, double energy_made) {
+        if (trapped < 0) energy = energy_made;
+        note_trapped(i);
     }
     void note_pinned(std::int64_t i) {
         if (pinned_inside < 0) pinned_inside = i;

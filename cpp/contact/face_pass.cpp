@@ -35,6 +35,13 @@ FaceWork::FaceWork(const Scene& scene, const std::vector<bool>& faces, const Fac
     seen_.resize(6 * n * faces.size(), 0);
     lasted_.resize(seen_.size(), 0);
     drift_.resize(at(cloth.rows));
+    stiffness_.assign(n, 0.0);
+    for (int i = 0; i < cloth.points(); ++i)
+        for (const Neighbour& neighbour : neighbours) {
+            const int r = i / cloth.columns + neighbour.row, c = i % cloth.columns + neighbour.column;
+            if (cloth.present[neighbour.family] && r >= 0 && r < cloth.rows && c >= 0 && c < cloth.columns)
+                stiffness_[at(i)] += cloth.stiffness[neighbour.family];
+        }
     frames_.resize(faces.size());
     for (Frame& frame : frames_) {
         for (std::size_t k = 0; k < 3; ++k) {
@@ -211,6 +218,7 @@ bool FaceWork::push_out(int sphere, const Triangle& t) {
         x[c] += part[i] * lift * n;
         v[c] -= part[i] * inwards * n;
     }
+    further_work_ -= inwards / mobility * n.dot(vec(s.velocity));
     return true;
 }
 
@@ -274,12 +282,14 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
         clear = follow_ways(1);
         restore_speeds();
     }
-    if (!clear) project(all_sweeps);
+    if (!clear) {
+        const std::size_t kept = rows_.size();
+        if (project(all_sweeps)) solve_side(kept, v, &ContactRow::speed, 1e-12, 0, all_sweeps.most);
+    }
     if (!starts_inside_.empty()) push_out_all();
-    int stuck = unresolved();
-    if (stuck >= 0 && search()) stuck = -1;
-    if (stuck >= 0) report_.note_trapped(stuck);
-    note_changed();
+    Fault fault = fault_of_place();
+    if (fault.point >= 0) fault = search(fault);
+    if (fault.point >= 0) report_.note_fault(fault.point, fault.energy);
     save_persistent(spheres[0].dt);
     return report_;
 }

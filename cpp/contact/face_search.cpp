@@ -1,6 +1,9 @@
 // Where the rows of the paths do not end a step: other ways to a place, and the check of the place.
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
 
 #include "contact/exact.hpp"
 #include "contact/face_work.hpp"
@@ -49,17 +52,14 @@ bool FaceWork::place_rows() {
     return low;
 }
 
-// Rows are placed and their positions solved for, again and again until no place is low. Then velocities are.
+// Rows are placed and their positions solved for, again and again until no place is low.
 bool FaceWork::project(const Sweeps& sweeps) {
     constexpr double accuracy = 1e-3;  // of the margin
     const std::size_t kept = rows_.size();
     for (int k = 0; k < sweeps.rounds; ++k) {
         rows_.resize(kept);
         origins_.resize(kept);
-        if (!place_rows()) {
-            solve_side(kept, v, &ContactRow::speed, 1e-12, 0, all_sweeps.most);
-            return true;
-        }
+        if (!place_rows()) return true;
         std::vector<ContactRow> rows(rows_.begin() + std::ptrdiff_t(kept), rows_.end());
         for (ContactRow& row : rows) row.friction = 0;
         if (sweeps.most > 1) guess_impulses(rows, 0, x, sum_, &ContactRow::place);
@@ -93,34 +93,133 @@ std::vector<std::vector<Vec3>> FaceWork::starts() const {
     return starts;
 }
 
-bool FaceWork::search() {
-    const std::size_t kept = rows_.size();
-    const std::vector<Vec3> speeds = v;
-    for (const Sweeps& sweeps : {single_sweeps, all_sweeps})
-        for (const std::vector<Vec3>& start : starts()) {
-            rows_.resize(kept);
-            origins_.resize(kept);
-            x = start;
-            v = speeds;
-            const bool found = project(sweeps);
-            if (found && unresolved() < 0) return true;
+// The point of an intersection of half-spaces that is nearest to p. False: the intersection is empty.
+//
+// The nearest point lies on at most three of the planes, so all sets of up to three are tried.
+bool FaceWork::nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& nearest) const {
+    const Vec3 &p = free_x_[at(point)], &start = x0[at(point)];
+    double size = p.cwiseAbs().sum() + start.cwiseAbs().sum();
+    for (const SweptSphere& s : *spheres_) size += (vec(s.end) - vec(s.start)).cwiseAbs().sum();
+    const double rounding = 0x1p-51 * size;
+    double least = std::numeric_limits<double>::infinity();
+    const auto offer = [&](const Vec3& q) {
+        const double distance2 = (q - p).squaredNorm();
+        if (!(distance2 < least)) return;
+        for (const HalfSpace& h : all)
+            if (h.normal.dot(q) < h.level - rounding) return;
+        least = distance2;
+        nearest = q;
+    };
+    constexpr double parallel = 1e-12;  // squared sine below which two planes count as one
+    offer(p);
+    for (const SweptSphere& s : *spheres_) offer(start + (vec(s.end) - vec(s.start)));
+    for (std::size_t i = 0; i < all.size(); ++i) {
+        const HalfSpace& a = all[i];
+        offer(p + (a.level - a.normal.dot(p)) * a.normal);
+        for (std::size_t j = 0; j < i; ++j) {
+            const HalfSpace& b = all[j];
+            const Vec3 line = a.normal.cross(b.normal);
+            const double sine2 = line.squaredNorm();
+            if (sine2 < parallel) continue;
+            const double cosine = a.normal.dot(b.normal), from_a = a.level - a.normal.dot(p),
+                         from_b = b.level - b.normal.dot(p);
+            offer(p +
+                  ((from_a - cosine * from_b) * a.normal + (from_b - cosine * from_a) * b.normal) / sine2);
+            for (std::size_t k = 0; k < j; ++k) {
+                const HalfSpace& c = all[k];
+                const double volume = line.dot(c.normal);
+                if (volume * volume < parallel * sine2) continue;
+                offer((a.level * b.normal.cross(c.normal) + b.level * c.normal.cross(a.normal) +
+                       c.level * line) /
+                      volume);
+            }
         }
+    }
+    return least < std::numeric_limits<double>::infinity();
+}
+
+// The sheet as the spheres carry it: the plane across the shortest way from a sphere to a triangle, where the
+// step begins, moves with the sphere, and all corners stay behind it. So no path of theirs touches the
+// sphere. One sphere alone always leaves such a place, as all corners may move with it. Each corner goes to
+// the nearest.
+bool FaceWork::carry() {
+    constexpr int most_planes = 40;  // of a point: more are seen only between spheres that close
+    constexpr int most_rounds_of_planes = 50;
+    std::vector<std::vector<HalfSpace>> planes(x.size());
+    std::vector<std::vector<std::uint8_t>> held(spheres_->size(), std::vector<std::uint8_t>(2 * x.size(), 0));
+    x = free_x_;
+    for (int round = 0; round < most_rounds_of_planes; ++round) {
+        std::vector<std::size_t> moved;
+        each_blocked([&](int s, const Triangle& t) {
+            std::uint8_t& known = held[at(s)][t.number];
+            if (known) return;
+            known = 1;
+            const SweptSphere& sphere = (*spheres_)[at(s)];
+            const Vec3 foot = nearest_to_origin(Frame::corners(frames_[at(s)].start, t.corner)).point;
+            const Vec3 n = outward_normal(foot);
+            const Shell& shell = shells_[at(s)];
+            const double level =
+                n.dot(vec(sphere.end)) + std::clamp(foot.norm(), shell.inside, shell.surface);
+            for (std::size_t i = 0; i < 3; ++i) {
+                if (i > 0 && t.corner[i] == t.corner[i - 1]) continue;
+                planes[at(t.corner[i])].push_back({n, level});
+                moved.push_back(at(t.corner[i]));
+            }
+        });
+        if (moved.empty()) return true;
+        for (const std::size_t i : moved) {
+            if (cloth_.pinned[i]) continue;
+            if (planes[i].size() > most_planes || !nearest_in(planes[i], int(i), x[i])) return false;
+        }
+    }
     return false;
 }
 
-// A free point of what the paths lead through a sphere or leave inside it, or -1. A plane that turns beside a
+// A point that a search has moved gets the velocity of its path, no faster than what spheres can give.
+void FaceWork::take_path_speeds() {
+    const double dt = (*spheres_)[0].dt;
+    double fastest = 0;
+    for (const SweptSphere& s : *spheres_) fastest += 2 * vec(s.velocity).norm();
+    further_work_ = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        v[i] = free_v_[i];
+        if (x[i] == free_x_[i]) continue;
+        const Vec3 path = (x[i] - x0[i]) / dt;
+        const double speed = path.norm(), most = std::max(fastest, v[i].norm());
+        v[i] = (speed > most ? most / speed : 1.0) * path;
+        further_work_ += cloth_.mass[i] * (v[i] - free_v_[i]).norm() * fastest / 2;
+    }
+}
+
+// Other places, until one has no fault. They have no contacts for the next step to begin with.
+FaceWork::Fault FaceWork::search(Fault fault) {
+    const auto is_place = [&] {
+        rows_.clear();
+        origins_.clear();
+        take_path_speeds();
+        const Fault next = fault_of_place();
+        if (fault.energy == 0) fault = next;
+        return next.point < 0;
+    };
+    if (carry() && is_place()) return {};
+    for (const Sweeps& sweeps : {single_sweeps, all_sweeps})
+        for (const std::vector<Vec3>& start : starts()) {
+            rows_.clear();
+            origins_.clear();
+            x = start;
+            if (project(sweeps) && is_place()) return {};
+        }
+    return fault;
+}
+
+// Triangles and points whose paths lead through a sphere or leave them inside it. A plane that turns beside a
 // path proves it clear, whatever chose the plane.
-int FaceWork::unresolved() {
-    int found = -1;
+template <class Visit>
+void FaceWork::each_blocked(Visit visit) {
     note_drift();
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
-        const auto note = [&](const std::array<int, 3>& corner) {
-            const int held = pinned_corner(corner);
-            if (held >= 0) report_.note_pinned(held);
-            else if (found < 0) found = corner[0];
-        };
         if (faces_[at(s)]) {
             each_open_triangle(s, reach, most_rounds, [&](const Triangle& t) {
                 if (inside_[at(s)][t.number]) return;
@@ -128,17 +227,58 @@ int FaceWork::unresolved() {
                               p1 = Frame::corners(frame.end, t.corner);
                 const TriangleTouch touch = triangle_touch(p0, p1, reach, slop / 2);
                 set_plane(s, t, touch);
-                if (touch.hit) note(t.corner);
+                if (touch.hit) visit(s, t);
             });
             continue;
         }
         for (int i = 0; i < cloth_.points(); ++i) {
             const Vec3 p0 = Frame::at(frame.start, i), q = Frame::at(frame.end, i) - p0;
             const double a = q.squaredNorm(), closest = a > 0 ? std::clamp(-p0.dot(q) / a, 0.0, 1.0) : 0.0;
-            if (!inside_[at(s)][at(i)] && (p0 + closest * q).norm() < reach) note({i, i, i});
+            if (!inside_[at(s)][at(i)] && (p0 + closest * q).norm() < reach)
+                visit(s, Triangle{{i, i, i}, at(i)});
         }
     }
+}
+
+// A free point of what is blocked, or -1.
+int FaceWork::unresolved() {
+    int found = -1;
+    each_blocked([&](int, const Triangle& t) {
+        const int held = pinned_corner(t.corner);
+        if (held >= 0) report_.note_pinned(held);
+        else if (found < 0) found = t.corner[0];
+    });
     return found;
+}
+
+// No law of contact moves a point farther from where the free step ends than this [m]: the ways of the
+// spheres and of the cloth, twice for what bounces, and a radius.
+double FaceWork::farthest_place() const {
+    double ways = 0, radius = 0, own2 = 0;
+    for (const SweptSphere& s : *spheres_) {
+        ways += (vec(s.end) - vec(s.start)).norm() + s.push;
+        radius = std::max(radius, s.radius);
+    }
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (changed[i]) own2 = std::max(own2, (free_x_[i] - x0[i]).squaredNorm());
+    return 2 * (ways + std::sqrt(own2)) + radius;
+}
+
+FaceWork::Fault FaceWork::fault_of_place() {
+    note_changed();
+    const int stuck = unresolved();
+    if (stuck >= 0) return {stuck, 0};
+    const double farthest = farthest_place();
+    int fastest = -1;
+    double most = -1;
+    for (int i = 0; i < cloth_.points(); ++i) {
+        if (!changed[at(i)]) continue;
+        if (!((x[at(i)] - free_x_[at(i)]).squaredNorm() <= farthest * farthest)) return {i, 0};
+        const double speed2 = (v[at(i)] - free_v_[at(i)]).squaredNorm();
+        if (speed2 > most) most = speed2, fastest = i;
+    }
+    const double excess = energy_made() - most_energy_made();
+    return excess <= 0 ? Fault{} : Fault{fastest, excess};
 }
 
 }  // namespace clothsim

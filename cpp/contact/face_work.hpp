@@ -59,6 +59,18 @@ private:
         bool rests() const { return time == 0; }  // in contact when the step begins
     };
 
+    // What is wrong with the place where a step would end.
+    struct Fault {
+        int point =
+            -1;  // a mass point that passes a sphere, is too far off, or has too much energy; -1: none
+        double energy = 0;  // made beyond the bound [J]
+    };
+    // A plane that moves with a sphere: points behind it are outside the sphere.
+    struct HalfSpace {
+        Vec3 normal;
+        double level;
+    };
+
     // How a projection works: rounds of new rows, and sweeps over the rows of each.
     struct Sweeps {
         int rounds, most;
@@ -95,14 +107,23 @@ private:
     void save_persistent(double dt);
     bool project(const Sweeps& sweeps);
     bool place_rows();
-    bool search();
+    Fault search(Fault fault);
     std::vector<std::vector<Vec3>> starts() const;
+    template <class Visit>
+    void each_blocked(Visit visit);
     int unresolved();
+    double farthest_place() const;
+    double most_energy_made() const;
+    Fault fault_of_place();
+    bool nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& nearest) const;
+    bool carry();
+    void take_path_speeds();
     void ground();
     bool follow_ways(int first_round);
     bool restore_speeds();
     bool bounced() const;
     bool flies() const;
+    double energy_made() const;
     double energy_lacking() const;
     double elastic_change() const;
     void push_out_all();
@@ -133,6 +154,8 @@ private:
         followed_;  // triangles, points whose velocity answers between start and end
     SolverMemory memory_;
     std::vector<double> sum_;
+    std::vector<double> stiffness_;  // of all springs of a point together [N/m]
+    double further_work_ = 0;  // of moving spheres, beside that of the rows' impulses [J]
     std::vector<double> pushed_;
     std::vector<std::vector<std::uint8_t>> inside_;  // triangles, points that were inside when the step began
     std::vector<std::pair<int, Triangle>> starts_inside_;

@@ -80,7 +80,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             engine.accept_in_contact(t, next, team);
             const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
             if (trapped >= 0) {
-                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
+                const double energy = engine.contact_report.energy;
+                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true, energy};
                 return outcome;
             }
             const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);

@@ -327,9 +327,11 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads,
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
-        const std::int64_t trapped = members_[std::size_t(bad)]->contact_report.trapped;
+        const ContactReport contact = members_[std::size_t(bad)]->contact_report;
         back_to_checkpoint();
-        outcome.unstable = {bad, point >= 0 ? point : trapped, outcome.steps + 1, clock.at(1), point < 0};
+        outcome.unstable = {
+            bad,           point >= 0 ? point : contact.trapped, outcome.steps + 1, clock.at(1), point < 0,
+            contact.energy};
         break;
     }
     for (auto& member : members_) member->contact_report = {};

@@ -18,6 +18,7 @@ struct Outcome {
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
         bool trapped = false;  // finite, but the spheres leave this point no place
+        double energy = 0;  // of a trapped point: made by the contact beyond its bound [J], or 0
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
     struct PinnedInside {

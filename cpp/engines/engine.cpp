@@ -34,7 +34,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
         if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
         if (report.trapped >= 0) {
-            contact_report.note_trapped(report.trapped);
+            contact_report.note_fault(report.trapped, report.energy);
             break;
         }
         if (depths_watched_) note_depths(now.at(1));
@@ -57,7 +57,7 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
     if (track_contact_energy) contact_energy += total_energy() - before;
     if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
     if (report.trapped >= 0) {
-        contact_report.note_trapped(report.trapped);
+        contact_report.note_fault(report.trapped, report.energy);
         restore_checkpoint();
         return true;
     }

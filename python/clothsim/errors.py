@@ -175,6 +175,8 @@ class ContactError(ArithmeticError):
         The state before that step: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional
         Index into the batch, None for a single cloth.
+    energy : float
+        Energy that the contact made in that step beyond its bound [J]; 0 where the spheres leave no place.
 
     Attributes
     ----------
@@ -200,6 +202,7 @@ between a sphere and pinned points; keep them further apart, or make the spheres
         x: np.ndarray | None,
         v: np.ndarray | None,
         member: int | None = None,
+        energy: float = 0.0,
     ) -> None:
         self.step = step
         self.time = time
@@ -207,14 +210,18 @@ between a sphere and pinned points; keep them further apart, or make the spheres
         self.x = x
         self.v = v
         self.member = member
+        self.energy = energy
         which = "" if member is None else f" of batch member {member}"
         super().__init__(
-            f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres, "
+            f"contact made {energy:.3g} J too much at step {step} (t = {time:g} s), most at mass point {point}{which}; "
+            "take a smaller dt, or slower spheres"
+            if energy
+            else f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres, "
             "or between a sphere and pinned points; keep them further apart, or make the spheres smaller"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        names = ("step", "time", "point", "x", "v", "member")
+        names = ("step", "time", "point", "x", "v", "member", "energy")
         return partial(type(self), **{name: getattr(self, name) for name in names}), (), self.__dict__
 
 

@@ -104,7 +104,7 @@ class Judge:
             "member": self._named(member),
         }
         if outcome["trapped"]:
-            raise ContactError(**found)
+            raise ContactError(**found, energy=outcome.get("energy", 0.0))
         term = limiting_term(scene, self._integrator)
         raise UnstableError(
             **found,
