@@ -193,7 +193,7 @@ def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64)
     [
         ({"rtol": 1e-3}, "rtol and atol must be None"),
         ({"atol": 1e-3}, "rtol and atol must be None"),
-        ({"integrator": "auto"}, "integrator 'rk4', with backend 'gpu'"),
+        ({"integrator": "auto"}, "integrator must be 'rk4' with backend 'gpu'"),
         ({"integrator": "dop853"}, "integrator must be 'rk4'"),
         ({"dt": 1e-4, "integrator": "pefrl"}, "must be 'rk4' with backend 'gpu', got 'pefrl'"),
     ],
@@ -250,6 +250,6 @@ except ImportError as error:
 def test_a_response_that_the_shader_lacks_is_refused():
     """And not taken for "reflect"."""
     sphere = SimpleNamespace(response="stick", offset="none")
-    block = SimpleNamespace(scenes=[SimpleNamespace(spheres=[sphere])], wide=np.float64)
+    block = SimpleNamespace(scenes=[SimpleNamespace(spheres=[sphere], force=None)], wide=np.float64)
     with pytest.raises(ValueError, match=r"response of spheres\[0\] must be one of .* got 'stick'"):
         Block._check_responses(block)
