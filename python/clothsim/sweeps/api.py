@@ -144,7 +144,11 @@ def sweep(
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
     ('N/m', 2)
     """
-    _check_packages(store, progress)
+    needed("xarray", "sweep")  # so that an ImportError comes before the runs
+    if store is not None:
+        needed("zarr", "store=...")
+    if check.boolean("progress", progress):
+        check_installed("tqdm", "progress=True")
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     grid = make_grid(over)
@@ -170,15 +174,6 @@ def sweep(
         return open_sweep(store)
     sessions = results.sessions if isinstance(results, Store) else [session]
     return results.dataset({"schema": SCHEMA, "identity": identity, "sessions": sessions})
-
-
-def _check_packages(store: Any, progress: Any) -> None:
-    """Import the packages that are needed at the end, so that an ImportError comes before the runs."""
-    needed("xarray", "sweep")
-    if store is not None:
-        needed("zarr", "store=...")
-    if check.boolean("progress", progress):
-        check_installed("tqdm", "progress=True")
 
 
 def _check_grid(grid: Grid, options: SweepOptions) -> None:

@@ -227,8 +227,7 @@ def _samples(over: Any) -> Axis:
 
 def _place(values: dict[str, Any]) -> dict[str, Any]:
     """`values` with the integrator's main name. `Member.make` refuses unknown names later."""
-    name = values.get("integrator")
-    if isinstance(name, str):
+    if isinstance(name := values.get("integrator"), str):
         with contextlib.suppress(ValueError):
             values["integrator"] = integrator_name(name, "auto")
     return values

@@ -1,11 +1,8 @@
-"""The solution that the metric "error" compares with.
+"""The solution that the metric "error" compares with: the solution in double with which `cs.reference` checks its own.
 
-It is the solution in double (`accuracy.in_double`), with which `cs.reference` checks its own solution. Its bound is
-twice the change by the last halving of the step, plus a unit in the last place. After a contact the motion is chaotic:
-trajectories of nearby states part, and there is no solution to compare with (`incomparable`).
-
-It depends on the cloth alone, never on other members of a sweep. Members that differ in numerics
-share it, and each process keeps the last references.
+Its bound is twice the change by the last halving of the step, plus a unit in the last place. After a contact the motion is
+chaotic, and there is no solution to compare with (`incomparable`). It depends on the cloth alone, never on other members
+of a sweep. Members that differ in numerics share it, and each process keeps the last references.
 """
 
 from __future__ import annotations
