@@ -140,21 +140,40 @@ std::ptrdiff_t updates(const Splitting& method) {
     return terms(method.drifts) + terms(method.kicks);
 }
 
-// What Python's theory of stability and its count of operations need of a method: "tableau", whose last row
-// is that of the result, or "splitting" (drifts, kicks); and "updates" without and with damping.
-py::dict method_facts(const std::string& name) {
-    const Method& method = method_of(name);
-    py::dict facts;
-    if (const ExplicitMethod* const rk = method.explicit_method) {
-        facts["tableau"] = rk->a;
-        facts["updates"] = py::make_tuple(updates(*rk), updates(*rk));
-    } else if (const Splitting* const parts = method.splitting) {
-        facts["splitting"] = py::make_tuple(parts->drifts, parts->kicks);
-        facts["updates"] = py::make_tuple(updates(*parts), updates(*parts));
-    } else if (method.scheme == Scheme::verlet) {
-        facts["updates"] = py::make_tuple(3, updates(*method.damped));  // kick, drift, kick
+py::tuple rows_of(const ExplicitMethod& method) {
+    py::list rows;
+    for (const Weights& w : method.stage) rows.append(py::make_tuple(w.drift, w.x, w.v));
+    rows.append(py::make_tuple(method.result.drift, method.result.x, method.result.v));
+    return py::tuple(rows);
+}
+
+// Families and coefficients of all methods, for Python's theory of stability and its count of operations.
+py::dict methods() {
+    py::dict all;
+    for (const Method& method : all_methods()) {
+        py::dict facts;
+        facts["family"] = method_family_names[std::size_t(method.family)];
+        facts["in_kernels"] = method.in_kernels;
+        facts["adaptive"] = method.runge_kutta && !method.runge_kutta->errors.empty();
+        std::size_t stages = 1;
+        py::object once = py::none();
+        if (const ExplicitMethod* const rk = method.runge_kutta) {
+            stages = std::size_t(rk->stages);
+            facts["order"] = rk->order;
+            facts["tableau"] = rk->a;
+            once = py::int_(updates(*rk));
+        } else if (const Splitting* const parts = method.splitting) {
+            stages = parts->kicks.size() - parts->first_same_as_last();
+            facts["splitting"] = py::make_tuple(parts->drifts, parts->kicks);
+            once = py::int_(updates(*parts));
+        }
+        facts["stages"] = stages;
+        facts["stages_damped"] = method.damped ? std::size_t(method.damped->stages) : stages;
+        if (method.damped) facts["damped"] = rows_of(*method.damped);
+        facts["updates"] = py::make_tuple(once, method.damped ? py::int_(updates(*method.damped)) : once);
+        all[py::str(std::string(method.name))] = facts;
     }
-    return facts;
+    return all;
 }
 
 template <class Real>
@@ -199,7 +218,11 @@ void bind_model(py::module_& m) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
         });
     m.def("edge_offset", &edge_offset);
-    m.def("method_facts", &method_facts);
+    m.def("methods", &methods);
+    m.def("add_splitting",
+          [](const std::string& name, const std::vector<double>& drifts, const std::vector<double>& kicks) {
+              add_splitting(name, {drifts, kicks});
+          });
 }
 
 namespace {

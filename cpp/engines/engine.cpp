@@ -72,7 +72,7 @@ double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
 }
 
 std::unique_ptr<Engine> make_engine(const Plan& plan) {
-    if (method_of(plan.integrator).scheme != Scheme::rk4) return make_scheme_engine(plan);
+    if (!method_of(plan.integrator).in_kernels) return make_scheme_engine(plan);
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 

@@ -23,13 +23,8 @@ public:
         : Base(plan), method_(method_of(plan.integrator)), field_(this->field()) {
         const Cloth& cloth = this->plan_.cloth;
         damped_ = cloth.drag > 0 || cloth.has_spring_damping();
-        scheme_ = method_.scheme;
-        explicit_ = method_.explicit_method;
-        if (scheme_ == Scheme::verlet && damped_) {
-            scheme_ = Scheme::explicit_rk;
-            explicit_ = method_.damped;
-        }
-        if (scheme_ == Scheme::implicit_midpoint) {
+        explicit_ = damped_ && method_.damped ? method_.damped : method_.runge_kutta;
+        if (method_.family == MethodFamily::implicit) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
             return;
         }
@@ -46,7 +41,7 @@ public:
     }
 
     void advance(std::int64_t steps, const Clock& clock, int threads) override {
-        if (scheme_ == Scheme::implicit_midpoint) {
+        if (implicit_) {
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.dt);
                 this->collide_all(clock.at(k));
@@ -56,19 +51,18 @@ public:
         }
         contact_[0] = contact_[1] = false;
         bool known_after = false;
-        if (scheme_ == Scheme::explicit_rk) plan_stages(clock.dt, this->memory_);
+        if (explicit_) plan_stages(clock.dt, this->memory_);
         in_bands(threads, [&](Band<Real>& band) {
             bool known = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
-                if (scheme_ == Scheme::explicit_rk) {
+                if (explicit_) {
                     advance_explicit(band, clock.at(k));
                     continue;
                 }
                 if (band.first) contact_[(k + 1) & 1] = false;
-                if (scheme_ == Scheme::splitting) advance_splitting(band, clock.dt);
-                else advance_verlet(band, clock.dt, known);
+                advance_splitting(band, clock.dt, known);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
-                known = scheme_ == Scheme::verlet && !contact;
+                known = method_.splitting->first_same_as_last() && !contact;
                 this->watch(band.begin, band.end, clock.at(k));
                 band.barrier();
             }
@@ -254,6 +248,13 @@ private:
     // after the last of them.
     template <class Finish>
     void run_stages(Band<Real>& band, bool known, Finish finish) {
+        if (explicit_->stages == 1) {  // the result takes the place of the state
+            evaluate(band, this->memory_, 0);
+            band.barrier();
+            finish(band.begin, band.end);
+            band.barrier();
+            return;
+        }
         const auto next_stage = [&](int s) {
             return [this, s](int begin, int end) {
                 combine(field_, begin, end, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
@@ -281,7 +282,8 @@ private:
         });
         if (tracked) this->collide_all(t);
     }
-    void advance_splitting(Band<Real>& band, double h) {
+    // `known`: the acceleration at the start is.
+    void advance_splitting(Band<Real>& band, double h, bool known) {
         const Splitting& s = *method_.splitting;
         if (s.drifts[0] != 0) {
             kick_drift(band, s.drifts[0] * h, 0, 0);
@@ -289,21 +291,12 @@ private:
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
             if (i > 0) band.barrier();
-            evaluate(band, this->memory_, 0);
-            band.barrier();
+            if (i > 0 || !known) {
+                evaluate(band, this->memory_, 0);
+                band.barrier();
+            }
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
         }
-    }
-    void advance_verlet(Band<Real>& band, double h, bool known) {
-        if (!known) {
-            evaluate(band, this->memory_, 0);
-            band.barrier();
-        }
-        kick_drift(band, h, h / 2, h * h / 2);
-        band.barrier();
-        evaluate(band, this->memory_, 0);
-        band.barrier();
-        kick_drift(band, 0, h / 2, 0);
     }
     void advance_implicit(double h) {
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
@@ -344,8 +337,7 @@ private:
     // much as its combination.
     static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
 
-    const Method& method_;
-    Scheme scheme_;
+    const Method method_;
     const ExplicitMethod* explicit_;
     FieldLayout field_;
     int rows_at_once_ =

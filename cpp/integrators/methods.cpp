@@ -1,8 +1,9 @@
 #include "integrators/methods.hpp"
 
 #include <cmath>
+#include <deque>
 #include <stdexcept>
-#include <string>
+#include <utility>
 
 namespace clothsim {
 namespace {
@@ -161,6 +162,18 @@ ExplicitMethod make_dop853() {
     return make_explicit(12, 8, a, {vector_of(dop853_error_5), vector_of(dop853_error_3)});
 }
 
+// Kutta, Z. Math. Phys. 46 (1901) 435.
+ExplicitMethod make_rk4() {
+    Matrix a = square(5);
+    a[1][0] = a[2][1] = 1.0 / 2;
+    a[3][2] = 1;
+    a[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6, 0};
+    return make_explicit(4, 4, a, {});
+}
+
+// Euler, Institutiones calculi integralis 1 (1768), 650.
+ExplicitMethod make_explicit_euler() { return make_explicit(1, 1, {{0, 0}, {1, 0}}, {}); }
+
 // Velocity Verlet with damping: the second kick takes the velocity that Euler's method predicts. The weights
 // of x are the method's own, x + h v + h^2/2 a.
 ExplicitMethod make_damped_verlet() {
@@ -171,25 +184,32 @@ ExplicitMethod make_damped_verlet() {
     return m;
 }
 
+const ExplicitMethod rk4 = make_rk4();
+const ExplicitMethod explicit_euler = make_explicit_euler();
 const ExplicitMethod dopri5 = make_dopri5();
 const ExplicitMethod dop853 = make_dop853();
 const ExplicitMethod damped_verlet = make_damped_verlet();
 
 const Splitting semi_implicit_euler{{0, 1}, {1}};
+const Splitting velocity_verlet{{0, 1, 0}, {0.5, 0.5}};
 
 // Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20.
 constexpr double xi = 0.1786178958448091, lambda = -0.2123418310626054, chi = -0.06626458266981849;
 const Splitting pefrl{{xi, chi, 1 - 2 * (chi + xi), chi, xi},
                       {(1 - 2 * lambda) / 2, lambda, lambda, (1 - 2 * lambda) / 2}};
 
-const Method methods[] = {
-    {"rk4", Scheme::rk4},
-    {"semi_implicit_euler", Scheme::splitting, nullptr, nullptr, &semi_implicit_euler},
-    {"velocity_verlet", Scheme::verlet, nullptr, &damped_verlet, nullptr},
-    {"pefrl", Scheme::splitting, nullptr, nullptr, &pefrl},
-    {"dopri5", Scheme::explicit_rk, &dopri5, nullptr, nullptr},
-    {"dop853", Scheme::explicit_rk, &dop853, nullptr, nullptr},
-    {"implicit_midpoint", Scheme::implicit_midpoint},
+std::vector<Method> methods{
+    {.name = "rk4", .family = MethodFamily::runge_kutta, .runge_kutta = &rk4, .in_kernels = true},
+    {.name = "explicit_euler", .family = MethodFamily::runge_kutta, .runge_kutta = &explicit_euler},
+    {.name = "semi_implicit_euler", .family = MethodFamily::splitting, .splitting = &semi_implicit_euler},
+    {.name = "velocity_verlet",
+     .family = MethodFamily::splitting,
+     .splitting = &velocity_verlet,
+     .damped = &damped_verlet},
+    {.name = "pefrl", .family = MethodFamily::splitting, .splitting = &pefrl},
+    {.name = "dopri5", .family = MethodFamily::runge_kutta, .runge_kutta = &dopri5},
+    {.name = "dop853", .family = MethodFamily::runge_kutta, .runge_kutta = &dop853},
+    {.name = "implicit_midpoint", .family = MethodFamily::implicit},
 };
 
 }  // namespace
@@ -199,6 +219,14 @@ Weights ExplicitMethod::dense(double part) const {
     for (std::size_t j = 0; j < w.size(); ++j)
         for (std::size_t k = dense_factors[j].size(); k-- > 0;) w[j] = (w[j] + dense_factors[j][k]) * part;
     return nystroem(w, a);
+}
+
+std::span<const Method> all_methods() { return methods; }
+
+void add_splitting(const std::string& name, const Splitting& parts) {
+    static std::deque<std::pair<std::string, Splitting>> added;
+    const auto& [its_name, its_parts] = added.emplace_back(name, parts);
+    methods.push_back({.name = its_name, .family = MethodFamily::splitting, .splitting = &its_parts});
 }
 
 const Method& method_of(std::string_view name) {

@@ -6,18 +6,21 @@
 // and likewise for the result, with b in place of row i. It is the same method, damped or not.
 #pragma once
 
+#include <array>
+#include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
 namespace clothsim {
 
-enum class Scheme {
-    rk4,
-    splitting,
-    verlet,
-    explicit_rk,
-    implicit_midpoint,
+// What a step is made of. The engines and Python's theory of stability ask a method for its family.
+enum class MethodFamily {
+    runge_kutta,  // explicit, a tableau
+    splitting,    // drifts and kicks in turn
+    implicit,     // the midpoint rule: its stage is found by Newton's method
 };
+inline constexpr std::array<const char*, 3> method_family_names{"runge_kutta", "splitting", "implicit"};
 
 // Factors of the accelerations: in x times h^2, in v times h; `drift` times h is that of v in x.
 struct Weights {
@@ -46,17 +49,27 @@ struct ExplicitMethod {
 // A step as drifts and kicks in turn, a drift first and last; in parts of the step.
 struct Splitting {
     std::vector<double> drifts, kicks;
+
+    // The last acceleration of a step is the first of the next.
+    bool first_same_as_last() const { return drifts.front() == 0 && drifts.back() == 0; }
 };
 
 struct Method {
     std::string_view name;
-    Scheme scheme;
-    const ExplicitMethod* explicit_method = nullptr;
-    const ExplicitMethod* damped = nullptr;  // verlet: what runs where there is damping
+    MethodFamily family;
+    const ExplicitMethod* runge_kutta = nullptr;
     const Splitting* splitting = nullptr;
+    const ExplicitMethod* damped = nullptr;  // splitting: the method that runs where there is damping, if any
+    bool in_kernels = false;  // the kernels take whole steps
 };
 
-// Throws std::invalid_argument for a name that is none.
+// In the order of the documentation.
+std::span<const Method> all_methods();
+
+// A further splitting, for trials and tests. No other thread may make an engine meanwhile.
+void add_splitting(const std::string& name, const Splitting& parts);
+
+// Throws std::invalid_argument for a name that is none. The next `add_splitting` may move it.
 const Method& method_of(std::string_view name);
 
 }  // namespace clothsim

@@ -52,20 +52,23 @@ def warn_caller(message: str, category: type[Warning]) -> None:
 def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None, term: str) -> None:
     """Give a `StabilityWarning`; `term` says which term limits the step."""
     which = "this scene" if member is None else f"batch member {member}"
-    warn_caller(
-        f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable for {which}; {term}",
-        StabilityWarning,
-    )
+    if limit == 0:
+        text = f"no dt is guaranteed to be stable for {which} with {integrator}: {term}"
+    else:
+        text = (
+            f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable for {which}; {term}"
+        )
+    warn_caller(text, StabilityWarning)
 
 
 def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: int | None) -> None:
     """Give a `StabilityWarning` about energy that the time step has made."""
     which = "" if member is None else f" of batch member {member}"
     advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
+    reach = f"is stable at that state up to {limit:.3g} s: {advice}" if limit else "is stable there at no time step"
     warn_caller(
         f"energy{which} grows out of nothing: at t = {t:g} s more than half of the kinetic and elastic "
-        f"energy was made by the time step dt = {dt:g} s; {integrator} is stable at that state up to "
-        f"{limit:.3g} s: {advice}",
+        f"energy was made by the time step dt = {dt:g} s; {integrator} {reach}",
         StabilityWarning,
     )
 
@@ -301,6 +304,9 @@ more mass
         if limit is None:
             cause = f"dt = {self.dt:g} s"
             remedy = "take a smaller dt, or look for values too large in the initial state"
+        elif limit == 0:
+            cause = f"no time step is guaranteed to be stable: {self.term}"
+            remedy = "take another integrator, such as 'rk4' or 'semi_implicit_euler'"
         elif self.dt > limit:
             cause = f"the time step dt = {self.dt:g} s is above the stability limit, about {limit:g} s"
             remedy = "take a dt below it, or less stiffness or damping, or more mass"

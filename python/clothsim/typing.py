@@ -34,7 +34,18 @@ Backend: TypeAlias = Literal["cpu", "gpu"]
 """Processors that step a scene."""
 
 Integrator: TypeAlias = (
-    Literal["rk4", "semi_implicit_euler", "velocity_verlet", "pefrl", "dopri5", "dop853", "implicit_midpoint", "auto"] | str
+    Literal[
+        "rk4",
+        "explicit_euler",
+        "semi_implicit_euler",
+        "velocity_verlet",
+        "pefrl",
+        "dopri5",
+        "dop853",
+        "implicit_midpoint",
+        "auto",
+    ]
+    | str
 )
 """Names of integrators. Any str passes, as `clothsim.integrators` also knows other spellings."""
 

@@ -210,7 +210,7 @@ def test_a_named_method_ends_at_its_rounding(options, reason):
 
 def test_steps_that_order_1_would_need_are_not_begun():
     """A million steps at most, as semi-implicit Euler would take a billion for this."""
-    run = cs.simulate(cs.scenes.oscillator(), 1.0, rtol=1e-12, integrator="euler", threads=1)
+    run = cs.simulate(cs.scenes.oscillator(), 1.0, rtol=1e-12, integrator="semi_implicit_euler", threads=1)
     assert run.report["error_estimate"]["reason"].startswith("neither the smallest tolerance of a step nor 1,000,000")
     assert run.report["steps"] == 1_000_000
     true_within_factor = run.report["error_estimate"]["rms"] / rms(run.x[-1] - exact("oscillator"))

@@ -13,6 +13,7 @@ from tables import each
 from variants import pairs
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
+BOUNDED = tuple(name for name in EXPLICIT if cs.integrators()[name].imaginary_limit > 0)
 SHAPES = [(8, 8), (5, 13), (2, 9), (1, 12)]
 DAMPINGS = {"none": (0.0, 0.0), "springs": (0.3, 0.0), "much": (3.0, 0.0), "points": (0.0, 0.5), "both": (0.3, 0.5)}
 
@@ -65,7 +66,7 @@ def test_so_it_is_for_a_stretched_state(damping):
     assert limits[1] <= measured_limit(scene, x, 0 * x, limits[1]) <= limits[1] / 0.9
 
 
-@pytest.mark.parametrize("integrator", [name for name in EXPLICIT if name != "rk4"])
+@pytest.mark.parametrize("integrator", [name for name in BOUNDED if name != "rk4"])
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 def test_so_it_is_for_every_integrator(integrator, damping):
     scene = sheet((6, 7), 1e4, damping)
@@ -144,7 +145,7 @@ def test_a_light_point_among_heavy_ones_is_bounded_by_its_own_springs():
     assert cs.max_stable_dt(cs.Scene(cloth)) == pytest.approx(expected, rel=1e-6, abs=0)
 
 
-@each("integrator", EXPLICIT)
+@each("integrator", BOUNDED)
 @each("ratio", [1e-6, 0.03, 0.3, 1.0, 3.0, 100.0])
 def test_no_mode_up_to_the_bounds_grows(integrator, ratio):
     """By the eigenvalues of the amplification matrix, on a grid of modes the box is full of."""

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ..base import check
 from ..engine.options import PRECISIONS
 from ..methods.bound import stable_dt
-from ..methods.integration import integrator_name, integrators
+from ..methods.data import integrator_name
+from ..methods.integration import integrators
 from ..model.scene import Scene
 from ..run.fixed_steps import size_of
 from ..run.simulate import simulate
@@ -148,8 +149,9 @@ def extent(scene: Scene) -> float:
 def step_sizes(scene: Scene, duration: float, integrator: str = "rk4") -> list[float]:
     """Default time steps of a method with fixed steps [s], the coarsest first.
 
-    The first is 0.95 of the guaranteed stable step, for an implicit method 8 times that of RK4, and at most a quarter of
-    `duration`. Each of the six others is half the one before.
+    The first is 0.95 of the guaranteed stable step, and at most a quarter of `duration`. For an implicit method it is 8
+    times the stable step of RK4. For a method without a stable step it is that of RK4. Each of the six others is half
+    the one before.
 
     Parameters
     ----------
@@ -172,7 +174,7 @@ def step_sizes(scene: Scene, duration: float, integrator: str = "rk4") -> list[f
     """
     explicit = integrators()[integrator].explicit
     # A step that nothing limits: from well above what an explicit method could take.
-    largest = stable_dt(scene, integrator if explicit else "rk4")
+    largest = (stable_dt(scene, integrator) if explicit else 0.0) or stable_dt(scene, "rk4")
     largest = min(_SAFETY * largest if explicit else 8 * largest, duration / 4)
     return [largest / 2**k for k in range(_HALVINGS)]
 

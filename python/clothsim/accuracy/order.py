@@ -15,7 +15,7 @@ from ..base.keywords import suggests
 from ..base.record import EqualByValue
 from ..base.table import aligned
 from ..errors import UnstableError
-from ..methods.integration import integrator_name
+from ..methods.data import integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Integrator, Precision

@@ -51,9 +51,14 @@ def _listed(options: Collection[str]) -> str:
     return ", ".join(repr(option) for option in options) or "none"
 
 
+_LEAST_PART = 4  # characters of a name that suggest it; with fewer, too many names have them
+
+
 def _nearest(value: Any, options: Collection[str]) -> str:
-    close = difflib.get_close_matches(str(value), options, n=1, cutoff=0.5)
-    return f" (did you mean {close[0]!r}?)" if close else ""
+    value = str(value)
+    close = [one for one in options if len(value) >= _LEAST_PART and value in one]
+    close = close or difflib.get_close_matches(value, options, n=1, cutoff=0.5)
+    return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
 
 
 def _range(minimum: float | None, exclusive: bool, maximum: float | None) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.table import aligned
-from ..methods.integration import integrator_name
+from ..methods.data import integrator_name
 from ..run.frames import EVERY_STEP, checked_every
 
 COMMANDS = {

@@ -8,7 +8,8 @@ from typing import Any
 
 from .. import _core
 from ..base.table import aligned
-from ..methods.integration import UPDATES, Integrator, integrators
+from ..methods.data import METHODS
+from ..methods.integration import Integrator, integrators
 from ..methods.limiting import limiting_term
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
@@ -72,10 +73,9 @@ def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> 
     cloth = scene.cloth
     points = cloth.rows * cloth.columns
     evaluations = method.evaluations_per_step(cloth.damped)
-    if method.name == "rk4":
-        state = _FLOPS_RK4_POINT
-    else:
-        state = _FLOPS_UPDATE * UPDATES[method.name][cloth.damped] + _FLOPS_ACCELERATION * evaluations
+    data = METHODS[method.name]
+    updates = data.updates[cloth.damped] or 0
+    state = _FLOPS_RK4_POINT if data.in_kernels else _FLOPS_UPDATE * updates + _FLOPS_ACCELERATION * evaluations
     per_point = {
         "state": state,
         "drag": evaluations * _FLOPS_DRAG * (cloth.drag > 0),

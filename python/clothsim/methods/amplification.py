@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggests
-from .integration import FURTHER_TERMS, SPLITTINGS, integrator_name, integrators
+from .data import METHODS, integrator_name
 
 Floats = npt.NDArray[np.float64]
 
@@ -46,7 +45,8 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
     integrator = integrator_name(integrator)
     omega, delta = np.broadcast_arrays(_rates("omega_dt", omega_dt), _rates("delta_dt", delta_dt))
     square = omega * omega
-    if integrator in ("semi_implicit_euler", "velocity_verlet", "pefrl"):
+    method = METHODS[integrator]
+    if method.family == "splitting":
         one, zero = np.ones_like(square), np.zeros_like(square)
         x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
         k, c = square[..., None], delta[..., None]
@@ -54,11 +54,10 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
         return np.stack([x, w], -2)
     slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
     identity = np.broadcast_to(np.eye(2), slope.shape)
-    if integrator == "implicit_midpoint":
+    if method.family == "implicit":
         return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
-    terms = [1 / math.factorial(k) for k in range(integrators()[integrator].order + 1)]
     result = np.zeros_like(slope)
-    for term in reversed((*terms, *FURTHER_TERMS[integrator])):
+    for term in reversed(method.terms):
         result = slope @ result + term * identity
     return result
 
@@ -104,11 +103,12 @@ def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
-    """A step of a method that is no Runge-Kutta method, for any linear or other acceleration.
+    """A step of a splitting method, for any linear or other acceleration.
 
     Parameters
     ----------
-    integrator : {"semi_implicit_euler", "velocity_verlet", "pefrl"}
+    integrator : str
+        A method of the family "splitting".
     acceleration : callable
         dt^2 times the acceleration, of (x, w).
     x, w : numpy.ndarray
@@ -121,13 +121,18 @@ def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: 
     stages : list of numpy.ndarray
         The accelerations evaluated, in order.
     """
-    if integrator == "velocity_verlet":
-        first = acceleration(x, w)
-        x = x + w + first / 2
-        second = acceleration(x, w + first)
-        return x, w + (first + second) / 2, [first, second]
-    stages = []
-    for drift, kick in zip(*SPLITTINGS[integrator]):
+    method = METHODS[integrator]
+    stages: list[Any] = []
+    if method.damped:  # without damping it is the same step
+        start = x, w
+        for stage, (drift, in_x, in_w) in enumerate(method.damped):
+            if stage:
+                x = start[0] + drift * start[1] + sum(part * a for part, a in zip(in_x, stages))
+                w = start[1] + sum(part * a for part, a in zip(in_w, stages))
+            if stage < method.stages_damped:
+                stages.append(acceleration(x, w))
+        return x, w, stages
+    for drift, kick in zip(*method.splitting):
         x = x + drift * w if drift else x
         if kick:
             stages.append(acceleration(x, w))

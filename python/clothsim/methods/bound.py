@@ -17,6 +17,17 @@ def guaranteed_dt(cloth: _core.Cloth, integrator: str) -> float:
     return _limit(integrator, math.sqrt(stiffness), damping)
 
 
+def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
+    """`guaranteed_dt`, or a ValueError for a method that has no stable time step for this cloth."""
+    limit = guaranteed_dt(cloth, integrator)
+    if limit == 0:
+        raise ValueError(
+            f"dt must be given with integrator {integrator!r}, which has no stable time step for this scene: it amplifies "
+            "undamped motion at every time step; or take 'semi_implicit_euler' or 'rk4'"
+        )
+    return limit
+
+
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """The guaranteed time step of a scene [s]."""
     return guaranteed_dt(core_cloth(scene), integrator)

@@ -22,7 +22,8 @@ class LimitingTerm:
 
     Attributes
     ----------
-    kind : {"stiffness", "damping", "nothing"}
+    kind : {"stiffness", "damping", "nothing", "method"}
+        "method": the integrator has no stable time step for this cloth.
     families : tuple of str
         The spring families of the term, or "points" for drag.
     values : tuple of float
@@ -51,6 +52,8 @@ class LimitingTerm:
         """Kind and families, such as "the damping of structural and shear springs"."""
         if self.kind == "nothing":
             return "nothing"
+        if self.kind == "method":
+            return f"{self.integrator}, which amplifies undamped motion at every time step"
         *most, last = [f for f in self.families if f != "points"] or [""]
         springs = f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs" if last else ""
         return " and ".join([part for part in (springs, "the drag of points" * ("points" in self.families)) if part])
@@ -58,12 +61,14 @@ class LimitingTerm:
     def __str__(self) -> str:
         if self.kind == "nothing":
             return "nothing limits it"
+        if self.kind == "method":
+            return f"{self.integrator} amplifies undamped motion at every time step"
         text = f"{self.name}, {self._listed(self.values)}, limits it"
         return f"{text}; below {self._listed(self.below)} the {self._other} would" if any(self.below) else text
 
     def at(self, dt: float) -> str:
         """The term in words, with the values at which a time step `dt` above the guarantee is stable."""
-        if self.kind == "nothing":
+        if self.kind in ("nothing", "method"):
             return str(self)
         text = f"{self.name}, {self._listed(self.values)}, limits it"
         part = self.part_at(dt)
@@ -168,6 +173,8 @@ def _limiting_term(
     alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
         return LimitingTerm("nothing", (), (), (), limit, omega, delta, integrator)
+    if limit == 0:
+        return LimitingTerm("method", (), (), (), limit, omega, delta, integrator)
     if alone[1] < alone[0]:
         kind, values, factor = "damping", c, alone[1] / alone[0]
         left = {f: bounds(k, _without(c, f), drag)[1] for f in families}

@@ -17,14 +17,18 @@ import numpy as np
 import numpy.typing as npt
 
 from .amplification import amplification_matrix
-from .integration import integrators
+from .data import METHODS
 
 Floats = npt.NDArray[np.float64]
 
 _ANGLES = 257
 _RADIUS_STEP = 0.05
 _BISECTIONS = 30
-_ROUNDING = 1e-9  # growth a step that counts as rounding: e-fold in 1e9 steps
+# Growth a step that counts as rounding: e-fold in 1e9 steps. Below a radius of 1 it falls with the square of the radius,
+# as the growth does that Euler's method gives an undamped oscillator.
+_ROUNDING = 1e-9
+_FARTHEST = 10.0  # the first radius up to which a region is searched; then twice as far, until it ends on every ray
+_NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: double cannot tell
 
 
 def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -33,7 +37,9 @@ def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) ->
     trace = g[..., 0, 0] + g[..., 1, 1]
     determinant = g[..., 0, 0] * g[..., 1, 1] - g[..., 0, 1] * g[..., 1, 0]
     with np.errstate(invalid="ignore"):
-        return (np.abs(trace) <= 1 + determinant + _ROUNDING) & (np.abs(determinant) <= 1 + _ROUNDING)
+        rounding = _ROUNDING * np.minimum(1.0, np.square(omega_dt) + np.square(delta_dt))
+        inside = (np.abs(trace) <= 1 + determinant + rounding) & (np.abs(determinant) <= 1 + rounding)
+    return np.asarray(inside)
 
 
 @cache
@@ -45,22 +51,28 @@ def _exits(integrator: str) -> tuple[Floats, Floats]:
 
 def _exit_radii(integrator: str, angle: Floats) -> Floats:
     """The radius where the ray of each angle (from the omega axis) leaves the stable region."""
-    method = integrators()[integrator]
-    if not method.explicit:
+    if METHODS[integrator].family == "implicit":
         return np.full(len(angle), np.inf)
     omega, delta = np.cos(angle), np.sin(angle)
     omega[angle >= np.pi / 2] = 0.0
-    # Nowhere between the axes does a region reach twice as far as on them.
-    farthest = 2 * max(method.imaginary_limit, method.real_limit)
-    radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
-    bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
+    farthest, bad = _FARTHEST, np.zeros((1, 1), bool)
+    while not bad.any(axis=1).all():
+        radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
+        bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
+        farthest *= 2
     first = bad.argmax(axis=1)
     high, low = radii[first], np.where(first > 0, radii[first - 1], 0.0)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         good = stable(integrator, middle * omega, middle * delta)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
-    return np.where(bad.any(axis=1), low, farthest)
+    return np.where(low < _NOWHERE, 0.0, low)
+
+
+@cache
+def axis_limit(integrator: str, damping: bool) -> float:
+    """Where the stable region ends on the delta axis (`damping`) or on the omega axis, less what counts as rounding."""
+    return (1 - _ROUNDING) * float(_exit_radii(integrator, np.array([np.pi / 2 if damping else 0.0]))[0])
 
 
 @cache
@@ -95,8 +107,8 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
         # Each ray once: of an undamped cloth all modes are on one.
         rays, place = np.unique(ray[~steady], return_inverse=True)
         exits[~steady] = _exit_radii(integrator, rays)[place.ravel()]
-    with np.errstate(divide="ignore"):
-        return np.asarray(exits.reshape(size.shape) / size)
+    exits = exits.reshape(size.shape)
+    return np.asarray(np.divide(exits, size, out=np.full(size.shape, np.inf), where=size > 0))
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
-from ..methods.bound import guaranteed_dt
+from ..methods.bound import usable_dt
 from ..methods.integration import integrators
 from ..model.as_core import core_cloth
 from .attempts import LEAST, MARGIN, MOST, NO_FINER, NOT_REACHED, ORDER, ROUNDING, RUNS, SMALL, UNSTABLE, Attempts, Exhausted
@@ -162,6 +162,6 @@ def _method(runs: Attempts, asked: float, frames: Schedule) -> _Method:
     cloth = core_cloth(runs.scene)
     order = integrator.order_of(runs.scene)
     cost = integrator.evaluations_per_step(runs.scene.cloth.damped)
-    first = min(guaranteed_dt(cloth, runs.options.integrator), runs.duration / 4)
+    first = min(usable_dt(cloth, runs.options.integrator), runs.duration / 4)
     least = min(runs.duration / MANY_STEPS, first / 4)
     return _Method(first, least, order, lambda setting: runs.fixed(setting, frames, cost))

@@ -14,7 +14,8 @@ from ..base import check
 from ..base.keywords import suggests
 from ..engine.snapshot import take
 from ..errors import ContactError, RunInterrupted, UnstableError
-from ..methods.integration import integrator_name, warn_of_order
+from ..methods.data import integrator_name
+from ..methods.integration import warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report

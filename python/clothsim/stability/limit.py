@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..base.keywords import suggests
 from ..engine.arrays import one_scene, state_array, state_arrays
 from ..methods.bound import stable_dt
-from ..methods.integration import integrator_name
+from ..methods.data import integrator_name
 from ..model.scene import Scene
 from ..typing import Integrator
 from .spectrum import stable_dt_at
@@ -38,7 +38,7 @@ def max_stable_dt(
     grow in the exact solution too.
 
     With a state, the step is computed from the forces linearised at that state. For Runge-Kutta methods, the modes of
-    the equation determine it. For "semi_implicit_euler", "velocity_verlet" and "pefrl", the eigenvalues of the step
+    the equation determine it. For splittings, such as "velocity_verlet", the eigenvalues of the step
     matrix determine it, because the step mixes modes where stiffness and damping do not commute. Both are found by
     projection on a space that grows until the limit no longer changes. The value is 3 % below that limit. A moving
     cloth has other modes: in the paper's swing the limit falls to 11 % below its value at rest.
@@ -56,7 +56,8 @@ def max_stable_dt(
     Returns
     -------
     float
-        Time step [s]; infinite where nothing limits it.
+        Time step [s]; infinite where nothing limits it, 0 where every time step amplifies some motion, as
+        "explicit_euler" does with motion that nothing damps.
 
     Raises
     ------

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..methods.data import METHODS
 from ..methods.region import mode_limit, notched
 from ..model.scene import Scene
-from .step_matrix import METHODS, step_limit
+from .step_matrix import step_limit
 from .subspace import Operator, Subspace
 
 Floats = npt.NDArray[np.float64]
@@ -123,7 +124,7 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float
     start = np.zeros((min(_BLOCK, len(free)), size))
     start[:, free] = np.random.default_rng(0).normal(size=(len(start), len(free)))
     limit, modes = _limit_of_modes(integrator, stiffness, damping, start, len(free))
-    if integrator not in METHODS or not np.isfinite(limit):
+    if METHODS[integrator].family != "splitting" or not np.isfinite(limit):
         return limit
     begin = np.concatenate([start, modes])
     return step_limit(integrator, stiffness, damping, begin, len(free), limit)

@@ -30,9 +30,6 @@ from .subspace import Operator, Subspace
 
 Floats = npt.NDArray[np.float64]
 
-METHODS = ("semi_implicit_euler", "velocity_verlet", "pefrl")
-"""Methods whose step is no function of the first-order system's matrix."""
-
 # Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by some 1e-3 a
 # step without alternating, in the equation too. Twice of either growth moves the limit by less than 1 %.
 _GROWTH = {-1: 1e-3, 1: 1e-2}
@@ -50,7 +47,7 @@ def step_limit(integrator: str, stiffness: Operator, damping: Operator, start: F
     Parameters
     ----------
     integrator : str
-        One of `METHODS`.
+        A splitting method. Its step is no function of the first-order system's matrix.
     stiffness, damping : callable
         Products with K [1/s^2] and C [1/s], of vectors in rows.
     start : numpy.ndarray

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from ..base import check
 from ..engine.options import Options
 from ..errors import ContactError, UnstableError
-from ..methods.integration import integrator_name
+from ..methods.bound import usable_dt
+from ..methods.data import integrator_name
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
 from ..run.fixed_steps import RunOptions, Solution, checked_tolerances
@@ -114,7 +116,7 @@ class Member:
         duration = check.number("duration", run.get("duration", options.duration), minimum=0, exclusive=True)
         if isinstance(options.every, float):
             check.frame_count(duration, options.every)
-        limit = float(max_stable_dt(scene, named))
+        limit = float(max_stable_dt(scene, named) if dt is not None else usable_dt(core_cloth(scene), named))
         if automatic or rtol is not None or atol is not None:
             rtol, atol = checked_tolerances(dt, rtol, atol)
             return cls(index, scene, duration, math.nan, limit, **numerics, rtol=rtol, atol=atol)

@@ -22,6 +22,8 @@ from ..base.clocks import seconds_per_step
 from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..measure.measures import energy, penetration
+from ..methods.bound import usable_dt
+from ..model.as_core import core_cloth
 from ..model.motion import Keyframes
 from ..model.ready import PAPER_DT
 from ..model.scene import Scene
@@ -97,7 +99,7 @@ class Playground:
         return seconds_per_step(lambda steps: stepper.advance(steps, 1e-9), 2e-3, 8, 1000) or 1.0
 
     def _affordable_dt(self) -> float:
-        ceiling = 0.5 * self.limit
+        ceiling = 0.5 * usable_dt(core_cloth(self.start), self.options["integrator"])
         steps = [PAPER_DT] + [k * 10.0**n for n in range(-5, 0) for k in (1, 2, 5)]
         for dt in steps:
             if dt > ceiling:
