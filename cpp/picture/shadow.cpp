@@ -24,6 +24,10 @@ constexpr double map_slack = 2.5;
 // Places of the map that a sample inspects. At half, bands show in wide shadows; twice takes twice the time.
 constexpr int taps = 24;
 
+// Of these, every second place tells the height of what is between. At half a picture takes a quarter longer
+// and looks the same, at twice thin sheets lose parts of their shadows.
+constexpr int taps_per_search = 2;
+
 struct Place {
     double x, y;
 };
@@ -110,8 +114,9 @@ double Shadow::past_sheet(const Triple& point, int which) const {
     if (highest_ <= seen[2] + slack) return 1;
     double sum = 0;
     int between = 0;
-    for (const auto& [dx, dy] : disc) {
-        const double height = above(x + reach * dx, y + reach * dy, seen[2]);
+    for (int k = 0; k < taps; k += taps_per_search) {
+        const Place& place = disc[std::size_t(k)];
+        const double height = above(x + reach * place.x, y + reach * place.y, seen[2]);
         if (height > slack) sum += height, ++between;
     }
     if (!between) return 1;
