@@ -24,8 +24,8 @@ constexpr double map_slack = 2.5;
 // Places of the map that a sample inspects. At half, bands show in wide shadows; twice takes twice the time.
 constexpr int taps = 24;
 
-// Of these, every second place tells the height of what is between. At half a picture takes a quarter longer
-// and looks the same, at twice thin sheets lose parts of their shadows.
+// Every second of them tells the height of what is between. At half a picture takes a third longer and looks
+// the same; at twice it takes 5 % less, and 0.5 % of the values change by more than 3 of 255.
 constexpr int taps_per_search = 2;
 
 struct Place {
