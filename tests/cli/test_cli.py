@@ -373,8 +373,9 @@ def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path
     code, _, err = run(capsys, "run", "paper_swing", "--html", tmp_path / "missing" / "a.html")
     assert code == 2 and "--html must be in an existing folder" in err
     monkeypatch.setattr("clothsim.viewing.animation.which", lambda name: None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     code, _, err = run(capsys, "run", "paper_swing", "--gif", tmp_path / "a.mp4")
-    assert code == 1 and "needs the program ffmpeg" in err
+    assert code == 1 and "needs ffmpeg, which is neither on the PATH nor" in err
 
 
 def test_run_writes_a_page_and_a_film(capsys, tmp_path):
