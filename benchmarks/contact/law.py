@@ -82,7 +82,7 @@ def stick(
     stepper.advance(round(1.0 / 1e-4), 1e-4)
     x = stepper.positions
     rough = sphere.replace(friction=friction)
-    scene = cs.Scene(cloth.replace(damping=0.0), rough, position=x)
+    scene = cs.Scene(cloth.replace(drag=0.0), rough, position=x)
     stepper = cs.Stepper(scene, threads=1, precision=precision)
     moved = np.zeros(3)
     for _ in range(round(duration / _BETWEEN)):

@@ -18,7 +18,7 @@ def _lying(rng: np.random.Generator, restitution: float) -> tuple[cs.Scene, floa
     width, mass = float(radius * rng.uniform(0.1, 0.4)), float(1e-3 * points**2 * 10 ** rng.uniform(-1, 1))
     drag = float(rng.uniform(20, 40)) * mass / points**2
     stiffness = float(10 ** rng.uniform(2, 3.5))
-    cloth = cs.Cloth((points, points), (width, width), mass, stiffness, drag, "point", pins=())
+    cloth = cs.Cloth((points, points), (width, width), mass, stiffness, 0.0, drag, pins=())
     friction = float(rng.uniform(0.5, 1))
     sphere = cs.Sphere((0, -radius, 0), radius, None, "continuous", "face", restitution, friction)
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), float(rng.uniform(0, 0.2)))

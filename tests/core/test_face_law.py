@@ -121,7 +121,7 @@ def test_random_sheets_come_to_rest():
 @pytest.mark.parametrize("restitution", [0.01, 0.5])
 def test_a_cell_that_bounces_comes_to_rest_too(restitution):
     """The energy that a bounce restores is that of what arrives, not of what rests."""
-    cloth = cs.Cloth((2, 2), (0.12, 0.12), 2.4e-3, 1766.0, 0.012, "point", pins=())
+    cloth = cs.Cloth((2, 2), (0.12, 0.12), 2.4e-3, 1766.0, 0.0, 0.012, pins=())
     sphere = cs.Sphere((0, -0.31, 0), 0.31, None, "continuous", "face", restitution, 5.0)
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1)
