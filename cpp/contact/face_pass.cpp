@@ -20,8 +20,8 @@ struct Effort {
     int least, most;
 };
 constexpr Effort resting{1e-6, 2000, 10, 100};
-// Of positions, which later rounds and the next step correct: they add no velocity. A tenth of the part costs a
-// light drape 1.3 times more, and half the blocks save nothing, as they make more rounds.
+// Of positions, which later rounds and the next step correct: they add no velocity. A tenth of the part costs
+// a light drape 1.3 times more, and half the blocks save nothing, as they make more rounds.
 constexpr Effort placing{1e-2, 1000, 3, 100};
 constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer than a step: rare
 

@@ -74,6 +74,8 @@ Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& 
         if (further > 0 && further * further > longest2 * (1 + rounding)) return;
         nearest = std::min(nearest, (closest_point_on_triangle(center, at_a, at_b, at_c) - center).norm());
     };
+    if (rows == 1 || columns == 1)  // a chain: its links
+        for (std::int64_t i = 0; i + 1 < x.rows(); ++i) consider(i, i + 1, i + 1);
     for (std::int64_t r = 0; r + 1 < rows; ++r)
         for (std::int64_t c = 0; c + 1 < columns; ++c) {
             const std::int64_t i = r * columns + c;

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import clothsim as cs
@@ -145,3 +146,24 @@ def test_a_warning_names_the_pinned_corner(diagonal_on_pins):
     scene = diagonal_on_pins
     with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 1\)"):
         cs.step(scene, scene.initial_position, scene.initial_velocity, 0.01, 12, t=0.0)
+
+
+def test_a_sphere_within_a_cell_gives_a_warning_at_the_start():
+    """No mass point is inside, but the triangle by 60 mm: without the warning the push has no cause to see."""
+    cloth = cs.Cloth((3, 3), pins=())
+    sphere = cs.Sphere((0.25, -0.04, 0.25), 0.1, None, "continuous", "face")
+    with pytest.warns(cs.ContactWarning, match=r"a triangle by 0.06 m"):
+        cs.Stepper(cs.Scene(cloth, sphere))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper = cs.Stepper(cs.Scene(cloth, sphere.replace(center=(0.25, -0.1001, 0.25))))
+        stepper.set_scene(stepper.scene)
+    with pytest.warns(cs.ContactWarning, match=r"spheres\[1\] starts on the cloth: 1 mass points"):
+        stepper.set_scene(stepper.scene.replace(spheres=(*stepper.scene.spheres, sphere.replace(center=(0.5, 0.0, 0.5)))))
+
+
+def test_the_penetration_of_a_chain_counts_its_links():
+    chain = cs.Cloth((1, 3), (1.0, 1.0), springs=("structural",), pins=()).rest_positions
+    depth = cs.penetration(chain, cs.Sphere((0.25, -0.04, 0.0), 0.1))
+    assert depth["points"] == 0
+    np.testing.assert_allclose(depth["triangles"], 0.06, rtol=1e-12)

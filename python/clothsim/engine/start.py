@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from ..errors import ContactWarning, warn_caller
 from ..model.scene import Scene
+from ..model.sphere import Sphere
 from .arrays import FloatArray, checked_state, scenes_of, start_time
 from .plan import point_radius
 
@@ -55,22 +57,31 @@ class Start:
 _START_ROUNDING = 1e-6
 
 
-def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None) -> None:
-    """Warn where a continuous sphere is on the cloth at the start, with the deepest point."""
+def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None, but: Sequence[Sphere] = ()) -> None:
+    """Warn where a continuous sphere, `but` for some, is on the cloth at the start, with the deepest place."""
+    cloth = scene.cloth
     for k, sphere in enumerate(scene.spheres):
-        if sphere.response != "continuous":
+        if sphere.response != "continuous" or sphere in but:
             continue
-        radius, center = point_radius(sphere, scene.cloth), sphere.center_at(t)
+        radius, center = point_radius(sphere, cloth), sphere.center_at(t)
         with np.errstate(invalid="ignore"):  # the checks name a value that is not finite
             depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
-        inside = depth > _START_ROUNDING * (radius + np.abs(center).sum())
-        if not inside.any():
-            continue
-        row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
-        warn_caller(
-            f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
-            f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
-            f"{depth[row, column]:.3g} m; they are pushed out at {sphere.push_out_speed:g} m/s "
-            "at most (push_out_speed)",
-            ContactWarning,
-        )
+        rounding = _START_ROUNDING * (radius + np.abs(center).sum())
+        inside = depth > rounding
+        found = ""
+        if inside.any():
+            row, column = (int(n) for n in np.unravel_index(np.argmax(depth), depth.shape))
+            found = (
+                f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
+                f"{depth[row, column]:.3g} m; they are"
+            )
+        elif sphere.offset == "face":
+            deepest = _core.penetration(cloth.rows, cloth.columns, np.ascontiguousarray(x, np.float64), center, radius)[1]
+            if deepest > rounding:
+                found = f"no mass point is inside, but a triangle by {deepest:.3g} m; it is"
+        if found:
+            warn_caller(
+                f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "
+                f"{found} pushed out at {sphere.push_out_speed:g} m/s at most (push_out_speed)",
+                ContactWarning,
+            )

@@ -82,12 +82,20 @@ class State:
         self._warn_of_start(start.x, start.t)
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
-        """Replace the scenes, and keep the state. An error leaves everything as it was."""
+        """Replace the scenes, and keep the state. An error leaves everything as it was. Spheres that are put on the
+        cloth give a warning.
+        """
         one_scene = isinstance(scene, Scene)
         scenes = scenes_of(scene) * (len(self.scenes) if one_scene else 1)
         compiled = self._compiled(scenes, one_scene)
         self.core.set_scene(compiled.plans, compiled.stable_dt)
+        known = [one.spheres for one in self.scenes]
         self._adopt(scenes, compiled, inspect=False)
+        if any(sphere.response == "continuous" for one in scenes for sphere in one.spheres):
+            x = np.empty(self.shape)
+            self.store(x, None)
+            for member, one in enumerate(x if self.batched else x[None]):
+                warn_of_start(scenes[member], one, self.core.time, member if self.batched else None, known[member])
 
     def _compiled(self, scenes: list[Scene], one_scene: bool) -> _Compiled:
         """Compile the scenes; if all are `one_scene`, they share a plan."""

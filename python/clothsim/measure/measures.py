@@ -89,7 +89,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
     Depths count from the sphere's true radius, without the offset. The depth of a triangle is exact: it is the depth of
-    the triangle's place nearest to the centre. The triangles are those of `triangles`.
+    the triangle's place nearest to the centre. The triangles are those of `triangles`. In a chain (one row or column) its
+    links count.
 
     Parameters
     ----------
