@@ -36,6 +36,7 @@ from .model.motion import Keyframes, Linear, Reciprocate
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.result import Run, load_run
+from .run.settle import settle
 from .run.simulate import simulate
 from .model.sphere import Sphere
 from .engine.snapshot import Snapshot
@@ -94,6 +95,7 @@ __all__ = [
     "reference_step",
     "save_scene",
     "scenes",
+    "settle",
     "simulate",
     "stability_map",
     "step",

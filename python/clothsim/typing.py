@@ -129,6 +129,8 @@ class Report(TypedDict):
     steps_per_second: float
     dt: float
     stopped: str
+    residual: float
+    reason: str
     error_estimate: Estimate
     estimate_evaluations: int
     estimate_wall_time: float

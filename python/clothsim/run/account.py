@@ -81,6 +81,8 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
         "steps_per_second": solution.steps / wall_time if wall_time > 0 else math.inf,
         "dt": solution.step,
         "stopped": stopped,
+        "residual": math.nan,
+        "reason": "not a run to rest: settle finds the rest state",
         **account,
         "energy": {
             **_gained(solution.watched),

@@ -1,0 +1,272 @@
+"""The rest state of a scene, by dynamic relaxation.
+
+Dynamic relaxation follows a damped motion to its end, because only the end counts. Drag takes the place of the scene's
+damping. It damps the slowest motion that is left critically, with c = 2 omega m. Rayleigh's quotient of the last change of
+the cloth gives the frequency omega. This is the adaptive viscous damping of Underwood (1983), "Dynamic relaxation". Spheres
+respond in each step, so that contact and friction belong to the rest state.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base import check
+from ..base.keywords import suggests
+from ..base.progress import ProgressBar
+from ..engine.stepper import SilentStepper
+from ..engine.stepping import acceleration
+from ..errors import ContactError, RunInterrupted, UnstableError
+from ..methods.bound import stable_dt
+from ..model.scene import Scene
+from ..typing import Report
+from .account import of_nothing, report
+from .fixed_steps import RunOptions, Solution
+from .frames import Floats
+from .result import Run
+
+_INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it
+
+# Time step over the guaranteed one. Half needs twice the steps; above 1 nothing is guaranteed.
+_STEP = 0.9
+# Spring damping over sqrt(stiffness * mass), for the fastest modes. With half of it high modes ring on the curtain of seven
+# pins; twice as much shortens the guaranteed step by a fifth.
+_SPRING_DAMPING = 0.2
+# Steps between two estimates of the frequency. Half or twice changes the number of steps by less than a third on
+# `benchmarks/settle.py`.
+_BLOCK = 100
+# Bounds of omega over sqrt(gravity / size). Ten times the lower bound doubles the steps of a soft curtain near a saddle. The
+# upper bound tames estimates from a wild start; half or twice changes little.
+_SLOWEST, _FASTEST = 0.02, 5.0
+# Blocks between two measurements of the residual, each of which takes a step of a new stepper.
+_BLOCKS_OF_RESIDUAL = 3
+# The step that measures the residual, over that of the relaxation: short enough that a point stays in contact.
+_PROBE = 1e-2
+# Evaluations without half the residual, after which a scene is said not to rest.
+_PATIENCE = 100_000
+# Distance in sizes of the cloth that its centre may travel.
+_TRAVEL = 20.0
+
+
+@dataclass
+class _Best:
+    """The state of least residual."""
+
+    x: Floats
+    residual: float
+    steps: int = 0
+    halved: int = 0  # steps when the residual was last halved
+    mark: float = math.inf
+
+    def take(self, x: Floats, residual: float, steps: int) -> None:
+        if residual < self.residual:
+            self.x, self.residual, self.steps = x, residual, steps
+        if residual < self.mark / 2:
+            self.mark, self.halved = residual, steps
+
+
+@suggests
+def settle(
+    scene: Scene,
+    tolerance: float = 1e-6,
+    *,
+    t: float = 0.0,
+    max_evaluations: int = 400_000,
+    threads: int | None = None,
+    progress: bool = False,
+) -> Run:
+    """Find the rest state of a scene, from its initial state, with contact and friction.
+
+    Dynamic relaxation with adaptive viscous damping finds a state in which every force is balanced. The velocities of the
+    initial state are left out. Where friction holds the cloth, many rest states exist, and the way to them decides.
+
+    Parameters
+    ----------
+    scene : Scene
+        Spheres and driven pins are held at their places at the time `t`. Every sphere responds as "continuous" without
+        restitution does, because a cloth that bounces does not rest.
+    tolerance : float, default 1e-6
+        Largest unbalanced force of a mass point after contact forces, over the largest weight of a mass point. Without
+        gravity, over the largest given force. At least 1e-12.
+    t : float, default 0.0
+        Time of the scene [s].
+    max_evaluations : int, default 400,000
+        Most force evaluations, >= 1.
+    threads : int, optional
+        As for `step`.
+    progress : bool, default False
+        True shows a progress bar of force evaluations.
+
+    Returns
+    -------
+    Run
+        Two frames: the start and the rest state. ``run.t`` counts the time of the relaxation, which has no meaning beside
+        it. ``run.report["residual"]`` is the largest unbalanced force over the largest weight.
+        ``run.report["reason"]`` is "" or says why the scene does not rest. The last frame is then the best state found.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+    RunInterrupted
+        On Ctrl-C; its `run` ends with the best state found.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> cloth = cs.Cloth((12, 12), mass=0.3, stiffness=100.0, damping=0.05)
+    >>> run = cs.settle(cs.Scene(cloth))
+    >>> run.report["residual"] < 1e-6, run.report["reason"]
+    (True, '')
+    >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    tolerance = check.number("tolerance", tolerance, minimum=1e-12)
+    t = check.number("t", t)
+    most = check.integer("max_evaluations", max_evaluations, minimum=1)
+    options = RunOptions(_INTEGRATOR, threads=threads, start=t)
+    search = _Relaxation(scene_at(scene, t), tolerance, most, options)
+    with ProgressBar(check.boolean("progress", progress), total=most) as bar:
+        try:
+            reason = search.run(bar.bar)
+        except KeyboardInterrupt:
+            raise RunInterrupted(search.result("interrupted")) from None
+    return search.result(reason)
+
+
+def scene_at(scene: Scene, t: float) -> Scene:
+    """The scene with everything that moves held at its place at a time [s]."""
+    return scene.replace(
+        spheres=[sphere.replace(center=tuple(sphere.center_at(t)), motion=None) for sphere in scene.spheres]
+    )
+
+
+class _Relaxation:
+    """The relaxation of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Nothing moves in it.
+    tolerance : float
+    most : int
+        Most force evaluations.
+    options : RunOptions
+    """
+
+    def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
+        self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options
+        still = [s.replace(response="continuous", restitution=0.0, as_printed=False) for s in scene.spheres]
+        self._plain = scene.replace(spheres=still)
+        self._mass = scene.cloth.mass_per_point[..., None]
+        self._free = ~scene.cloth.pinned
+        self._scale = self._force_scale()
+        size = max(scene.cloth.size)
+        pull = self._scale / float(self._mass.max())  # [m/s^2]
+        self._slow = math.sqrt(pull / size)
+        self._start = scene.initial_position
+        self._damped = self._with_drag(self._slow)
+        self._dt = _STEP * stable_dt(self._damped, _INTEGRATOR)
+        if not math.isfinite(self._dt):
+            self._dt = 0.1 / self._slow
+        self._stepper = self._stepper_of(self._damped, self._start)
+        self.best = _Best(self._start, self._residual(self._start))
+        self._steps, self._seconds = 0, 0.0
+
+    def _force_scale(self) -> float:
+        scene = self._plain
+        weight = float(self._mass.max() * np.linalg.norm(scene.gravity))
+        given = 0.0 if scene.force is None else float(np.linalg.norm(scene.force, axis=-1).max())
+        springs = max(scene.cloth.family_stiffness.values(), default=0.0) * min(scene.cloth.spacing)
+        return weight or given or springs or 1.0
+
+    def _with_drag(self, omega: float) -> Scene:
+        """The scene that relaxes: drag for a motion of this frequency [1/s], spring damping for the fastest."""
+        cloth = self._plain.cloth
+        mean = float(self._mass.mean())
+        damping = {f: _SPRING_DAMPING * math.sqrt(k * mean) for f, k in cloth.family_stiffness.items()}
+        return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
+
+    def _stepper_of(self, scene: Scene, x: Floats) -> SilentStepper:
+        stepper = SilentStepper(scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads)
+        stepper._state.judge.warned_of_dt = stepper._state.judge.warned_of_growth = True
+        return stepper
+
+    def _residual(self, x: Floats) -> float:
+        """Largest unbalanced force over the scale: momentum that a step from rest leaves after the responses."""
+        probe = self._stepper_of(self._plain, x)
+        dt = _PROBE * self._dt
+        probe.advance(1, dt)
+        force = self._mass * probe.velocities / dt
+        return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
+
+    def run(self, bar: Any) -> str:
+        """Relax; "" at rest, else the reason why not."""
+        begin = time.perf_counter()
+        try:
+            return self._relax(bar)
+        except (UnstableError, ContactError) as error:
+            return str(error)
+        finally:
+            self._seconds = time.perf_counter() - begin
+
+    def _relax(self, bar: Any) -> str:
+        before: tuple[Floats, Floats] | None = None
+        blocks = 0
+        while self.best.residual > self._tolerance:
+            if self._steps >= self._most:
+                return f"max_evaluations = {self._most:,} did not suffice"
+            if self._steps - self.best.halved > _PATIENCE:
+                return f"the unbalanced force did not halve in {_PATIENCE:,} steps"
+            count = min(_BLOCK, self._most - self._steps)
+            self._stepper.advance(count, self._dt)
+            self._steps += count
+            blocks += 1
+            if bar is not None:
+                bar.update(count)
+            x = self._stepper.positions
+            if self._left(x):
+                return "the cloth moves away: no pin and no sphere holds it"
+            now = x, acceleration(self._plain, x, np.zeros_like(x))
+            if before is not None:
+                self._damp(before, now)
+            before = now
+            if blocks % _BLOCKS_OF_RESIDUAL == 0 or self._steps >= self._most:
+                self.best.take(x, self._residual(x), self._steps)
+        return ""
+
+    def _damp(self, before: tuple[Floats, Floats], now: tuple[Floats, Floats]) -> None:
+        """Damp the motion between two states critically, by the frequency of Rayleigh's quotient."""
+        change, response = ((b - a)[self._free] for a, b in zip(before, now))
+        square = float((change**2).sum())
+        if square == 0.0:
+            return
+        # Negative curvature leads away from a saddle of the energy: drag would only slow the way down.
+        omega = math.sqrt(max(0.0, -float((change * response).sum()) / square))
+        self._stepper.set_scene(self._with_drag(min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow)))
+
+    def _left(self, x: Floats) -> bool:
+        if not self._free.all():
+            return False
+        centre = self._start.mean(axis=(0, 1))
+        farthest = max((float(np.linalg.norm(s.center - centre)) for s in self.scene.spheres), default=0.0)
+        return bool(np.linalg.norm(x.mean(axis=(0, 1)) - centre) > _TRAVEL * max(self.scene.cloth.size) + farthest)
+
+    def result(self, reason: str) -> Run:
+        """The run that ends with the best state."""
+        still = np.zeros_like(self._start)
+        x, v = np.array([self._start, self.best.x]), np.array([still, still])
+        t = [self._options.start, self._options.start + max(self.best.steps, 1) * self._dt]
+        state = self._options.state(self._plain, self.best.x, still, inspect=False)
+        state.core.set_watch(1, 0.0)
+        state.core.sample()
+        watched = state.core.watched[0]
+        solution = Solution(self._options, t, x, v, self._steps, 0, self._steps, self._seconds, watched, self._dt, state)
+        found: Report = report(self.scene, solution, of_nothing("a run to rest has no error in time"))
+        found["residual"], found["reason"] = self.best.residual, reason
+        return Run(self.scene, np.array(t), x, v, found)

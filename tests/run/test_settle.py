@@ -1,0 +1,126 @@
+"""The rest state: unbalanced forces, an independent minimiser of the energy, friction, and scenes that do not rest."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+LIGHT = cs.Scene(cs.Cloth((12, 12), mass=0.3, stiffness=100.0, damping=0.05))
+
+
+def drape(pins=(), **sphere):
+    cloth = cs.Cloth((16, 16), mass=0.3, stiffness=100.0, damping=0.05, pins=pins)
+    given = {"response": "continuous", "offset": "edge", "restitution": 0.0, "friction": 0.5, **sphere}
+    return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25, **given))
+
+
+def minimised(scene, x):
+    """The state of least energy near `x`, by SciPy."""
+    optimize = pytest.importorskip("scipy.optimize")
+    free, mass, still = ~scene.cloth.pinned, scene.cloth.mass_per_point[..., None], np.zeros_like(x)
+
+    def state(free_points):
+        y = x.copy()
+        y[free] = free_points.reshape(-1, 3)
+        return y
+
+    def value(free_points):
+        y = state(free_points)
+        energy = cs.energy(scene, y, still)
+        return energy["elastic"] + energy["gravity"], -(mass * cs.acceleration(scene, y, still))[free].ravel()
+
+    options = {"maxiter": 9999, "maxfun": 20_000, "ftol": 1e-16, "gtol": 0}
+    found = optimize.minimize(value, x[free].ravel(), jac=True, method="L-BFGS-B", options=options)
+    return state(found.x)
+
+
+@pytest.mark.parametrize("scene", [LIGHT, cs.scenes.paper_swing()], ids=["light", "paper_swing"])
+def test_the_rest_state_is_the_minimum_of_the_energy(scene):
+    run = cs.settle(scene, 1e-7)
+    assert run.report["residual"] < 1e-7 and run.report["reason"] == ""
+    still, free = np.zeros_like(run.x[-1]), ~scene.cloth.pinned
+    force = scene.cloth.mass_per_point * np.linalg.norm(cs.acceleration(scene, run.x[-1], still), axis=-1)
+    weight = scene.cloth.mass_per_point.max() * 9.80665
+    assert force[free].max() / weight == pytest.approx(run.report["residual"], rel=1e-3)
+    noise = np.random.default_rng(3).normal(size=still.shape) * free[..., None]
+    assert abs(minimised(scene, run.x[-1] + 1e-6 * noise) - run.x[-1]).max() < 1e-6
+    assert (run.v[-1] == 0).all() and (run.x[-1][~free] == scene.initial_position[~free]).all()
+
+
+def test_a_chain_of_two_springs_hangs_by_its_weight():
+    """m g = K (l - L) for the lower spring, 2 m g for the upper one."""
+    cloth = cs.Cloth((2, 3), (1.0, 1.0), mass=6.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (1, 0)])
+    run = cs.settle(cs.Scene(cloth, gravity=(9.80665, 0, 0)), 1e-9)
+    lengths = np.diff(run.x[-1, 0, :, 0])
+    assert lengths == pytest.approx([0.5 + 2 * 9.80665 / 500, 0.5 + 9.80665 / 500], abs=1e-9)
+
+
+@pytest.mark.parametrize("response", ["reflect", "ray", "continuous"])
+def test_a_draped_sheet_rests_on_a_sphere_by_friction(response):
+    scene = drape(response=response, restitution=1.0 if response != "continuous" else 0.0)
+    run = cs.settle(scene)
+    assert run.report["residual"] < 1e-6 and run.report["reason"] == ""
+    assert run.penetration()["points"][-1] == 0 and run.x[-1, ..., 1].min() < -0.35
+    held = scene.replace(
+        position=run.x[-1], spheres=[s.replace(response="continuous", restitution=0.0) for s in scene.spheres]
+    )
+    # A method with stages moves touching points within a step by gravity, which damping hands on to others: O(dt).
+    later = cs.simulate(held, 0.2, dt=2e-4, integrator="semi_implicit_euler")
+    assert abs(later.x[-1] - run.x[-1]).max() < 1e-6
+
+
+def test_a_sheet_that_slips_off_a_sphere_has_no_rest_state():
+    scene = drape(friction=0.0)
+    run = cs.settle(scene.replace(spheres=scene.spheres[0].replace(center=(0.6, -0.3, 0.55))))
+    assert run.report["residual"] > 1e-6 and "moves away" in run.report["reason"]
+
+
+def test_a_sheet_that_nothing_holds_says_so():
+    run = cs.settle(cs.Scene(cs.Cloth((4, 4), pins=())))
+    assert run.report["reason"] == "the cloth moves away: no pin and no sphere holds it"
+    assert run.report["residual"] == pytest.approx(1.0)
+
+
+def test_too_few_evaluations_end_with_the_best_state():
+    run = cs.settle(LIGHT, max_evaluations=700)
+    assert run.report["reason"] == "max_evaluations = 700 did not suffice"
+    assert 1e-6 < run.report["residual"] < 10 and run.report["force_evaluations"] == 700
+
+
+def test_a_rest_state_costs_a_fraction_of_the_motion():
+    """Sixty seconds of the damped motion do not end; five times the evaluations of the relaxation are 24 s of it."""
+    scene = cs.scenes.paper_swing()
+    run = cs.settle(scene)
+    dt = 0.9 * cs.max_stable_dt(scene)
+    steps = int(5 * run.report["force_evaluations"] / 4)
+    stepper = cs.Stepper(scene)
+    stepper.advance(steps, dt)
+    still = np.zeros_like(stepper.positions)
+    force = scene.cloth.mass_per_point * np.linalg.norm(cs.acceleration(scene, stepper.positions, still), axis=-1)
+    assert force[~scene.cloth.pinned].max() / (0.5 * 9.80665) > 1e-2
+
+
+def test_moving_spheres_are_held_where_they_are_at_the_time(same_bits):
+    ball = cs.Sphere((0.5, -0.5, 0.5), 0.25, cs.Linear((0, 0.4, 0)), "continuous", "edge", friction=0.5)
+    moving, still = (LIGHT.replace(spheres=s) for s in (ball, ball.replace(center=(0.5, -0.3, 0.5), motion=None)))
+    assert same_bits([cs.settle(moving, t=0.5).x], [cs.settle(still).x])
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ({"tolerance": 0.0}, "tolerance must be a finite number >= 1e-12, got 0.0"),
+        ({"max_evaluations": 0}, "max_evaluations must be"),
+        ({"t": np.nan}, "t must be"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        cs.settle(LIGHT, **arguments)
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        cs.settle(LIGHT.cloth)
+
+
+def test_a_run_in_time_has_no_residual():
+    report = cs.simulate(LIGHT, 0.01, dt=1e-3).report
+    assert np.isnan(report["residual"]) and report["reason"].startswith("not a run to rest")
+    assert report.keys() == cs.settle(LIGHT).report.keys()
