@@ -66,11 +66,12 @@ Motion linear(const Vec3& velocity) {
     return m;
 }
 
-Motion keyframes(std::vector<double> times, std::vector<Vec3> centers) {
+Motion keyframes(std::vector<double> times, std::vector<Vec3> centers, bool relative) {
     Motion m;
     m.kind = Motion::Kind::keyframes;
     m.times = std::move(times);
     m.centers = std::move(centers);
+    m.relative = relative;
     return m;
 }
 
@@ -93,15 +94,25 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
     return s;
 }
 
+using PinValues = std::vector<std::tuple<int, Vec3, int>>;
+
+std::vector<DrivenPin> pins_of(const PinValues& values) {
+    std::vector<DrivenPin> pins;
+    for (const auto& [point, start, motion] : values) pins.push_back({point, start, motion});
+    return pins;
+}
+
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
-               const std::optional<Array<double>>& force, const std::string& precision,
-               const std::string& kernel, bool strict, const std::string& instruction_set,
-               const std::string& integrator) {
+               const std::optional<Array<double>>& force, std::vector<Motion> pin_motions,
+               const PinValues& driven_pins, const std::string& precision, const std::string& kernel,
+               bool strict, const std::string& instruction_set, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
     if (force) plan.force = view(*force);
+    plan.pin_motions = std::move(pin_motions);
+    plan.driven_pins = pins_of(driven_pins);
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.strict = strict;
@@ -207,8 +218,8 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("force"), py::arg("precision"), py::arg("kernel"), py::arg("strict"),
-             py::arg("instruction_set"), py::arg("integrator"))
+             py::arg("force"), py::arg("pin_motions"), py::arg("driven_pins"), py::arg("precision"),
+             py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
         .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
         .def("runaway_speed",
@@ -246,7 +257,9 @@ void bind_diagnostics(py::module_& m) {
     m.def("energy",
           [](const Cloth& cloth, const Vec3& gravity, const std::optional<Array<double>>& force,
              const Array<double>& x, const Array<double>& v) {
-              Scene scene{cloth, gravity, {}, {}};
+              Scene scene;
+              scene.cloth = cloth;
+              scene.gravity = gravity;
               if (force) scene.force = view(*force);
               const Energy e = energy(scene, view(x), view(v));
               return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force);
@@ -301,8 +314,9 @@ py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
                      const Array<double>& rest_length, const Array<double>& stiffness,
                      const Array<double>& damping, const Array<double>& mass, const Array<bool>& pinned,
                      const std::array<double, 3>& gravity, double drag, const Array<double>& force,
-                     const Array<double>& x, const Array<double>& v, const std::vector<double>& times,
-                     int columns, double tolerance, int threads) {
+                     std::vector<Motion> pin_motions, const PinValues& driven_pins, const Array<double>& x,
+                     const Array<double>& v, const std::vector<double>& times, int columns, double tolerance,
+                     int threads) {
     reference::System system;
     for (py::ssize_t k = 0; k < i.size(); ++k)
         system.springs.push_back(
@@ -312,6 +326,8 @@ py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
     system.gravity = gravity;
     system.drag = drag;
     system.force.assign(force.data(), force.data() + force.size());
+    system.pin_motions = std::move(pin_motions);
+    system.driven_pins = pins_of(driven_pins);
     std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
     const std::size_t size = xs.size();
     reference::Extrapolation done;
@@ -341,8 +357,8 @@ void bind_reference(py::module_& m) {
     m.def("reference_step_as_printed", &advance<reference::step_as_printed>);
     m.def("extrapolate", &extrapolate, py::kw_only(), py::arg("i"), py::arg("j"), py::arg("rest_length"),
           py::arg("stiffness"), py::arg("damping"), py::arg("mass"), py::arg("pinned"), py::arg("gravity"),
-          py::arg("drag"), py::arg("force"), py::arg("x"), py::arg("v"), py::arg("times"), py::arg("columns"),
-          py::arg("tolerance"), py::arg("threads"));
+          py::arg("drag"), py::arg("force"), py::arg("pin_motions"), py::arg("driven_pins"), py::arg("x"),
+          py::arg("v"), py::arg("times"), py::arg("columns"), py::arg("tolerance"), py::arg("threads"));
 }
 
 }  // namespace clothsim

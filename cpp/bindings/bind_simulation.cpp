@@ -1,3 +1,4 @@
+#include <pybind11/eigen.h>
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -80,6 +81,7 @@ void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std:
         Engine& member = simulation->member(i);
         member.store(x ? nullptr : own_x.data(), v ? nullptr : own_v.data());
         member.load(x ? x->data() + i * size : own_x.data(), v ? v->data() + i * size : own_v.data());
+        member.place_pins(time ? *time : simulation->clock.now());
         simulation->restart(i);
     }
     if (time) simulation->clock = {*time, 0, 0};
@@ -299,6 +301,19 @@ void bind_simulation(py::module_& m) {
                  if (stable_dt.size() != simulation->size())
                      throw std::invalid_argument("one time step a member is needed");
                  simulation->set_stable_dt(stable_dt);
+             })
+        .def("place_pins",
+             [](S& s) {
+                 auto simulation = s.use();
+                 for (std::size_t i = 0; i < simulation->size(); ++i)
+                     simulation->member(i).place_pins(simulation->clock.now());
+             })
+        .def("set_sphere",
+             [](S& s, std::size_t sphere, const std::vector<Vec3>& centers,
+                const std::vector<Motion>& motions) {
+                 auto simulation = s.use();
+                 for (std::size_t i = 0; i < simulation->size(); ++i)
+                     simulation->set_sphere(i, sphere, centers.at(i), motions.at(i));
              })
         .def("set_force",
              [](S& s, const Array<double>& force) {

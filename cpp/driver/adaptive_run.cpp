@@ -58,7 +58,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.unstable = Outcome::Unstable{0, point, outcome.steps + 1, t};
             return outcome;
         }
-        const double error = adaptive.try_step(h, request.tolerance, team);
+        const double error = adaptive.try_step(t, h, request.tolerance, team);
         bool accepted = controller.judge(h, error, adaptive.order());
         // Between the ends of a step that ends in contact there is no frame: the state there may be inside a
         // sphere.

@@ -22,6 +22,7 @@ Energy EnergyWatch::energy_of(const Engine& engine) {
 }
 
 void EnergyWatch::begin(const Engine& engine) {
+    if (plan_.has_driven_pins()) return;
     if (std::exchange(started_, true)) return;
     start_ = energy_of(engine).total();
 }

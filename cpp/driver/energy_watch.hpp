@@ -12,6 +12,8 @@ namespace clothsim {
 // Until a sphere responds, nothing adds to the total energy of a cloth, but an unstable step does: above the
 // stability limit, and below the guaranteed one at states that the guarantee leaves out. The cloth need not
 // fly apart: waves may grow until it has folded itself into a shape in which they no longer do.
+//
+// Driven pins do work of any size, so that a cloth with some is not watched.
 class EnergyWatch {
 public:
     explicit EnergyWatch(const Plan& plan);

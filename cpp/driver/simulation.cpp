@@ -111,6 +111,7 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         SavedState state = members_[i]->saved_state();
         if (!keeps_persistent(plans_[i], plans[i], clock.now())) state.contacts.clear();
         member.set_saved_state(state);
+        member.place_pins(clock.now());
         watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
     }
     plans_.swap(plans);
@@ -134,18 +135,30 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
     clock = {time, 0, clock.dt};
     set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
+    const Checkpoint::Load load_state = [&](std::size_t i) {
+        const bool finite = load(i);
+        members_[i]->place_pins(time);
+        return finite;
+    };
     std::atomic<bool> finite{true};
     each_member(optional && !choice_.team() ? 1 : threads, [&](std::size_t i, int team) {
         members_[i]->threads = team;
         members_[i]->begin_anew();
-        if (!load(i)) finite = false;
+        if (!load_state(i)) finite = false;
     });
     for (const std::size_t i : all_) restart(i);
     if (!finite) return {};
-    checkpoint_.take_input(load);
+    checkpoint_.take_input(load_state);
     const Outcome outcome = advance(steps, dt, threads, optional, interrupted);
     checkpoint_.drop();
     return outcome;
+}
+
+void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion) {
+    plans_[i].spheres[sphere].center = center;
+    plans_[i].spheres[sphere].motion = motion;
+    members_[i]->set_sphere(sphere, center, motion);
+    checkpoint_.drop();
 }
 
 void Simulation::set_force(std::size_t i, const double* force) {

@@ -91,6 +91,8 @@ public:
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
 
+    // A sphere of a member has another centre and motion from now on.
+    void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     // The force on the mass points of a member from now on [N].
     void set_force(std::size_t i, const double* force);
 

@@ -101,25 +101,6 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     if (plan_.has_force()) EdgeEngine::apply_force();
 }
 
-// The kernel adds forces where it divides by masses, so that a cloth without either pays for neither.
-template <class Real>
-void EdgeEngine<Real>::apply_force() {
-    const std::ptrdiff_t all_rows = layout_.strips * rows();
-    if (applied_.empty()) {
-        applied_.assign(3 * all_rows * layout_.width(), Real(0));
-        if (inverse_mass_.empty()) inverse_mass_.assign(all_rows * layout_.width(), Real(1));
-        bands_.clear();  // they point to both
-    }
-    for (std::ptrdiff_t row = 0; row < all_rows; ++row)
-        layout_.for_each_column([&](int c, std::ptrdiff_t in_row) {
-            const int point = int(row) % rows() * columns() + layout_.start(int(row) / rows()) + c;
-            const Vec3 applied = this->applied_at(point) / unit_;
-            const std::ptrdiff_t lanes = layout_.lanes, vector = in_row / lanes, lane = in_row % lanes;
-            for (int j = 0; j < 3; ++j)
-                applied_[3 * row * layout_.width() + (3 * vector + j) * lanes + lane] = Real(applied[j]);
-        });
-}
-
 template <class Real>
 EdgeEngine<Real>::~EdgeEngine() = default;
 

@@ -72,7 +72,8 @@ double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
 }
 
 std::unique_ptr<Engine> make_engine(const Plan& plan) {
-    if (!method_of(plan.integrator).in_kernels) return make_scheme_engine(plan);
+    // The kernels' own steps know pins that rest.
+    if (!method_of(plan.integrator).in_kernels || plan.has_driven_pins()) return make_scheme_engine(plan);
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 

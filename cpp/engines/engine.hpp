@@ -58,6 +58,13 @@ public:
         watched = {};
     }
 
+    // Put driven pins to their places, with their velocities, of a time; a new state leaves that to the
+    // caller.
+    virtual void place_pins(double t) = 0;
+
+    // A sphere's centre and motion from now on; the state stays.
+    virtual void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) = 0;
+
     // The force on each mass point from now on [N], shape (rows, columns, 3).
     virtual void set_force(const double* force) = 0;
 

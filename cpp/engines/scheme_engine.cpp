@@ -43,7 +43,8 @@ public:
     void advance(std::int64_t steps, const Clock& clock, int threads) override {
         if (implicit_) {
             for (std::int64_t k = 1; k <= steps; ++k) {
-                advance_implicit(clock.dt);
+                advance_implicit(clock.at(k - 1), clock.dt);
+                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(), this->memory_);
                 this->collide_all(clock.at(k));
                 this->watch(0, this->rows(), clock.at(k));
             }
@@ -55,12 +56,14 @@ public:
         in_bands(threads, [&](Band<Real>& band) {
             bool known = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
+                const double t = clock.at(k - 1);
                 if (explicit_) {
-                    advance_explicit(band, clock.at(k));
+                    advance_explicit(band, t, clock.at(k));
                     continue;
                 }
                 if (band.first) contact_[(k + 1) & 1] = false;
-                advance_splitting(band, clock.dt, known);
+                advance_splitting(band, t, clock.dt, known);
+                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end, this->memory_);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
                 known = method_.splitting->first_same_as_last() && !contact;
                 this->watch(band.begin, band.end, clock.at(k));
@@ -93,7 +96,7 @@ public:
 
     int order() const override { return explicit_->order; }
 
-    double try_step(double h, const Tolerance& tolerance, int threads) override {
+    double try_step(double t, double h, const Tolerance& tolerance, int threads) override {
         const ExplicitMethod& m = *explicit_;
         plan_stages(h, this->memory_);
         std::array<Combination<Real>, 2> errors;
@@ -104,14 +107,16 @@ public:
                 square_rows(field_, begin, end, this->memory_.data(), errors[e], row_squares_[e].data());
         };
         in_bands(threads, [&](Band<Real>& band) {
-            run_stages(band, this->state_known_, [&](int begin, int end) {
+            run_stages(band, t, this->state_known_, [&](int begin, int end) {
                 advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
+                this->place_pins(PinTime::of_end(t + h, h), begin, end, result_);
                 if (!m.error_needs_end) estimate(begin, end);
             });
             if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
         });
         this->state_known_ = true;
         step_ = h;
+        step_begin_ = t;
         double squares[2] = {0, 0};
         for (std::size_t e = 0; e < m.errors.size(); ++e)
             for (const RowSquares& row : row_squares_[e]) squares[e] += row.x + row.v;
@@ -178,9 +183,10 @@ public:
         if (interpolated) result_sum_ = combination(m.dense(part), step_);
         const auto finish = [&](int begin, int end) {
             combine(field_, begin, end, previous_.data(), result_.data(), result_sum_);
+            this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](Band<Real>& band) {
-            if (!interpolated) run_stages(band, true, finish);
+            if (!interpolated) run_stages(band, step_begin_, true, finish);
             else finish(band.begin, band.end);
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
@@ -239,15 +245,16 @@ private:
     // The sums of a step of h from `from`, for `run_stages`.
     void plan_stages(double h, const AlignedVector<Real>& from) {
         from_ = from.data();
+        planned_ = h;
         stage_sums_.clear();
         for (int s = 1; s < explicit_->stages; ++s)
             stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
         result_sum_ = combination(explicit_->result, h);
     }
-    // The sweeps of a planned step; `known`: the acceleration at its start is. `finish(begin, end)` of rows
-    // after the last of them.
+    // The sweeps of a planned step from time t; `known`: the acceleration at its start is. `finish(begin,
+    // end)` of rows after the last of them.
     template <class Finish>
-    void run_stages(Band<Real>& band, bool known, Finish finish) {
+    void run_stages(Band<Real>& band, double t, bool known, Finish finish) {
         if (explicit_->stages == 1) {  // the result takes the place of the state
             evaluate(band, this->memory_, 0);
             band.barrier();
@@ -256,8 +263,11 @@ private:
             return;
         }
         const auto next_stage = [&](int s) {
-            return [this, s](int begin, int end) {
-                combine(field_, begin, end, from_, stages_[(s + 1) & 1].data(), stage_sums_[std::size_t(s)]);
+            return [this, s, t](int begin, int end) {
+                auto& stage = stages_[(s + 1) & 1];
+                combine(field_, begin, end, from_, stage.data(), stage_sums_[std::size_t(s)]);
+                const double part = explicit_->stage[std::size_t(s + 1)].drift;
+                this->place_pins(PinTime::of_stage(t, planned_, part), begin, end, stage);
             };
         };
         if (known)
@@ -271,22 +281,25 @@ private:
         for (int s = 1; s < last; ++s) sweep(band, stages_[s & 1], s, next_stage(s));
         sweep(band, stages_[last & 1], last, finish);
     }
-    void advance_explicit(Band<Real>& band, double t) {
+    void advance_explicit(Band<Real>& band, double t0, double t) {
         const bool tracked = this->track_contact_energy;
         std::vector<Contact> contacts;
         if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
-        run_stages(band, false, [&](int begin, int end) {
+        run_stages(band, t0, false, [&](int begin, int end) {
             advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
+            this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
             if (!contacts.empty()) this->collide_rows(begin, end, contacts);
             this->watch(begin, end, t);
         });
         if (tracked) this->collide_all(t);
     }
     // `known`: the acceleration at the start is.
-    void advance_splitting(Band<Real>& band, double h, bool known) {
+    void advance_splitting(Band<Real>& band, double t, double h, bool known) {
         const Splitting& s = *method_.splitting;
-        if (s.drifts[0] != 0) {
-            kick_drift(band, s.drifts[0] * h, 0, 0);
+        double part = s.drifts[0];  // of the step: time passes in drifts
+        if (part != 0) {
+            kick_drift(band, part * h, 0, 0);
+            place_stage_pins(band, t, h, part);
             band.barrier();
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
@@ -296,12 +309,16 @@ private:
                 band.barrier();
             }
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
+            place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
     }
-    void advance_implicit(double h) {
+    void place_stage_pins(const Band<Real>& band, double t, double h, double part) {
+        this->place_pins(PinTime::of_stage(t, h, part), band.begin, band.end, this->memory_);
+    }
+    void advance_implicit(double t, double h) {
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
-        this->evaluations += implicit_->step(x, v, h);
+        this->evaluations += implicit_->step(x, v, t, h);
         this->load(x.data(), v.data());
     }
 
@@ -355,7 +372,8 @@ private:
 
     AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted
     std::vector<std::vector<RowSquares>> row_squares_;
-    double step_ = 0;
+    double planned_ = 0;  // step of the sums [s]
+    double step_ = 0, step_begin_ = 0;  // of the step tried [s]
 };
 
 template <class Real>

@@ -61,6 +61,16 @@ public:
         return -1;
     }
 
+    void place_pins(double t) final {
+        if (!plan_.has_driven_pins()) return;
+        place_pins(PinTime::at_rest(t), 0, rows(), memory_);
+        state_changed();
+    }
+    void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
+        plan_.spheres[sphere].center = center;
+        plan_.spheres[sphere].motion = motion;
+        planes_.drop();
+    }
     void set_force(const double* force) final {
         plan_.force = PointsView(force, plan_.cloth.points(), 3);
         apply_force();
@@ -126,6 +136,16 @@ protected:
             if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
 
+    // Of rows [begin, end) of a state that is laid out like memory.
+    void place_pins(const PinTime& time, int begin, int end, AlignedVector<Real>& state) const {
+        plan_.each_driven_pin(time, begin * columns(), end * columns(),
+                              [&](int point, const Vec3& place, const Vec3& velocity) {
+                                  const Vec3 here = place - origin_;
+                                  for (int k = 0; k < 6; ++k)
+                                      set_value(layout_.at(point / columns(), point % columns(), k),
+                                                k < 3 ? here[k] : velocity[k - 3], state);
+                              });
+    }
     // Bring the plan's force into the form of the kernel.
     virtual void apply_force() = 0;
     Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
@@ -194,9 +214,13 @@ protected:
         else return memory_[place];
     }
     template <class T>
+    void set_value(std::ptrdiff_t place, T v, AlignedVector<Real>& state) const {
+        state[place] = Real(v);
+        if constexpr (compensated) state[place + layout_.compensation()] = Real(v - T(state[place]));
+    }
+    template <class T>
     void set_value(std::ptrdiff_t place, T v) {
-        memory_[place] = Real(v);
-        if constexpr (compensated) memory_[place + layout_.compensation()] = Real(v - T(memory_[place]));
+        set_value(place, v, memory_);
     }
 
     // The spheres that are met at the end of a step; continuous ones have their own pass.

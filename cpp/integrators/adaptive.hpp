@@ -16,8 +16,9 @@ public:
     virtual ~AdaptiveEngine() = default;
 
     virtual int order() const = 0;
-    // Try a step: its error in units of the tolerance, not finite where the result is not. The state stays.
-    virtual double try_step(double h, const Tolerance& tolerance, int threads) = 0;
+    // Try a step from time t: its error in units of the tolerance, not finite where the result is not. The
+    // state stays.
+    virtual double try_step(double t, double h, const Tolerance& tolerance, int threads) = 0;
     // Take the step that was tried, with the collision pass at its end, time `t`. Whether a point was in
     // contact.
     virtual bool accept_step(double t, int threads) = 0;

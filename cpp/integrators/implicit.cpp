@@ -30,7 +30,7 @@ ImplicitMidpoint::ImplicitMidpoint(const Scene& scene) : scene_(scene), cloth_(s
 
 Vec3 ImplicitMidpoint::place(const Vector& values, int point) const {
     const int k = unknown_[std::size_t(point)];
-    return k < 0 ? Vec3(Vec3::Zero()) : Vec3(values.segment<3>(3 * k));
+    return k < 0 ? Vec3(v_.row(point)) : Vec3(values.segment<3>(3 * k));
 }
 
 // M (u - v) - h/2 F(x + h/2 u, u)
@@ -96,9 +96,15 @@ bool ImplicitMidpoint::factorise(double h, const Vector& u) {
     return false;
 }
 
-int ImplicitMidpoint::step(Points& x, Points& v, double h) {
+int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     x_ = x;
     v_ = v;
+    // The place x + h/2 v of a driven pin is that of the middle of the step.
+    scene_.each_driven_pin(PinTime::of_stage(t, h, 0.5), 0, cloth_.points(),
+                           [&](int point, const Vec3& place, const Vec3& velocity) {
+                               v_.row(point) = velocity;
+                               x_.row(point) = place - h / 2 * velocity;
+                           });
     int evaluations = 1;
     Vector u(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i)

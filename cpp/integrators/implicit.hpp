@@ -23,9 +23,9 @@ public:
     // Forces on points may change between steps, and are read from `scene`.
     explicit ImplicitMidpoint(const Scene& scene);
 
-    // One step in place; returns the number of force evaluations (a factorisation each, but for those of
-    // halved steps).
-    int step(Points& x, Points& v, double h);
+    // One step in place from time t; driven pins stay as they are. Returns the number of force evaluations (a
+    // factorisation each, but for those of halved steps).
+    int step(Points& x, Points& v, double t, double h);
 
 private:
     using Vector = Eigen::VectorXd;

@@ -1,6 +1,7 @@
 // What is simulated: a cloth, its gravity and the spheres that it meets.
 #pragma once
 
+#include <algorithm>
 #include <Eigen/Core>
 #include <vector>
 
@@ -13,11 +14,54 @@ namespace clothsim {
 using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 using PointsView = Eigen::Map<const Points>;
 
+// A pinned mass point that moves.
+struct DrivenPin {
+    int point;
+    Vec3 start;  // m
+    int motion;  // of the scene's
+};
+
+// A time of a step at which driven pins are placed. Where the velocity of a motion jumps at an end of the
+// step, `inside` tells the piece that counts.
+struct PinTime {
+    double t, inside;
+
+    // Of the jumps that lie within this part of a step from its ends, none is inside it.
+    static constexpr double end_part = 1e-6;
+    static PinTime at_rest(double t) { return {t, t}; }
+    static PinTime of_stage(double t0, double h, double part) {
+        return {t0 + part * h, t0 + std::clamp(part, end_part, 1 - end_part) * h};
+    }
+    // The end of a step, where the next one starts.
+    static PinTime of_end(double t1, double h) { return {t1, t1 + end_part * h}; }
+};
+
 struct Scene {
     Cloth cloth;
     Vec3 gravity = Vec3::Zero();  // m/s^2
     std::vector<Sphere> spheres;
     Points force;  // on each mass point [N]; no rows: none
+
+    std::vector<Motion> pin_motions;
+    std::vector<DrivenPin> driven_pins;  // in the order of points
+
+    // `visit(pin, place, velocity)` of the driven pins among points [begin, end).
+    template <class Visit>
+    void each_driven_pin(const PinTime& time, int begin, int end, Visit visit) const {
+        auto pin = std::partition_point(driven_pins.begin(), driven_pins.end(),
+                                        [begin](const DrivenPin& p) { return p.point < begin; });
+        Vec3 displacement = Vec3::Zero(), velocity = Vec3::Zero();
+        for (int motion = -1; pin != driven_pins.end() && pin->point < end; ++pin) {
+            const Motion& m = pin_motions[std::size_t(pin->motion)];
+            if (pin->motion != motion) {  // pins beside each other often share a motion
+                displacement = m.displacement_at(time.t);
+                velocity = m.velocity_at(time.t, time.inside);
+                motion = pin->motion;
+            }
+            visit(pin->point, m.has_start() ? Vec3(pin->start + displacement) : displacement, velocity);
+        }
+    }
+    bool has_driven_pins() const { return !driven_pins.empty(); }
 
     bool has_force() const { return force.rows() > 0; }
     // What accelerates a mass point beside springs and damping [m/s^2].

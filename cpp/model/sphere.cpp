@@ -6,15 +6,15 @@
 namespace clothsim {
 namespace {
 
-// Fraction of the way to the turning point and its rate, `u` being the fraction of the half period.
+// Fraction of the way to the turning point and its rate. `inside`: a time of the half period that counts.
 struct Travel {
     double fraction, rate, sign;
 };
 
-Travel reciprocating_travel(const Motion& m, double t) {
-    const double cycles = t / m.period + m.phase;
-    const double half = 2 * (cycles - std::floor(cycles));
-    const bool back = half >= 1;
+Travel reciprocating_travel(const Motion& m, double t, double inside) {
+    const double cycles = t / m.period + m.phase, turns = inside / m.period + m.phase;
+    const double half = 2 * (cycles - std::floor(turns));
+    const bool back = 2 * (turns - std::floor(turns)) >= 1;
     const double u = back ? half - 1 : half;
     const double k = m.deceleration;
     const double half_period = m.period / 2;
@@ -30,44 +30,45 @@ std::size_t segment(const Motion& m, double t) {
         1;
 }
 
-Vec3 place(const Motion& motion, const Vec3& center, double t) {
-    switch (motion.kind) {
-        case Motion::Kind::none: return center;
-        case Motion::Kind::linear: return center + t * motion.velocity;
-        case Motion::Kind::reciprocate: {
-            const Travel travel = reciprocating_travel(motion, t);
-            return center + travel.sign * motion.distance * (travel.fraction - 0.5) * motion.direction;
-        }
-        case Motion::Kind::keyframes: {
-            if (t < motion.times.front()) return motion.centers.front();
-            if (t >= motion.times.back()) return motion.centers.back();
-            const std::size_t i = segment(motion, t);
-            const double u = (t - motion.times[i]) / (motion.times[i + 1] - motion.times[i]);
-            return motion.centers[i] + u * (motion.centers[i + 1] - motion.centers[i]);
-        }
-    }
-    return center;
-}
-
 }  // namespace
 
-Vec3 Sphere::center_at(double t) const { return place(motion, center, t) - origin; }
-
-Vec3 Sphere::velocity_at(double t) const {
-    switch (motion.kind) {
-        case Motion::Kind::none: return Vec3::Zero();
-        case Motion::Kind::linear: return motion.velocity;
-        case Motion::Kind::reciprocate: {
-            const Travel travel = reciprocating_travel(motion, t);
-            return travel.sign * motion.distance * travel.rate * motion.direction;
+Vec3 Motion::displacement_at(double t) const {
+    switch (kind) {
+        case Kind::none: return Vec3::Zero();
+        case Kind::linear: return t * velocity;
+        case Kind::reciprocate: {
+            const Travel travel = reciprocating_travel(*this, t, t);
+            return travel.sign * distance * (travel.fraction - 0.5) * direction;
         }
-        case Motion::Kind::keyframes: {
-            if (t < motion.times.front() || t >= motion.times.back()) return Vec3::Zero();
-            const std::size_t i = segment(motion, t);
-            return (motion.centers[i + 1] - motion.centers[i]) / (motion.times[i + 1] - motion.times[i]);
+        case Kind::keyframes: {
+            if (t < times.front()) return centers.front();
+            if (t >= times.back()) return centers.back();
+            const std::size_t i = segment(*this, t);
+            const double u = (t - times[i]) / (times[i + 1] - times[i]);
+            return centers[i] + u * (centers[i + 1] - centers[i]);
         }
     }
     return Vec3::Zero();
 }
+
+Vec3 Motion::velocity_at(double t, double inside) const {
+    switch (kind) {
+        case Kind::none: return Vec3::Zero();
+        case Kind::linear: return velocity;
+        case Kind::reciprocate: {
+            const Travel travel = reciprocating_travel(*this, t, inside);
+            return travel.sign * distance * travel.rate * direction;
+        }
+        case Kind::keyframes: {
+            if (inside < times.front() || inside >= times.back()) return Vec3::Zero();
+            const std::size_t i = segment(*this, inside);
+            return (centers[i + 1] - centers[i]) / (times[i + 1] - times[i]);
+        }
+    }
+    return Vec3::Zero();
+}
+
+Vec3 Sphere::center_at(double t) const { return motion.place_at(center, t) - origin; }
+Vec3 Sphere::velocity_at(double t) const { return motion.velocity_at(t); }
 
 }  // namespace clothsim

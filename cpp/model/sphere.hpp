@@ -20,6 +20,19 @@ struct Motion {
     double phase = 0;                // reciprocate, fraction of a period
     std::vector<double> times;       // keyframes [s]
     std::vector<Vec3> centers;       // keyframes [m]
+    bool relative = false;           // keyframes: `centers` are displacements from the start
+
+    // Whether a place depends on where the motion starts.
+    bool has_start() const { return kind != Kind::keyframes || relative; }
+    // Place at a time less the start [m]; the place itself where the start does not count.
+    Vec3 displacement_at(double t) const;
+    Vec3 place_at(const Vec3& start, double t) const {
+        return has_start() ? Vec3(start + displacement_at(t)) : displacement_at(t);
+    }
+    // The velocity may jump at a time of a table or at a turning point; there it is that of the piece in
+    // which `inside` lies.
+    Vec3 velocity_at(double t, double inside) const;
+    Vec3 velocity_at(double t) const { return velocity_at(t, t); }
 };
 
 enum class Response { reflect, ray, continuous };

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "reference/pins.hpp"
+
 namespace clothsim::reference {
 namespace {
 
@@ -38,6 +40,10 @@ void accelerations(const System& system, const State& state, Values& a) {
         a[k] = system.pinned[k / 3] ? 0 : a[k] / system.mass[k / 3] + system.gravity[k % 3];
 }
 
+void drive(const System& system, State& state, Real t, Real inside) {
+    place_pins(system.driven_pins, system.pin_motions, t, inside, state.x, state.v);
+}
+
 // z = y + h (dx/dt, dv/dt)
 void move(State& z, const State& y, const Values& velocity, const Values& a, Real h) {
     for (std::size_t k = 0; k < a.size(); ++k) {
@@ -55,14 +61,16 @@ struct Workspace {
 
 // Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's
 // smoothing at the end damps the rule's weak instability.
-void midpoint(const System& system, const State& y, const Values& a0, Real H, int n, Workspace& w,
+void midpoint(const System& system, const State& y, const Values& a0, Real t, Real H, int n, Workspace& w,
               State& result) {
-    const Real h = H / n;
+    const Real h = H / n, inside = t + H / 2;
     w.before = y;
     move(w.here, y, y.v, a0, h);
+    drive(system, w.here, t + h, inside);
     for (int i = 1; i < n; ++i) {
         accelerations(system, w.here, w.a);
         move(w.after, w.before, w.here.v, w.a, 2 * h);
+        drive(system, w.after, t + (i + 1) * h, inside);
         std::swap(w.before, w.here);
         std::swap(w.here, w.after);
     }
@@ -140,12 +148,13 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
             }
             // The remaining way in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil((target - t) / H);
+            drive(system, y, t, t + step / 2);
             accelerations(system, y, a0);
 // The longest first: what is left at the end is short.
 #pragma omp parallel for schedule(dynamic, 1) num_threads(settings.threads)
             for (int i = 0; i < columns; ++i) {
                 const int k = columns - 1 - i;
-                midpoint(system, y, a0, step, 2 * (k + 1), room[k], table[k]);
+                midpoint(system, y, a0, t, step, 2 * (k + 1), room[k], table[k]);
             }
             result.force_evaluations += 1 + columns * (columns + 1);
             neville(table, previous);
@@ -165,6 +174,7 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
                 return result;
             }
         }
+        drive(system, y, t, t + smallest);
         for (std::size_t k = 0; k < size; ++k) {
             x.push_back(double(y.x[k]));
             v.push_back(double(y.v[k]));

@@ -24,6 +24,9 @@ struct System {
     std::array<double, 3> gravity{};  // m/s^2
     double drag = 0;  // N s/m
     std::vector<double> force;  // N, 3 a point
+    // A time at which the velocity of a pin jumps has to be among the times asked for.
+    std::vector<DrivenPin> driven_pins;
+    std::vector<Motion> pin_motions;
 };
 
 struct ExtrapolationSettings {

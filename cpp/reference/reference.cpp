@@ -1,6 +1,7 @@
 #include "reference/reference.hpp"
 
 #include "reference/contact.hpp"
+#include "reference/pins.hpp"
 
 namespace clothsim::reference {
 
@@ -82,20 +83,36 @@ void hold_pinned(const Cloth& cloth, Points& v) {
         if (cloth.pinned[i]) v.row(i).setZero();
 }
 
+// Driven pins are where their motion has them at the time of every stage: t0 + part of the step.
+void drive(const Scene& scene, Points& x, Points& v, double t0, double dt, double part) {
+    // Where a velocity jumps at an end of the step, the piece within the step counts.
+    const double inside = t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
+    place_pins(scene.driven_pins, scene.pin_motions, t0 + part * dt, inside, x.data(), v.data());
+}
+
 }  // namespace
 
 void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t) {
     const std::vector<Spring> list = springs(scene.cloth);
     hold_pinned(scene.cloth, v);
     for (std::int64_t n = 0; n < steps; ++n) {
+        const double t0 = t + double(n) * dt, t1 = t + double(n + 1) * dt;
+        drive(scene, x, v, t0, dt, 0);
         const Points x0 = x, v1 = v, a1 = accelerations(scene, list, x, v1);
-        const Points v2 = v + dt / 2 * a1, a2 = accelerations(scene, list, x + dt / 2 * v1, v2);
-        const Points v3 = v + dt / 2 * a2, a3 = accelerations(scene, list, x + dt / 2 * v2, v3);
-        const Points v4 = v + dt * a3, a4 = accelerations(scene, list, x + dt * v3, v4);
+        Points x2 = x + dt / 2 * v1, v2 = v + dt / 2 * a1;
+        drive(scene, x2, v2, t0, dt, 0.5);
+        const Points a2 = accelerations(scene, list, x2, v2);
+        Points x3 = x + dt / 2 * v2, v3 = v + dt / 2 * a2;
+        drive(scene, x3, v3, t0, dt, 0.5);
+        const Points a3 = accelerations(scene, list, x3, v3);
+        Points x4 = x + dt * v3, v4 = v + dt * a3;
+        drive(scene, x4, v4, t0, dt, 1);
+        const Points a4 = accelerations(scene, list, x4, v4);
         x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
         v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
-        collide(scene, x, v, t + double(n + 1) * dt);
-        respond_to_spheres(scene, list, x0, v1, x, v, t + double(n) * dt, t + double(n + 1) * dt, dt);
+        drive(scene, x, v, t1, dt, 0);
+        collide(scene, x, v, t1);
+        respond_to_spheres(scene, list, x0, v1, x, v, t0, t1, dt);
     }
 }
 

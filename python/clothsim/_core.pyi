@@ -51,7 +51,7 @@ class Motion:
         direction: npt.ArrayLike, distance: float, period: float, deceleration: float, phase: float
     ) -> Motion: ...
     @staticmethod
-    def keyframes(times: list[float], centers: list[Any]) -> Motion: ...
+    def keyframes(times: list[float], centers: list[Any], relative: bool) -> Motion: ...
 
 class Sphere:
     def __init__(
@@ -104,6 +104,8 @@ class Plan:
         cloth: Cloth,
         gravity: npt.ArrayLike,
         force: Floats | None,
+        pin_motions: list[Motion],
+        driven_pins: list[tuple[int, Floats, int]],
         spheres: list[Sphere],
         precision: str,
         kernel: str,
@@ -156,6 +158,8 @@ class Simulation:
     @overload
     def accelerations(self, a: Floats, threads: int, /) -> None: ...
     def set_stable_dt(self, stable_dt: list[float]) -> None: ...
+    def set_sphere(self, sphere: int, centers: list[Floats], motions: list[Motion]) -> None: ...
+    def place_pins(self) -> None: ...
     def set_force(self, force: Floats) -> None: ...
     def set_frozen(self, i: int, frozen: bool) -> None: ...
     @property
@@ -237,6 +241,8 @@ def extrapolate(
     gravity: tuple[float, float, float],
     drag: float,
     force: Floats,
+    pin_motions: list[Motion],
+    driven_pins: list[tuple[int, Floats, int]],
     x: Floats,
     v: Floats,
     times: list[float],

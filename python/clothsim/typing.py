@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
@@ -58,8 +58,8 @@ Numbers: TypeAlias = Sequence[float] | npt.NDArray[np.integer[Any] | np.floating
 Shape: TypeAlias = Sequence[int] | npt.NDArray[np.integer[Any]]
 """Rows and columns of a grid."""
 
-Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]]
-"""Pairs (row, column) of pinned points, or a boolean mask of the shape of the cloth."""
+Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]] | Mapping[tuple[int, int], Any]
+"""Pairs (row, column) of pinned points, a boolean mask of the cloth's shape, or a mapping of pairs to motions or None."""
 
 
 class Estimate(TypedDict):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -128,7 +128,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
-    """`t` checked. None means 0, and is refused where a sphere moves."""
+    """`t` checked. None means 0, and is refused where a sphere or a pin moves."""
     if t is not None:
         return check.number("t", t)
     for scene in scenes:
@@ -138,4 +138,67 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
                     f"t must be given where a sphere moves, and spheres[{k}] has a motion: give "
                     "the time of this state in seconds, t=0.0 if it is the start"
                 )
+        if scene.cloth.driven:
+            raise ValueError(
+                f"t must be given where a pin moves, and pins[{next(iter(scene.cloth.driven))}] has a motion: give "
+                "the time of this state in seconds, t=0.0 if it is the start"
+            )
     return 0.0
+
+
+# Rounding of float32 positions, as part of the size of the cloth and of the distance from the origin. Half of it refuses
+# float32 states; with twice as much a pin may jump by 2 um on a sheet of a metre.
+_PLACE_ROUNDING = 1e-6
+
+
+def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float) -> None:
+    """Refuse positions in which a driven pin is not where its motion has it at the time `t`."""
+    for member, scene in enumerate(scenes):
+        one = x[member] if x.ndim == 4 else x
+        for pins in scene.driven_pins:
+            places = pins.places_at(t)
+            off = np.abs(one[pins.rows, pins.columns] - places).max(axis=1)
+            bad = off > _PLACE_ROUNDING * (max(scene.cloth.size) + np.abs(places).max(axis=1))
+            if bad.any():
+                k = int(bad.argmax())
+                point = int(pins.rows[k]), int(pins.columns[k])
+                raise ValueError(
+                    f"x must have the driven pin {point} at its place at t = {t:g} s, {places[k].tolist()}, "
+                    f"got {one[point].tolist()}"
+                )
+
+
+def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float) -> None:
+    """Write places and velocities of driven pins at the time `t` into a state."""
+    for member, scene in enumerate(scenes):
+        for pins in scene.driven_pins:
+            at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
+            x[at] = pins.places_at(t)
+            v[at] = pins.motion.velocity_at(t)
+
+
+def check_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: FloatArray, own_v: FloatArray) -> None:
+    """Refuse a state in which a pin has another place or velocity than its own."""
+    for member, scene in enumerate(scenes):
+        one = member if x.ndim == 4 else ...
+        size = max(scene.cloth.size)
+        for name, given, own, scale in (("x", x[one], own_x[one], size), ("v", v[one], own_v[one], 0.0)):
+            off = np.abs(given - own) > _PLACE_ROUNDING * (scale + np.abs(own))
+            bad = np.argwhere(off.any(axis=-1) & scene.cloth.pinned)
+            if bad.size:
+                point = tuple(int(n) for n in bad[0])
+                raise ValueError(
+                    f"{name} must be {own[point].tolist()} at the pin {point}, got {given[point].tolist()}; "
+                    "driven pins move: Cloth(pins={(row, column): cs.Linear(velocity)})"
+                )
+
+
+def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArray[np.float64]]:
+    """`centers` of `Stepper.advance` checked."""
+    if not isinstance(centers, Mapping):
+        raise TypeError(f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}")
+    count = min(len(scene.spheres) for scene in scenes)
+    if centers and not count:
+        raise ValueError(f"centers must be None for a scene without spheres, got {check.shown(centers)}")
+    keys = [check.integer("centers", k, minimum=0, maximum=count - 1) for k in centers]
+    return {k: np.array(check.vector(f"centers[{k}]", one)) for k, one in zip(keys, centers.values())}

@@ -37,7 +37,7 @@ class Explanation(Mapping[str, Any]):
     >>> import clothsim as cs
     >>> account = cs.scenes.paper_swing().explain()
     >>> account["springs"], account["left_out"]
-    (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'spheres', 'compensation'))
+    (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'driven pins', 'spheres', 'compensation'))
     """
 
     def __init__(self, facts: dict[str, Any]) -> None:
@@ -113,6 +113,7 @@ def explain(
         "drag": cloth.drag > 0,
         "mass per point": not cloth.uniform_mass,
         "forces on points": scene.force is not None,
+        "driven pins": bool(cloth.driven),
         "spheres": bool(scene.spheres),
         "compensation": compensated,
     }
@@ -137,6 +138,13 @@ def explain(
             ),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
+            "step_loop": (
+                "stage by stage, as pins are driven: about PRICE times the time of the fused loop"
+                if integrator == "rk4" and cloth.driven
+                else "fused"
+                if integrator == "rk4"
+                else "stage by stage"
+            ),
             "kernel": kernel,
             "arithmetic": "strict" if strict else "fused" if _core.fuses(plan.instruction_set) else "not fused",
             "precision": precision,

@@ -5,26 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .. import _core
-from ..model.as_core import core_cloth
-from ..model.motion import Keyframes, Linear, Reciprocate
+from ..model.as_core import core_cloth, core_motion, core_pins
 from .options import Options
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
     from ..model.sphere import Sphere
-
-
-def _core_motion(sphere: Sphere) -> _core.Motion:
-    motion = sphere.motion
-    if isinstance(motion, Linear):
-        return _core.Motion.linear(motion.velocity)
-    if isinstance(motion, Reciprocate):
-        return _core.Motion.reciprocate(
-            motion.unit_direction, motion.distance, motion.period, motion.deceleration, motion.phase
-        )
-    if isinstance(motion, Keyframes):
-        return _core.Motion.keyframes(motion.times.tolist(), list(motion.centers))
-    return _core.Motion()
 
 
 def point_radius(sphere: Sphere, cloth: Any) -> float:
@@ -38,6 +24,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         cloth=core_cloth(scene),
         gravity=scene.gravity,
         force=scene.force,
+        **core_pins(scene),
         spheres=[
             _core.Sphere(
                 center=sphere.center,
@@ -47,7 +34,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
                 as_printed=sphere.as_printed,
                 restitution=sphere.restitution,
                 friction=sphere.friction,
-                motion=_core_motion(sphere),
+                motion=core_motion(sphere.motion),
                 faces=sphere.offset == "face",
                 push_out_speed=sphere.push_out_speed,
             )

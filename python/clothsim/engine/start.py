@@ -12,7 +12,7 @@ from .. import _core
 from ..errors import ContactWarning, warn_caller
 from ..model.scene import Scene
 from ..model.sphere import Sphere
-from .arrays import FloatArray, checked_state, scenes_of, start_time
+from .arrays import FloatArray, check_driven_pins, checked_state, scenes_of, start_time
 from .plan import point_radius
 
 
@@ -37,9 +37,13 @@ class Start:
     t: float
 
     @classmethod
-    def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, precision: str) -> Start:
-        """The arguments of a call. The state or time that a call leaves out is the scenes' own."""
-        scenes = scenes_of(scene)
+    def checked(
+        cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, precision: str, inspect: bool
+    ) -> Start:
+        """The arguments of a call. The state or time that a call leaves out is the scenes' own. `inspect`: refuse
+        positions in which driven pins are elsewhere.
+        """
+        scenes, given = scenes_of(scene), x is not None
         batched = not isinstance(scene, Scene)
         time = 0.0 if t is None and x is None else start_time(t, scenes)
         if x is None:
@@ -48,6 +52,8 @@ class Start:
             v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
             v = np.broadcast_to(v, np.shape(x))
         x, v = checked_state(x, v, scenes, batched, precision)
+        if inspect and given:
+            check_driven_pins(scenes * len(x) if x.ndim == 4 and not batched else scenes, x, time)
         members = x.ndim == 4
         return cls(scenes if batched or not members else scenes * len(x), members, x, v, time)
 

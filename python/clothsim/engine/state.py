@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import _core
 from ..base import check
@@ -18,7 +19,7 @@ from ..methods.integration import integrators, warn_of_order
 from ..methods.limiting import limiting_term
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
-from .arrays import FloatArray, scenes_of, start_time
+from .arrays import FloatArray, check_driven_pins, check_pins, checked_state, put_driven_pins, scenes_of, start_time
 from .judge import Judge
 from .options import Options
 from .plan import core_plan
@@ -58,8 +59,8 @@ class State:
     def __init__(
         self, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options, inspect: bool = True
     ) -> None:
-        """`inspect`: warn of continuous spheres that are on the cloth."""
-        start = Start.checked(scene, x, v, t, options.precision)
+        """`inspect`: warn of continuous spheres that are on the cloth, and refuse driven pins that are elsewhere."""
+        start = Start.checked(scene, x, v, t, options.precision, inspect)
         self.batched, self.options = start.batched, options
         self.shape, self.dtype = start.x.shape, start.x.dtype
         self._start_time = start.t
@@ -114,7 +115,8 @@ class State:
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
         self.judge = Judge(self.core, scenes, self.batched, self.options.integrator, compiled.stable_dt)
         spheres = [sphere for one in scenes for sphere in one.spheres]
-        self._moves = any(sphere.motion is not None for sphere in spheres)
+        self._driven = any(one.cloth.driven for one in scenes)
+        self._moves = self._driven or any(sphere.motion is not None for sphere in spheres)
         self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
 
     @property
@@ -147,6 +149,8 @@ class State:
         steps, dt = self._checked(steps, dt, t or 0.0)
         if steps > MANY_STEPS:
             return None
+        if self._driven:
+            check_driven_pins(self.scenes, x, t or 0.0)
         if self._inspected:
             self._warn_of_start(x, t or 0.0)
         if self._may_lose_order:
@@ -168,7 +172,7 @@ class State:
             out = np.empty(self.shape)
         elif type(out) is not np.ndarray:
             return None
-        if type(t) is not float or not isfinite(t):
+        if type(t) is not float or not isfinite(t) or self._driven:
             return None
         if self._inspected:
             self._warn_of_start(x, t)
@@ -242,6 +246,46 @@ class State:
         copy = State(scene, x, v, self._start_time, self.options, inspect=False)
         copy.judge.warned_of_dt = copy.judge.warned_of_growth = copy.announced = True
         return seconds_per_step(lambda steps: copy.advance(steps, dt), _SECONDS_TIMED, _TIMINGS, _MOST_STEPS_TIMED)
+
+    def replace_state(self, x: Any = None, v: Any = None, t: Any = None, pins_stay: bool = True) -> None:
+        """See `Stepper.set_state`. `pins_stay`: refuse another place or velocity of a pin."""
+        time = None if t is None else check.number("t", t)
+        own_x, own_v = np.empty(self.shape), np.empty(self.shape)
+        self.store(own_x, own_v)
+        put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time)
+        # With float64 for what is not given, the core's own is of float64: the whole state of "single".
+        new = (own if one is None else one for own, one in zip((own_x, own_v), (x, v)))
+        new_x, new_v = checked_state(*new, self.scenes, self.batched, self.options.precision)
+        if new_x.shape != self.shape:
+            raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
+        if pins_stay:
+            check_pins(self.scenes, new_x, new_v, own_x, own_v)
+        self.core.load(None if x is None else new_x, None if v is None else new_v, time)
+
+    def advance_spheres(self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]) -> None:
+        """Advance while spheres travel straight to their targets [m]; there they rest."""
+        begin = self.core.time
+        steps, dt = self._checked(steps, dt, begin)
+        starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
+        speeds = {k: [(target - start) / (steps * dt) for start in starts[k]] for k, target in targets.items()}
+        for k in targets:
+            motions = [_core.Motion.linear(v) for v in speeds[k]]
+            self.core.set_sphere(k, [x - begin * v for x, v in zip(starts[k], speeds[k])], motions)
+        arrived = False
+        try:
+            self.advance(steps, dt)
+            arrived = True
+        finally:  # where a step has failed, spheres are on their way
+            passed = self.core.time - begin
+            for k, target in targets.items():
+                ends = [target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])]
+                self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
+                self.scenes = [
+                    scene.replace(
+                        spheres=[s.replace(center=x, motion=None) if n == k else s for n, s in enumerate(scene.spheres)]
+                    )
+                    for scene, x in zip(self.scenes, ends)
+                ]
 
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""

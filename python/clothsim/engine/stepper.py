@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..base import check
 from ..base.keywords import suggesting, suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import checked_state, scenes_of
+from .arrays import check_driven_pins, scenes_of, sphere_targets
 from .options import Options
 from .snapshot import Snapshot, take
 from .state import State
@@ -86,7 +86,9 @@ class Stepper(StepperView):
         else:
             self._state.announced = True
 
-    def advance(self, steps: int, dt: float) -> None:
+    def advance(
+        self, steps: int, dt: float, centers: Mapping[int, Sequence[float] | npt.NDArray[np.float64]] | None = None
+    ) -> None:
         """Advance by `steps` time steps of `dt`.
 
         Parameters
@@ -96,6 +98,10 @@ class Stepper(StepperView):
         dt : float
             Time step [s], > 0. `steps` comes before `dt` here, but after it in `step`; give both by name if in doubt.
             Swapped numbers are refused, because `steps` is an int.
+        centers : mapping of int to 3 floats, optional
+            Spheres moved by hand, by their indices. In this call each moves straight from its place to this centre [m], at
+            constant speed. Contacts have its velocity. After the call it rests there, its own motion has ended, and
+            `scene` has its new centre.
 
         Raises
         ------
@@ -130,7 +136,19 @@ class Stepper(StepperView):
         >>> round(stepper.time, 6)
         0.01
         """
-        self._state.advance(steps, dt)
+        if centers is None:
+            self._state.advance(steps, dt)
+            return
+        steps = check.integer("steps", steps, minimum=1, maximum=check.INT64_MAX)
+        try:
+            self._state.advance_spheres(steps, dt, sphere_targets(centers, self._state.scenes))
+        finally:
+            self._take_scenes()
+
+    def _take_scenes(self) -> None:
+        """Let `scene` be what the state steps now."""
+        state = self._state
+        self._scene = state.scenes[0] if isinstance(self._scene, Scene) and not state.batched else state.scenes
 
     def freeze(self, member: int) -> None:
         """Exclude a member of the batch from all further steps; it keeps its present state.
@@ -168,14 +186,14 @@ class Stepper(StepperView):
     def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
         """Replace the positions, the velocities or the time.
 
-        This also moves pinned points: drag a point by pinning it and setting its position between calls of `advance`.
-        The point jumps to its new position, and rests there.
+        A pin stays where it is: `Cloth` with a motion for a pin drives it, with its velocity (``pins={(0, 0): cs.Linear((1,
+        0, 0))}``).
 
         Parameters
         ----------
         x, v : array_like, optional
-            Positions [m] and velocities [m/s], of the shape of `positions`. Velocities of pinned
-            points are taken as 0. Default: the present positions and velocities, with all their digits.
+            Positions [m] and velocities [m/s], of the shape of `positions`, with the places and velocities that the pins
+            have. Default: the present positions and velocities, with all their digits.
         t : float, optional
             Time of the state [s]. Default: the present time.
 
@@ -188,28 +206,17 @@ class Stepper(StepperView):
 
         Examples
         --------
-        Drag a corner upwards:
+        Stop all motion:
 
         >>> import clothsim as cs
         >>> stepper = cs.Stepper(cs.scenes.paper_swing())
-        >>> for _ in range(10):
-        ...     x = stepper.positions.copy()
-        ...     x[0, 0, 1] += 0.001
-        ...     stepper.set_state(x)
-        ...     stepper.advance(10, 1e-4)
-        >>> round(float(stepper.positions[0, 0, 1]), 12), round(stepper.time, 12)
-        (0.01, 0.01)
+        >>> stepper.advance(100, 1e-4)
+        >>> stepper.set_state(v=0 * stepper.velocities)
+        >>> stepper.advance(100, 1e-4)
+        >>> round(stepper.time, 12)
+        0.02
         """
-        state = self._state
-        # With zeros of float64 for what is not given, the core's own is of float64: the whole state of "single".
-        zeros = np.zeros(state.shape)
-        given_x, given_v = checked_state(
-            zeros if x is None else x, zeros if v is None else v, state.scenes, state.batched, self._options.precision
-        )
-        if given_x.shape != state.shape:
-            raise ValueError(f"x and v must have shape {state.shape}, got {given_x.shape}")
-        time = None if t is None else check.number("t", t)
-        state.core.load(None if x is None else given_x, None if v is None else given_v, time)
+        self._state.replace_state(x, v, t)
 
     @suggests
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
@@ -253,6 +260,7 @@ class Stepper(StepperView):
             raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
         if scenes[0].cloth.shape != shape:
             raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
+        check_driven_pins(scenes * (len(old.scenes) // len(scenes)), self.positions, self.time)
         old.set_scene(scene)
         self._scene = scene
         self._announce()
@@ -291,7 +299,7 @@ class Stepper(StepperView):
         if state.batched and np.ndim(force) == 3:
             force = np.broadcast_to(check.array("force", force, single), state.shape)
         state.set_force(check.array("force", force, state.shape))
-        self._scene = state.scenes[0] if isinstance(self._scene, Scene) and not state.batched else state.scenes
+        self._take_scenes()
 
     def snapshot(self) -> Snapshot:
         """The whole state, to be continued bit for bit by `restore`.

@@ -12,7 +12,7 @@ from ..base import check
 from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import FloatArray, out_array, out_arrays, refuse_none, start_time, state_arrays
+from .arrays import FloatArray, check_driven_pins, out_array, out_arrays, refuse_none, start_time, state_arrays
 from .calls import give_back, take, waiting_engines
 from .options import Options
 from .plan import core_plan
@@ -244,6 +244,9 @@ def reference_step(
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
     as_printed = check.boolean("as_printed", as_printed)
+    if as_printed and scene.cloth.driven:
+        raise ValueError("as_printed must be False where a pin is driven, which the paper does not have, got True")
+    check_driven_pins([scene], x, t)
     advance = _core.reference_step_as_printed if as_printed else _core.reference_step
     return advance(
         core_plan(scene, Options()),

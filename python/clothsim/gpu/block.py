@@ -90,6 +90,9 @@ class Block:
 
     def _check_responses(self) -> None:
         for scene in self.scenes:
+            if scene.cloth.driven:
+                pin = next(iter(scene.cloth.driven))
+                raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
             if scene.force is not None:
                 raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
             for k, sphere in enumerate(scene.spheres):

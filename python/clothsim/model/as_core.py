@@ -1,8 +1,11 @@
-"""A cloth as the core takes it."""
+"""A cloth, motions and driven pins as the core takes them."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from .. import _core
+from .motion import Keyframes, Linear, Motion, Reciprocate
 from .scene import Scene
 
 
@@ -22,3 +25,31 @@ def core_cloth(scene: Scene) -> _core.Cloth:
         uniform_mass=cloth.uniform_mass,
         pinned=cloth.pinned,
     )
+
+
+def core_motion(motion: Motion | None) -> _core.Motion:
+    """A motion as the core takes it."""
+    if isinstance(motion, Linear):
+        return _core.Motion.linear(motion.velocity)
+    if isinstance(motion, Reciprocate):
+        return _core.Motion.reciprocate(
+            motion.unit_direction, motion.distance, motion.period, motion.deceleration, motion.phase
+        )
+    if isinstance(motion, Keyframes):
+        return _core.Motion.keyframes(motion.times.tolist(), list(motion.places), motion.centers is None)
+    return _core.Motion()
+
+
+def core_pins(scene: Scene) -> dict[str, Any]:
+    """Driven pins as the core takes them: their motions, and (point, start, motion) in the order of points."""
+    groups = scene.driven_pins
+    columns = scene.cloth.columns
+    pins = [
+        (int(r) * columns + int(c), start, k)
+        for k, group in enumerate(groups)
+        for r, c, start in zip(group.rows, group.columns, group.starts)
+    ]
+    return {
+        "pin_motions": [core_motion(group.motion) for group in groups],
+        "driven_pins": sorted(pins, key=lambda pin: pin[0]),
+    }

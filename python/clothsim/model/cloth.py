@@ -20,6 +20,8 @@ from ..base import check
 from ..base.keywords import suggesting
 from ..base.record import Record, frozen
 from ..typing import Family, Numbers, Pins, Shape
+from .motion import Motion
+from .pins import checked_pins, groups_of
 
 FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
@@ -80,9 +82,11 @@ class Cloth(Record):
     springs : sequence of str, default ("structural", "shear", "bend")
         Families present. Structural springs join neighbours, shear springs the diagonals of a
         cell, bend springs points two apart along a row or column. Kept in this order.
-    pins : sequence of (int, int) or boolean array, default ((0, 0), (-1, 0))
-        Points that never move: (row, column) pairs, or a mask of shape (rows, columns). Negative numbers count from the
-        end. An empty sequence pins no point.
+    pins : sequence of (int, int), boolean array or mapping, default ((0, 0), (-1, 0))
+        Points that no force moves: (row, column) pairs, or a mask of shape (rows, columns). Negative numbers count from
+        the end. An empty sequence pins no point. A mapping gives each pin a motion, or None for a pin that rests:
+        ``{(0, 0): cs.Linear((1, 0, 0)), (-1, 0): None}``. A pin with a motion is driven: it starts from its place in the
+        scene's initial state. With `Reciprocate` that place is a turning point.
 
     Attributes
     ----------
@@ -102,7 +106,9 @@ class Cloth(Record):
     mass_per_point : numpy.ndarray
         Masses [kg], shape (rows, columns), read-only.
     pinned : numpy.ndarray
-        True where a point is pinned, shape (rows, columns), read-only.
+        True where a point is pinned, at rest or driven, shape (rows, columns), read-only.
+    driven : dict
+        The motion of each driven pin, by (row, column) >= 0.
     rest_positions : numpy.ndarray
         The flat sheet [m], shape (rows, columns, 3), read-only: point (row, column) is at
         (column size[1]/(columns - 1), 0, row size[0]/(rows - 1)).
@@ -134,7 +140,7 @@ class Cloth(Record):
     damping: float | Mapping[str, float] = 100.0
     drag: float = 0.0
     springs: tuple[Family, ...] = ("structural", "shear", "bend")
-    pins: tuple[tuple[int, int], ...] = ((0, 0), (-1, 0))
+    pins: tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None] = ((0, 0), (-1, 0))
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
 
@@ -164,7 +170,7 @@ class Cloth(Record):
             damping=_per_family("damping", self.damping, springs),
             drag=check.number("drag", self.drag, minimum=0),
             springs=springs,
-            pins=_pins(self.pins, shape),
+            pins=checked_pins(self.pins, shape),
         )
         self._check_rates()
 
@@ -178,6 +184,24 @@ class Cloth(Record):
                 "mass must be large enough for stiffness / mass and damping / mass to be finite numbers, got "
                 f"{least:g} kg for a mass point, and {largest:g} as the largest stiffness or damping"
             )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
+
+        Returns
+        -------
+        dict
+            One key per argument. Driven pins are a list of mappings with "points" and their "motion".
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Cloth(pins={(0, 0): cs.Linear((1, 0, 0))}).to_dict()["pins"]
+        [{'points': [[0, 0]], 'motion': {'kind': 'linear', 'velocity': [1.0, 0.0, 0.0]}}]
+        """
+        if not isinstance(self.pins, Mapping):
+            return super().to_dict()
+        return {**self.replace(pins=()).to_dict(), "pins": groups_of(self.pins)}
 
     @property
     def rows(self) -> int:
@@ -227,6 +251,13 @@ class Cloth(Record):
         for pin in self.pins:
             mask[pin] = True
         return frozen(mask)
+
+    @cached_property
+    def driven(self) -> dict[tuple[int, int], Motion]:
+        if not isinstance(self.pins, Mapping):
+            return {}
+        rows, columns = self.shape
+        return {(r % rows, c % columns): motion for (r, c), motion in self.pins.items() if motion is not None}
 
     @cached_property
     def rest_positions(self) -> npt.NDArray[np.float64]:
@@ -338,36 +369,3 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
     given = check.keys(name, value, springs, required=springs)
     numbers = {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}
     return MappingProxyType(numbers)
-
-
-def _pins(value: Any, shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
-    accepted = f"pins must be (row, column) pairs or a boolean array of shape {shape}"
-    if not isinstance(value, np.ndarray):
-        if isinstance(value, (str, bytes)) or not check.is_iterable(value):
-            raise TypeError(f"{accepted}, got {check.shown(value)}")
-        value = list(value)
-    elif value.ndim == 0:
-        raise TypeError(f"{accepted}, got {check.shown(value)}")
-    mask = _mask(value)
-    if mask is not None:
-        if mask.shape != shape:
-            raise ValueError(f"{accepted}, got a boolean array of shape {mask.shape}")
-        return tuple((int(r), int(c)) for r, c in np.argwhere(mask))
-    pins = []
-    for k, pair in enumerate(value):
-        r, c = check.items(f"pins[{k}]", pair, 2, "integers (row, column)")
-        r, c = (
-            check.integer(f"pins[{k}][{axis}]", p, minimum=-n, maximum=n - 1)
-            for axis, (p, n) in enumerate(zip((r, c), shape, strict=True))
-        )
-        pins.append((r, c))
-    return tuple(pins)
-
-
-def _mask(value: Any) -> npt.NDArray[np.bool_] | None:
-    """`value` as a boolean array; None if it is not a mask."""
-    try:
-        array = check.as_array("pins", value, "(row, column) pairs or a boolean array")
-    except (ValueError, OverflowError):
-        return None
-    return array if array.dtype == np.bool_ else None

@@ -1,4 +1,4 @@
-"""Prescribed motions of a sphere: where its centre is and how fast it goes at any time.
+"""Prescribed motions of a sphere or a pin: where it is and how fast it goes at any time.
 
 A motion has two methods, ``center_at(t, center0)`` and ``velocity_at(t)``, where `center0` is the sphere's own centre.
 The velocity is the exact derivative of the centre. At a kink of the path it is the velocity just after the kink.
@@ -9,132 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import check
 from ..base.keywords import suggesting
-from ..base.record import Record, frozen
+from ..base.record import frozen
 from ..typing import Numbers
-
-Vectors = npt.NDArray[np.float64]
-Self = TypeVar("Self", bound="_Motion")
-
-
-def _times(t: npt.ArrayLike) -> Vectors:
-    accepted = "t must be a finite number or an array of finite numbers"
-    given = check.as_array("t", t, accepted.removeprefix("t must be "))
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{accepted}, got {check.shown(t)}")
-    if not np.isfinite(given).all():
-        raise ValueError(f"{accepted}, got {check.shown(t)}")
-    return given.astype(np.float64)
-
-
-class _Motion(Record):
-    kind: ClassVar[str]
-
-    def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
-        """Centre of the sphere at the time `t`.
-
-        Parameters
-        ----------
-        t : float or array_like
-            Time [s]; any shape, negative times too.
-        center0 : sequence of 3 floats
-            The ``center`` of the sphere [m].
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions [m], the shape of `t` with 3 appended.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear(velocity=(0, 1, 0)).center_at(0.5, (0, 0, 0))
-        array([0. , 0.5, 0. ])
-        """
-        return self._center(_times(t), np.array(check.vector("center0", center0)))
-
-    def velocity_at(self, t: npt.ArrayLike) -> Vectors:
-        """Velocity of the sphere at the time `t`; at a kink of the path, the velocity just after the kink.
-
-        Parameters
-        ----------
-        t : float or array_like
-            Time [s]; any shape, negative times too.
-
-        Returns
-        -------
-        numpy.ndarray
-            Velocities [m/s], the shape of `t` with 3 appended.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear(velocity=(0, 1, 0)).velocity_at(0.5)
-        array([0., 1., 0.])
-        """
-        return self._velocity(_times(t))
-
-    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        raise NotImplementedError
-
-    def _velocity(self, t: Vectors) -> Vectors:
-        raise NotImplementedError
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data as JSON and TOML can hold them, with the motion's name under "kind".
-
-        Returns
-        -------
-        dict
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear(velocity=(0, 1, 0)).to_dict()
-        {'kind': 'linear', 'velocity': [0.0, 1.0, 0.0]}
-        """
-        return {"kind": self.kind, **super().to_dict()}
-
-    @classmethod
-    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The motion that `data` (as from ``to_dict``) describes.
-
-        Parameters
-        ----------
-        data : mapping
-            "kind", the name of this motion, and its arguments.
-
-        Returns
-        -------
-        instance of this class
-
-        Raises
-        ------
-        ValueError
-            For an unknown or missing key, another motion's "kind", or a refused value.
-        TypeError
-            If `data` is no mapping.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear.from_dict({"kind": "linear", "velocity": [0, 1, 0]}).velocity
-        (0.0, 1.0, 0.0)
-        """
-        arguments = cls._arguments(data, "kind")
-        check.choice(f"{cls.__name__} kind", arguments.pop("kind"), (cls.kind,))
-        return cls(**arguments)
+from .motion_base import BaseMotion, Vectors
 
 
 @suggesting
 @dataclass(frozen=True, eq=False, repr=False)
-class Linear(_Motion):
+class Linear(BaseMotion):
     """Constant velocity: c(t) = c0 + velocity t, with c0 the sphere's ``center``.
 
     Parameters
@@ -178,7 +67,7 @@ class Linear(_Motion):
 
 @suggesting
 @dataclass(frozen=True, eq=False, repr=False)
-class Reciprocate(_Motion):
+class Reciprocate(BaseMotion):
     """Back and forth about the sphere's ``center``, fast at first and slow at the turning points.
 
     The centre travels between the turning points c0 - u distance/2 and c0 + u distance/2, with u
@@ -267,6 +156,11 @@ class Reciprocate(_Motion):
         x, y, z = (component / length for component in self.direction)
         return x, y, z
 
+    def kinks(self, begin: float, end: float) -> list[float]:
+        first, last = (math.floor(2 * (t / self.period + self.phase)) for t in (begin, end))
+        times = ((n / 2 - self.phase) * self.period for n in range(first, last + 1))
+        return [t for t in times if begin < t < end]
+
     def _way(self, t: Vectors) -> tuple[Vectors, Vectors]:
         """(s, q) of the class's formulas."""
         turns = t / self.period + self.phase
@@ -293,22 +187,25 @@ class Reciprocate(_Motion):
 
 @suggesting
 @dataclass(frozen=True, eq=False, repr=False)
-class Keyframes(_Motion):
-    """A table of times and centres, with straight lines at constant speed between them.
+class Keyframes(BaseMotion):
+    """A table of times and centres or displacements, with straight lines at constant speed between them.
 
     Between times[n] and times[n + 1] the centre is centers[n] + (t - times[n]) v with
     v = (centers[n + 1] - centers[n]) / (times[n + 1] - times[n]). Before the first time the sphere rests at the first
     centre. From the last time on, it rests at the last centre. At a time of the table the velocity is that of the line
     that begins there.
 
-    The centres are absolute, so the sphere's own ``center`` has no effect.
+    `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are displacements from the sphere's
+    ``center`` or from the pin's initial position, so that many pins can share a motion.
 
     Parameters
     ----------
     times : sequence of floats
         Times [s], at least 2, increasing.
-    centers : array_like
+    centers : array_like, optional
         Centres [m], shape (len(times), 3).
+    offsets : array_like, optional
+        Displacements from the start [m], shape (len(times), 3), in place of `centers`.
 
     Raises
     ------
@@ -323,16 +220,21 @@ class Keyframes(_Motion):
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 4.0, 0.0]]
     >>> motion.velocity_at([-1.0, 0.5, 1.0, 3.0]).tolist()
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]]
+    >>> cs.Keyframes([0.0, 1.0], offsets=[(0, 0, 0), (0, 2, 0)]).center_at(0.5, (1, 0, 0)).tolist()
+    [1.0, 1.0, 0.0]
     """
 
     times: Vectors
-    centers: Vectors
+    centers: Vectors | None = None
+    offsets: Vectors | None = None
 
     kind: ClassVar[str] = "keyframes"
 
     if TYPE_CHECKING:
 
-        def __init__(self, times: Numbers, centers: npt.ArrayLike) -> None: ...
+        def __init__(
+            self, times: Numbers, centers: npt.ArrayLike | None = None, offsets: npt.ArrayLike | None = None
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         count = check.size("times", self.times)
@@ -341,29 +243,41 @@ class Keyframes(_Motion):
         times = check.array("times", self.times, (count,))
         later = np.concatenate([[True], np.diff(times) > 0])
         check.check_all("times", times, later, "strictly increasing")
-        centers = check.array("centers", self.centers, (count, 3))
-        self._set(times=frozen(times), centers=frozen(centers))
+        given = {name: getattr(self, name) for name in ("centers", "offsets") if getattr(self, name) is not None}
+        if len(given) != 1:
+            raise ValueError(f"one of centers and offsets must be given, got {' and '.join(given) or 'none of them'}")
+        self._set(times=frozen(times), **{n: frozen(check.array(n, v, (count, 3))) for n, v in given.items()})
+
+    @property
+    def places(self) -> Vectors:
+        """`centers` or `offsets`, whichever is given."""
+        places = self.offsets if self.centers is None else self.centers
+        assert places is not None
+        return places
+
+    def kinks(self, begin: float, end: float) -> list[float]:
+        return [float(t) for t in self.times if begin < t < end]
 
     def _segment(self, t: Vectors) -> tuple[Vectors, Vectors, Vectors]:
         """For the line at the time `t`: the time since its start, its start and its velocity."""
         last = len(self.times) - 1
         n = np.searchsorted(self.times, t, side="right") - 1
         at = np.clip(n, 0, last)
-        velocities = np.zeros_like(self.centers)
-        velocities[:-1] = np.diff(self.centers, axis=0) / np.diff(self.times)[:, None]
+        velocities = np.zeros_like(self.places)
+        velocities[:-1] = np.diff(self.places, axis=0) / np.diff(self.times)[:, None]
         velocity = np.where((n < 0)[..., None], 0.0, velocities[at])
-        return (t - self.times[at])[..., None], self.centers[at], velocity
+        return (t - self.times[at])[..., None], self.places[at], velocity
 
     def _center(self, t: Vectors, center0: Vectors) -> Vectors:
         elapsed, start, velocity = self._segment(t)
-        return start + elapsed * velocity
+        return start + elapsed * velocity + (center0 if self.centers is None else 0.0)
 
     def _velocity(self, t: Vectors) -> Vectors:
         return self._segment(t)[2]
 
 
 Motion = Linear | Reciprocate | Keyframes
-MOTIONS: dict[str, type[_Motion]] = {m.kind: m for m in (Linear, Reciprocate, Keyframes)}
+MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate, Keyframes)}
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:

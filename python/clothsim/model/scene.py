@@ -15,10 +15,16 @@ from ..base.keywords import suggesting
 from ..base.record import Record, frozen
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
+from .motion import Keyframes, Motion
+from .pins import DrivenPins
 from .sphere import Sphere
 
 SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
+
+# A motion may begin this part of the cloth's size, and of its distance from the origin, off the pin. Half of it is far above
+# the rounding of float64; twice as much would hide a displacement of 2 nm on a sheet of a metre.
+_PLACE_ROUNDING = 1e-9
 
 _CHANGES = {
     1: "; to bring a scene of version 1 to version 2, delete damping_model, and where it was 'point', "
@@ -102,10 +108,13 @@ class Scene(Record):
             position = frozen(check.points("position", position, cloth.shape))
         if velocity is not None:
             velocity = frozen(check.points("velocity", velocity, cloth.shape))
-            moving = np.argwhere(cloth.pinned & velocity.any(axis=-1))
-            if moving.size:
-                r, c = (int(k) for k in moving[0])
-                raise ValueError(f"velocity must be 0 at pinned points, got {velocity[r, c].tolist()} at point {(r, c)}")
+            for r, c in np.argwhere(cloth.pinned & velocity.any(axis=-1)).tolist():
+                motion = cloth.driven.get((r, c))
+                if motion is None or not np.allclose(velocity[r, c], motion.velocity_at(0.0)):
+                    raise ValueError(
+                        f"velocity must be 0 at pinned points, got {velocity[r, c].tolist()} at point {(r, c)}; "
+                        "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
+                    )
         self._set(
             spheres=_spheres(self.spheres),
             gravity=check.vector("gravity", self.gravity),
@@ -113,6 +122,20 @@ class Scene(Record):
             velocity=velocity,
             force=None if self.force is None else frozen(check.points("force", self.force, cloth.shape)),
         )
+        self._check_driven_pins()
+
+    def _check_driven_pins(self) -> None:
+        """Refuse a motion that does not begin at the pin's initial place."""
+        for (r, c), motion in self.cloth.driven.items():
+            if not isinstance(motion, Keyframes):
+                continue
+            place = self.initial_position[r, c]
+            begins = motion.center_at(0.0, place)
+            if np.abs(begins - place).max() > _PLACE_ROUNDING * (max(self.cloth.size) + np.abs(place).max()):
+                raise ValueError(
+                    f"pins[{(r, c)}] must start at its initial position {place.tolist()}, got a motion that is at "
+                    f"{begins.tolist()} at t = 0; Keyframes(times, offsets=...) takes displacements from the start"
+                )
 
     @property
     def initial_position(self) -> npt.NDArray[np.float64]:
@@ -125,7 +148,26 @@ class Scene(Record):
 
     @cached_property
     def initial_velocity(self) -> npt.NDArray[np.float64]:
-        return frozen(np.zeros((*self.cloth.shape, 3))) if self.velocity is None else self.velocity
+        if self.velocity is not None and not self.cloth.driven:
+            return self.velocity
+        velocity = np.zeros((*self.cloth.shape, 3)) if self.velocity is None else self.velocity.copy()
+        for pin, motion in self.cloth.driven.items():
+            velocity[pin] = motion.velocity_at(0.0)
+        return frozen(velocity)
+
+    @cached_property
+    def driven_pins(self) -> list[DrivenPins]:
+        """The driven pins, one entry for each motion."""
+        pins: dict[Motion, list[tuple[int, int]]] = {}
+        for pin, motion in self.cloth.driven.items():
+            pins.setdefault(motion, []).append(pin)
+        groups = []
+        for motion, points in pins.items():
+            rows, columns = np.array(points).T
+            places = self.initial_position[rows, columns]
+            begin = 0.0 if isinstance(motion, Keyframes) else motion.center_at(0.0, (0, 0, 0))
+            groups.append(DrivenPins(motion, rows, columns, places - begin))
+        return groups
 
     def explain(
         self,

@@ -39,6 +39,14 @@ _COMMENTS = {
     "spheres.motion.period": "s",
     "spheres.motion.times": "s",
     "spheres.motion.centers": "m",
+    "spheres.motion.offsets": "m, from the centre",
+    "cloth.pins.points": "row, column",
+    "cloth.pins.motion.velocity": "m/s",
+    "cloth.pins.motion.distance": "m",
+    "cloth.pins.motion.period": "s",
+    "cloth.pins.motion.times": "s",
+    "cloth.pins.motion.centers": "m",
+    "cloth.pins.motion.offsets": "m, from the start",
 }
 
 

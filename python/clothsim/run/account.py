@@ -85,7 +85,7 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
         "reason": "not a run to rest: settle finds the rest state",
         **account,
         "energy": {
-            **_gained(solution.watched),
+            **_gained(scene, solution.watched),
             **_energy("start", scene, x[0], v[0]),
             **_energy("end", scene, x[-1], v[-1]),
         },
@@ -123,8 +123,9 @@ def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
         return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
 
 
-def _gained(watched: Mapping[str, Any]) -> dict[str, Any]:
+def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     gained, reason = watched["energy_gained"], ""
     if math.isnan(gained):
-        reason = watched.get("reason", "") or "a sphere responded, and responses change the energy"
+        pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
+        reason = watched.get("reason", "") or pins or "a sphere responded, and responses change the energy"
     return {"gained": gained, "reason": reason}

@@ -288,7 +288,7 @@ class Playground:
             x[point] = _towards(x[point], target, DRAG_SPEED * span)
             if (x[point] == target).all():
                 del self._pin_targets[point]
-        self.stepper.set_state(x)
+        self.stepper._state.replace_state(x, pins_stay=False)
 
     # What is kept.
 

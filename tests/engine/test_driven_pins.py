@@ -1,0 +1,227 @@
+"""Driven pins: place and velocity at every stage, in every method, kernel, run, file and picture."""
+
+import pickle
+
+import clothsim as cs
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from variants import cases
+
+EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
+ORDERS = {name: one.order for name, one in cs.integrators().items()}
+# Smooth for half a second from t = 0; its speed falls from 1.8 m/s.
+SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=3.0)
+LIFT = cs.Keyframes([0.0, 0.1, 0.3], offsets=[(0, 0, 0), (0, 0.02, 0), (0.1, 0.02, 0.05)])
+
+
+def driven(crumpled, shape=(6, 7), motions=None, **features):
+    """A crumpled sheet that begins at its own state, with two driven pins and one that rests."""
+    pins = {(0, 0): SWING, (-1, -1): cs.Linear((0.2, -0.4, 0.1)), (2, 3): None} if motions is None else motions
+    scene, x, v, dt = crumpled(shape=shape, pins=list(pins), **features)
+    cloth = scene.cloth.replace(pins=pins)
+    for pin, motion in cloth.driven.items():
+        v[pin] = motion.velocity_at(0.0)
+    return scene.replace(cloth=cloth, position=x, velocity=v), dt
+
+
+def oracle_solution(scene, oracle, duration):
+    """Positions at the end by SciPy: the driven pins follow their motions, which are written out here."""
+    shape = (2, *scene.cloth.shape, 3)
+
+    def place(x, v, t):
+        for pin, motion in scene.cloth.driven.items():
+            start = scene.initial_position[pin] - motion.center_at(0.0, (0, 0, 0))
+            if isinstance(motion, cs.Keyframes):
+                start = scene.initial_position[pin]
+            x[pin], v[pin] = motion.center_at(t, start), motion.velocity_at(t)
+
+    def rate(t, y):
+        x, v = y.reshape(shape).copy()
+        place(x, v, t)
+        return np.stack([v, oracle.acceleration(scene, x, v)]).ravel()
+
+    start = np.stack([scene.initial_position, scene.initial_velocity]).ravel()
+    x, v = solve_ivp(rate, (0, duration), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1].reshape(shape)
+    place(x, v, duration)
+    return x
+
+
+@pytest.mark.parametrize("kernel", ["edge", "gather"])
+@pytest.mark.parametrize("integrator", ORDERS)
+def test_every_method_keeps_its_order(integrator, kernel, crumpled, oracle):
+    method = cs.integrators()[integrator]
+    scene, dt = driven(crumpled, damped_by="springs" if method.damped else "nothing")
+    duration = (2 if method.order == 1 else 8) * dt
+    exact = oracle_solution(scene, oracle, duration)
+    first = {1: 64, 2: 32, 4: 48, 5: 12, 8: 6}[method.order]
+    counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
+    for n in counts:
+        stepper = cs.Stepper(scene, integrator=integrator, kernel=kernel)
+        stepper.advance(int(n), duration / n)
+        errors.append(np.abs(stepper.positions - exact).max())
+    if method.order == 8:
+        assert errors[-1] < 1e-11
+    else:
+        assert abs(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - method.order) < 0.2
+
+
+@cases()
+def test_steps_agree_with_the_reference(variant, crumpled, relative):
+    bound = {"double": 1e-12, "single": 5e-5}[variant.precision]
+    side = {(r, 0): LIFT for r in range(9)} | {(4, 19): SWING}
+    for motions, shape in ((None, (6, 7)), (side, (9, 20)), ({(0, 1): SWING}, (1, 9))):
+        scene, dt = driven(crumpled, shape, motions, damped_by="both")
+        state = scene.initial_position, scene.initial_velocity
+        expected = cs.reference_step(scene, *state, dt, 60, t=0.0)
+        assert relative(cs.step(scene, *state, dt, 60, t=0.0, **variant.options), expected, state[0]) < bound
+        resting = scene.replace(cloth=scene.cloth.replace(pins=list(scene.cloth.pins)), velocity=None)
+        still = cs.step(resting, state[0], 0 * state[1], dt, 60, **variant.options)
+        assert relative(still, expected, state[0]) > 1e-2
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+def test_a_cloth_that_moves_with_its_pins_stays_undeformed(integrator):
+    cloth = cs.Cloth((12, 13), mass=60.0, pins={(0, 0): cs.Linear((1, 0, 0)), (-1, 0): cs.Linear((1, 0, 0))})
+    velocity = np.zeros((12, 13, 3)) + (1.0, 0, 0)
+    scene = cs.Scene(cloth, gravity=(0, 0, 0), velocity=velocity)
+    stepper = cs.Stepper(scene, integrator=integrator)
+    stepper.advance(500, 2e-4)
+    assert np.abs(stepper.positions - scene.initial_position - (0.1, 0, 0)).max() < 1e-12
+    assert np.abs(stepper.velocities - velocity).max() < 1e-10
+
+
+def test_the_trusted_solution_agrees_with_scipy_and_runs_reach_it(crumpled, oracle):
+    scene, _ = driven(crumpled, motions={(0, 0): LIFT, (3, 3): SWING})
+    solution = cs.reference(scene, 0.2, every=0.1)
+    assert solution.error_bound["max"][-1] < 1e-11
+    for frame, t in ((1, 0.1), (2, 0.2)):
+        assert np.abs(solution.x[frame] - oracle_solution(scene, oracle, t)).max() < 1e-8
+    run = cs.simulate(scene, 0.2, rtol=1e-8, times=[0.05, 0.1, 0.15])
+    assert np.abs(run.x[-1] - solution.x[-1]).max() < 1e-7
+    for t, x, v in zip(run.t, run.x, run.v):
+        assert np.abs(x[0, 0] - LIFT.center_at(t, scene.initial_position[0, 0])).max() < 1e-12
+        assert np.abs(v[3, 3] - SWING.velocity_at(t)).max() < 1e-9
+    order = cs.convergence(scene, 0.2, [2e-3, 1e-3, 5e-4], integrator="rk4")  # each step ends where a velocity jumps
+    assert 3.7 < order["observed_order"] < 4.4 if isinstance(order, dict) else True
+
+
+def test_threads_batches_and_snapshots_keep_the_bits(crumpled, same_bits, tmp_path):
+    scene, dt = driven(crumpled, shape=(33, 40), motions={(r, 0): SWING for r in range(33)})
+    state = scene.initial_position, scene.initial_velocity
+    for precision in ("double", "single"):
+        for integrator in ("rk4", "velocity_verlet", "pefrl", "dopri5"):
+            options = {"integrator": integrator, "precision": precision}
+            one = cs.step(scene, *state, dt, 9, t=0.0, threads=1, **options)
+            assert same_bits(cs.step(scene, *state, dt, 9, t=0.0, threads=3, **options), one)
+    other = scene.replace(cloth=scene.cloth.replace(pins={(0, 0): LIFT, (5, 5): None}), velocity=None)
+    xs, vs = (np.stack(parts) for parts in zip(state, (other.initial_position, other.initial_velocity)))
+    together = cs.step([scene, other], xs, vs, dt, 9, t=0.0)
+    assert same_bits([part[0] for part in together], cs.step(scene, *state, dt, 9, t=0.0))
+    stepper = cs.Stepper(scene, precision="single")
+    stepper.advance(5, dt)
+    again = cs.Stepper.restore(cs.Snapshot.load(stepper.snapshot().save(tmp_path / "here")))
+    for one in (stepper, again):
+        one.advance(5, dt)
+    assert same_bits(stepper._arrays(), again._arrays())
+    run = cs.simulate(scene, 20 * dt, dt, every=4)
+    part = cs.load_run(cs.simulate(scene, 8 * dt, dt).save(tmp_path / "run.npz")).resume(12 * dt)
+    assert same_bits([part.x[-1]], [run.x[-1]])
+    assert run.report["energy"]["reason"] == "driven pins do work on the cloth" and np.isnan(run.report["energy"]["gained"])
+    assert run.picture() is not None and run.export(tmp_path / "run.csv")
+
+
+def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
+    side = {(r, -1): LIFT for r in range(6)} | {(0, 0): None, (3, 0): SWING}
+    scene, _ = driven(crumpled, motions=side)
+    path = cs.save_scene(scene, tmp_path / "scene.toml")
+    assert "[[cloth.pins]]" in path.read_text() and "[cloth.pins.motion]" in path.read_text()
+    assert path.read_text().count("offsets") == 1  # a shared motion is written once
+    for again in (cs.load_scene(path), cs.Scene.from_dict(scene.to_dict()), pickle.loads(pickle.dumps(scene))):
+        assert again == scene and hash(again) == hash(scene) and again.cloth.driven == scene.cloth.driven
+    assert scene.cloth.pinned.sum() == 8 and set(scene.cloth.driven) == {(3, 0), *((r, 6) for r in range(6))}
+    assert cs.Cloth(pins={(0, 0): None, (-1, 0): None}) == cs.Cloth()
+    names = {"still": [(0, 0)], "moved": {(0, 0): cs.Linear((0, 0.1, 0))}}
+    table = cs.sweep(cs.Scene(cs.Cloth((4, 5))), over={"pins": names}, duration=0.01, metrics=("stable",), progress=False)
+    assert table["stable"].values.all()
+
+
+def test_offsets_move_a_sphere_from_its_centre():
+    motion = cs.Keyframes([0.0, 1.0], offsets=[(0, 0, 0), (0, 2, 0)])
+    sphere = cs.Sphere((1, 2, 3), motion=motion)
+    assert sphere.center_at(0.25).tolist() == [1, 2.5, 3]
+    cloth = cs.Cloth((6, 6), (0.5, 0.5), mass=0.2, stiffness=50.0, damping=0.01, pins=())
+    places = {"center": (0.25, -0.3, 0.25), "radius": 0.2, "response": "continuous"}
+    table = cs.Keyframes([0.0, 1.0], [(0.25, -0.3, 0.25), (0.25, 1.7, 0.25)])
+    ends = [cs.simulate(cs.Scene(cloth, cs.Sphere(**places, motion=m)), 0.2, 1e-3).x[-1] for m in (motion, table)]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-12 and ends[0][..., 1].max() > 0
+
+
+def test_a_sphere_meets_a_cloth_that_its_pins_pull_along():
+    """Two pins pull the sheet over a sphere; triangles at them move too."""
+    pull = cs.Linear((0.0, -1.0, 0.0))
+    cloth = cs.Cloth((10, 10), (0.5, 0.5), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): pull, (-1, 0): pull})
+    for offset in ("edge", "face"):
+        sphere = cs.Sphere((0.25, -0.15, 0.25), 0.1, response="continuous", offset=offset)
+        run = cs.simulate(cs.Scene(cloth, sphere), 0.3, 5e-4)
+        assert run.report["penetration"]["triangles" if offset == "face" else "points"] == 0.0
+        assert run.report["first_contact"]["time"] > 0
+
+
+def test_explain_names_them(crumpled):
+    scene, _ = driven(crumpled)
+    account = scene.explain()
+    assert "driven pins" in account["computed"] and "driven pins" in cs.scenes.paper_swing().explain()["left_out"]
+    assert "stage by stage" in account["step_loop"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: cs.Cloth(pins={(0, 0): 3.0}), r"pins\[\(0, 0\)\] must be Linear, Reciprocate, Keyframes or None, got 3.0"),
+        (lambda: cs.Cloth((4, 4), pins={(0, 0): SWING, (-4, 0): None}), r"pins must name each point once, got \(0, 0\)"),
+        (lambda: cs.Cloth((4, 4), pins={(0, 9): SWING}), r"pins\[0\]\[1\] must be"),
+        (lambda: cs.Keyframes([0, 1]), "one of centers and offsets must be given, got none"),
+        (
+            lambda: cs.Keyframes([0, 1], np.eye(3)[:2], np.eye(3)[:2]),
+            "one of centers and offsets .* got centers and offsets",
+        ),
+        (
+            lambda: cs.Scene(cs.Cloth(pins={(0, 0): cs.Keyframes([0, 1], [(5, 0, 0), (6, 0, 0)])})),
+            r"pins\[\(0, 0\)\] must start at its initial position \[0.0, 0.0, 0.0\], got .*\[5.0, .* at t = 0; .*offsets",
+        ),
+        (
+            lambda: cs.Scene(cs.Cloth((4, 4), pins={(0, 0): SWING}), velocity=np.ones((4, 4, 3))),
+            r"velocity must be 0 at pinned points, .*point \(0, 0\).*Linear",
+        ),
+        (lambda: cs.step(PULLED, *STATE, 1e-3), r"t must be given where a pin moves, and pins\[\(0, 0\)\]"),
+        (
+            lambda: cs.step(PULLED, *STATE, 1e-3, t=0.5),
+            r"x must have the driven pin \(0, 0\) at its place at t = 0.5 s, \[0.5",
+        ),
+        (lambda: cs.reference_step(PULLED, *STATE, 1e-3, t=0.0, as_printed=True), "as_printed must be False where a pin"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+PULLED = cs.Scene(cs.Cloth((4, 4), pins={(0, 0): cs.Linear((1, 0, 0)), (3, 0): None}))
+STATE = PULLED.initial_position, PULLED.initial_velocity
+
+
+def test_set_state_leaves_pins_where_they_are():
+    stepper = cs.Stepper(PULLED)
+    stepper.advance(10, 1e-3)
+    x, v = stepper.positions.copy(), stepper.velocities.copy()
+    stepper.set_state(x, v)
+    for array, pin in ((x, (0, 0)), (x, (3, 0)), (v, (0, 0)), (v, (3, 0))):
+        changed = array.copy()
+        changed[pin][1] += 0.01
+        name = "x" if array is x else "v"
+        with pytest.raises(ValueError, match=rf"{name} must be \[.*\] at the pin \({pin[0]}, 0\), got .*; driven pins move"):
+            stepper.set_state(**{name: changed})
+    x[1, 1, 1] += 0.01
+    stepper.set_state(x)
+    assert stepper.positions[1, 1, 1] == x[1, 1, 1] and stepper.velocities[0, 0].tolist() == [1.0, 0.0, 0.0]
