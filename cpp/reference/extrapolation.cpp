@@ -80,6 +80,7 @@ void midpoint(const System& system, const State& y, const Values& a0, Real t, Re
         result.x[k] = (result.x[k] + w.here.x[k]) / 2;
         result.v[k] = (result.v[k] + w.here.v[k]) / 2;
     }
+    drive(system, result, t + H, inside);
 }
 
 // table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ...; the last entry
