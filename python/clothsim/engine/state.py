@@ -254,8 +254,8 @@ class State:
         self.store(own_x, own_v)
         put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time)
         # With float64 for what is not given, the core's own is of float64: the whole state of "single".
-        new = (own if one is None else one for own, one in zip((own_x, own_v), (x, v)))
-        new_x, new_v = checked_state(*new, self.scenes, self.batched, self.options.precision)
+        given_x, given_v = own_x if x is None else x, own_v if v is None else v
+        new_x, new_v = checked_state(given_x, given_v, self.scenes, self.batched, self.options.precision)
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         if pins_stay:

@@ -1,4 +1,4 @@
-"""What all motions share: places and velocities at times, and plain data."""
+"""Base of all motions: places and velocities at times, and plain data."""
 
 from __future__ import annotations
 
