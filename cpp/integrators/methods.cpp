@@ -214,8 +214,6 @@ std::vector<Method> methods{
 
 }  // namespace
 
-const ExplicitMethod classic_rk4 = make_rk4();
-
 Weights ExplicitMethod::dense(double part) const {
     std::vector<double> w(a.size(), 0.0);
     for (std::size_t j = 0; j < w.size(); ++j)
