@@ -37,6 +37,7 @@ from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.result import Run, load_run
 from .run.settle import settle
+from .run.difference import difference
 from .run.simulate import simulate
 from .model.sphere import Sphere
 from .engine.snapshot import Snapshot
@@ -82,6 +83,7 @@ __all__ = [
     "build_config",
     "compare",
     "convergence",
+    "difference",
     "energy",
     "integrators",
     "largest_stretch",

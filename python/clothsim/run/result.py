@@ -25,6 +25,7 @@ from .displayed import DisplayedRun
 from .exported import ExportedRun
 from .lines import run_lines
 from .recording import Continuation
+from .selected import SelectedRun
 
 if TYPE_CHECKING:
     import xarray
@@ -33,12 +34,12 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(DisplayedRun, ExportedRun):
+class Run(SelectedRun, DisplayedRun, ExportedRun):
     """Frames, report and final state of a run; `simulate` returns it.
 
-    ``print(run)`` gives six lines. Two runs are equal if their scenes, times and frames are equal
-    bit for bit; the report, which has measured times, does not count. The hash agrees with that as
-    long as the arrays are unchanged.
+    ``print(run)`` gives six lines, ``len(run)`` the number of frames, and ``run[10:20]`` a run of these frames. Two
+    runs are equal if their scenes, times and frames are equal bit for bit; the report, which has measured times, does
+    not count. The hash agrees with that as long as the arrays are unchanged.
 
     Attributes
     ----------

@@ -1,0 +1,115 @@
+"""Frames and mass points of a run, meshes of other packages, and the difference of two runs."""
+
+import sys
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.viewing.packing import point_stretch
+
+
+@pytest.fixture(scope="module")
+def run():
+    return cs.simulate(cs.scenes.paper_swing(), 0.2, dt=1e-3, fps=50)
+
+
+def test_a_slice_is_a_run_of_these_frames(run):
+    part = run[2:8:3]
+    assert len(run) == 11 and len(part) == 2
+    assert part.t.tolist() == run.t[[2, 5]].tolist()
+    assert np.array_equal(part.x, run.x[[2, 5]]) and np.array_equal(part.v, run.v[[2, 5]])
+    assert part.report == run.report and part.scene == run.scene
+    assert run[:] == run
+
+
+def test_only_a_part_with_the_last_frame_can_be_resumed(run, tmp_path):
+    assert run[-3:].resume(0.05) == run.resume(0.05)
+    with pytest.raises(ValueError, match="final state was not kept"):
+        run[:3].resume(0.05)
+    assert cs.load_run(run[:3].save(tmp_path / "part")) == run[:3]
+
+
+@pytest.mark.parametrize("frames", [slice(5, 5), slice(None, None, -1), slice(40, 50)])
+def test_a_slice_without_rising_frames_is_refused(run, frames):
+    with pytest.raises(ValueError, match="frames must be a rising slice of 0 to 11"):
+        run[frames]
+
+
+def test_a_single_index_is_refused_so_that_a_run_is_no_sequence_of_runs(run):
+    with pytest.raises(TypeError, match=r"frames must be a slice, as in run\[10:20\], got 3"):
+        run[3]
+
+
+def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
+    found = run.at(-1, 5)
+    assert np.array_equal(found["x"], run.x[:, 31, 5]) and np.array_equal(found["v"], run.v[:, 31, 5])
+    assert np.array_equal(found["speed"], np.linalg.norm(run.v[:, 31, 5], axis=-1))
+    assert np.array_equal(found["stretch"], point_stretch(run.scene, run.x)[:, 31 * 32 + 5])
+    assert found["stretch"].max() > 1e-3
+    with pytest.raises(ValueError, match="row must be .* 31, got 32"):
+        run.at(32, 0)
+
+
+def test_a_frame_becomes_a_mesh_of_trimesh(run):
+    trimesh = pytest.importorskip("trimesh")
+    mesh = run.to_trimesh(3)
+    assert isinstance(mesh, trimesh.Trimesh)
+    assert np.array_equal(mesh.vertices, run.x[3].reshape(-1, 3))
+    assert np.array_equal(mesh.faces, cs.triangles((32, 32)))
+    assert run.to_trimesh(0).face_normals[0].round(9).tolist() == [0, 1, 0]
+    mesh.vertices += 1.0
+    assert run.x[3].max() < 1.5
+
+
+def test_a_frame_becomes_a_mesh_of_pyvista(run):
+    pyvista = pytest.importorskip("pyvista")
+    mesh = run.to_pyvista()
+    assert isinstance(mesh, pyvista.PolyData) and mesh.n_cells == 1922
+    assert np.array_equal(mesh.points, run.x[-1].reshape(-1, 3))
+    assert np.array_equal(mesh.regular_faces, cs.triangles((32, 32)))
+    assert np.array_equal(mesh.point_data["velocity"], run.v[-1].reshape(-1, 3))
+
+
+@pytest.mark.parametrize("package", ["trimesh", "pyvista"])
+def test_a_missing_package_is_named_when_a_mesh_is_asked_for(run, package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=f"run.to_{package} needs {package}"):
+        getattr(run, f"to_{package}")()
+
+
+def shifted(run, by, frames=slice(None)):
+    return cs.Run(run.scene, run.t[frames], run.x[frames] + by, run.v[frames], {})
+
+
+def test_the_difference_of_a_shifted_run_is_the_shift(run):
+    found = cs.difference(run, shifted(run, (0.03, 0.0, 0.04)))
+    assert found["distance"].shape == (11, 32, 32)
+    for name in ("distance", "rms", "max"):
+        np.testing.assert_allclose(found[name], 0.05, rtol=1e-12)
+
+
+def test_rms_and_maximum_are_over_the_mass_points(run):
+    x = run.x.copy()
+    x[4, 1, 2, 0] += 0.32
+    found = cs.difference(run, cs.Run(run.scene, run.t, x, run.v, {}))
+    assert found["max"][4] == pytest.approx(0.32) and found["rms"][4] == pytest.approx(0.01)
+    assert np.delete(found["max"], 4).max() == 0
+
+
+def test_only_times_that_both_have_stored_are_compared(run):
+    other = shifted(run, 0.0, slice(1, None, 3))
+    jitter = cs.Run(run.scene, other.t * (1 + 1e-13), other.x, other.v, {})
+    for a, b in ((run, jitter), (jitter, run), (run[7:8], jitter)):
+        found = cs.difference(a, b)
+        assert np.allclose(found["t"], np.intersect1d(a.t.round(9), b.t.round(9)), rtol=1e-12)
+        assert found["max"].max() == 0
+    with pytest.raises(ValueError, match=r"b must have a stored time of a.*fps= or times="):
+        cs.difference(run[:1], other)
+
+
+def test_cloths_of_two_shapes_have_no_difference(run):
+    other = cs.simulate(cs.scenes.oscillator(), 0.2, dt=1e-3)
+    with pytest.raises(ValueError, match=r"b must be a run of a cloth of shape \(32, 32\), as a, got \(1, 2\)"):
+        cs.difference(run, other)
+    with pytest.raises(TypeError, match="a must be a Run, got 3"):
+        cs.difference(3, other)
