@@ -6,6 +6,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim import _core
+from clothsim.model.as_core import core_pins
 
 TIGHT = {"columns": 8, "tolerance": 1e-16, "threads": 1}
 
@@ -19,6 +20,8 @@ def extrapolate(scene, times, **settings):
         pinned=np.ascontiguousarray(cloth.pinned),
         gravity=scene.gravity,
         drag=cloth.drag,
+        force=np.zeros_like(cloth.rest_positions) if scene.force is None else scene.force,
+        **core_pins(scene),
         x=np.ascontiguousarray(scene.initial_position),
         v=np.ascontiguousarray(scene.initial_velocity),
         times=times,
