@@ -130,13 +130,16 @@ State respond(const Sphere& sphere, double t, const State& point) {
                relative = point.v - moved;
     State after = point;
     Vec3 n = direction(m);
+    double since = 0;  // the surface was passed [s]
     if (sphere.response == Response::ray) {
         // Eq 8-12: back along the velocity, x - s v/|v|, to where |x - center| is the radius.
         if (const double speed = speed_of(relative); speed > 0) {
             const Vec3 back = -relative / speed;
             const double b = m.dot(back), c = m.squaredNorm() - sphere.contact_radius * sphere.contact_radius;
             if (b < 0 && !sphere.as_printed) return point;  // leaves by itself
-            n = direction(m + (-b + std::sqrt(b * b - c)) * back);
+            const double s = -b + std::sqrt(b * b - c);
+            n = direction(m + s * back);
+            since = s / speed;
         }
         after.x = center + sphere.contact_radius * n;
     }
@@ -148,6 +151,9 @@ State respond(const Sphere& sphere, double t, const State& point) {
     const double slip = tangential.norm(),
                  most = sphere.friction * std::abs((1 + sphere.restitution) * approach);
     if (sphere.friction > 0 && slip > 0) after.v -= std::min(1.0, most / slip) * tangential;
+    // What does not bounce for good travels the rest of the step.
+    if (!sphere.as_printed && (sphere.restitution < 1 || sphere.friction > 0))
+        after.x += since * (after.v - moved);
     return after;
 }
 

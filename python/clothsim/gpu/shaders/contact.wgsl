@@ -107,11 +107,13 @@ fn reflected(
     return result;
 }
 
-// Method 2 (eq 8-12): back along the ray to the surface, reflected there.
+// Method 2 (eq 8-12): back along the ray to the surface, reflected there. With a restitution below 1 or friction the
+// point goes on for the rest of the step (cpp/contact/raycast.hpp).
 fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Answer {
     let v = relative(contact, velocity, as_printed);
     let speed = length_of(v);
     var on_surface = wide_scaled(contact.radius, outward_normal(m));
+    var rest = wide(0.0);
     if (speed > wide(0.0)) {
         let back = -v / speed;
         let b = wide_inner(m, back);
@@ -125,8 +127,12 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed:
             distance = -c / (b + root);
         }
         on_surface = m + wide_scaled(distance, back);
+        rest = distance / speed;
     }
     let turned = reflected(contact, velocity, outward_normal(on_surface), as_printed, rough);
+    if (!as_printed && (contact.restitution < wide(1.0) || contact.friction > wide(0.0))) {
+        on_surface = on_surface + wide_scaled(rest, relative(contact, turned, as_printed));
+    }
     return Answer(true, on_surface, turned);
 }
 
