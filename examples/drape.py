@@ -5,7 +5,7 @@ import clothsim as cs
 cloth = cs.Cloth(
     shape=(16, 16), size=(1.0, 1.0), mass=0.3, stiffness=200.0, damping=0.02, pins=(), springs=("structural", "shear")
 )
-ball = cs.Sphere(center=(0.5, -0.31, 0.5), radius=0.3, response="continuous", offset="face", restitution=0.0, friction=0.5)
+ball = cs.Sphere(center=(0.5, -0.31, 0.5), radius=0.3, friction=0.5)
 scene = cs.Scene(cloth, ball)
 
 run = cs.simulate(scene, 0.4, dt=5e-4, fps=50)

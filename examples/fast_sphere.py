@@ -4,7 +4,7 @@ import clothsim as cs
 
 cloth = cs.Cloth(shape=(16, 16))
 fast = cs.Sphere((0.47, -2.0, 0.52), 0.05, cs.Linear((0, 300, 0)), response="ray", offset="edge")
-for shot in (fast, fast.replace(response="continuous", offset="face")):
+for shot in (fast, fast.replace(response="continuous", offset="cell")):
     scene = cs.Scene(cloth, shot)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, dt=1e-3, steps=10, t=0.0)
     caught = x[..., 1].max() > 0.5

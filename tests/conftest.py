@@ -181,7 +181,8 @@ def closing():
 
     def scene(shape):
         spheres = [
-            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face") for s in (1, -1)
+            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face", restitution=1.0)
+            for s in (1, -1)
         ]
         return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)
 

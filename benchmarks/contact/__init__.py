@@ -1,7 +1,7 @@
 """Measured figures behind the claims about response "continuous" and offset "face".
 
 Each figure is a function that returns a dict of numbers; `python benchmarks/contact` prints them, the tests
-assert them, docs/contact.md explains them. Sizes are arguments. Tests take small sizes, and the command's ``--full``
+assert them, docs/contact-figures.md explains them. Sizes are arguments. Tests take small sizes, and the command's ``--full``
 takes the sizes of the claims.
 """
 

@@ -1,4 +1,4 @@
-"""Measure what docs/contact.md claims of continuous contact.
+"""Measure what docs/contact-figures.md claims of continuous contact.
 
 python benchmarks/contact                # every figure in short sizes
 python benchmarks/contact stick --full   # one figure, in the sizes of the claims

@@ -17,9 +17,11 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
     cloth = cs.Cloth(pins=())
     # Under the whole cloth, all 1,024 points on it.
     under = cs.Sphere((0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2)
-    far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous")
+    far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous", offset="edge", restitution=1.0)
     settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
     settled.advance(6000, 5e-5)
+    on_cells = cs.Stepper(cs.Scene(cloth, under.replace(offset="cell")), threads=1)
+    on_cells.advance(6000, 5e-5)
     on_faces = cs.Stepper(cs.Scene(cloth, under.replace(offset="face")), threads=1)
     on_faces.advance(6000, 5e-5)
     paper = cs.scenes.paper_static("continuous")
@@ -40,6 +42,9 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
         "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
         "the paper's cloth, no sphere": cs.Stepper(paper.replace(spheres=()), lying, folded, threads=1, precision=precision),
         "continuous, the paper's sphere in contact": cs.Stepper(paper, lying, folded, threads=1, precision=precision),
+        "cell, touching nothing": stepper(far.replace(offset="cell"), settled),
+        "cell, all points in contact": stepper(under.replace(offset="cell"), on_cells),
+        "cell, all points sliding": stepper(under.replace(offset="cell", friction=0.0), on_cells),
         "face, touching nothing": stepper(far.replace(offset="face"), settled),
         "face, all triangles in contact": stepper(under.replace(offset="face"), on_faces),
     }

@@ -166,7 +166,7 @@ def face_drop(dt: float = 1e-4, points: int = 8, after: float = 0.1) -> dict[str
     """
     height = 0.02
     cloth = cs.Cloth((points, points), mass=0.5 * points**2, stiffness=3500.0, damping=0.0, pins=())
-    sphere = cs.Sphere((0.5, -0.25 - height, 0.5), 0.25, None, "continuous", "face")
+    sphere = cs.Sphere((0.5, -0.25 - height, 0.5), 0.25, None, "continuous", "face", restitution=1.0)
     scene = cs.Scene(cloth, sphere)
     stepper = cs.Stepper(scene, threads=1)
     start = cs.energy(scene, stepper.positions, stepper.velocities)["total"]

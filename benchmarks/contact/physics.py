@@ -47,7 +47,7 @@ def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str,
         "made" [J], "part" of m g h, and the energies of `dt`'s run.
     """
     cloth = cs.Cloth(damping=0.0, pins=())
-    sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous")
+    sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous", offset="edge", restitution=1.0)
     sphere = sphere.replace(center=(0.5, -height - sphere.contact_radius(cloth), 0.5))
     result = _bounce(cs.Scene(cloth, sphere), math.sqrt(2 * height / GRAVITY), after, dt)
     result["part"] = result["made"] / (cloth.mass_per_point.sum() * GRAVITY * height)
@@ -63,7 +63,7 @@ def under_whole_cloth(dt: float = 1e-4, height: float = 0.2, after: float = 0.2)
         "part" of the kinetic energy at impact that contact made.
     """
     cloth = cs.Cloth(damping=0.0, pins=())
-    sphere = cs.Sphere((0.5, 0.0, 0.5), 5.0, response="continuous", offset="none")
+    sphere = cs.Sphere((0.5, 0.0, 0.5), 5.0, response="continuous", offset="none", restitution=1.0)
     sphere = sphere.replace(center=(0.5, -height - 5.0, 0.5))
     result = _bounce(cs.Scene(cloth, sphere), math.sqrt(2 * height / GRAVITY), after, dt)
     result["part"] = result["made"] / result["kinetic_at_impact"]

@@ -13,13 +13,14 @@ from pathlib import Path
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from contact_fuzz import crossings, rests, shots, squeezes, triangle_cases
+from contact_fuzz import cells, crossings, rests, shots, squeezes, triangle_cases
 
 # Function, and how many points times steps, triangles, shots, squeezes or sheets in short and in full.
 FUZZERS = {
     "crossings": (crossings, 10**6, 10**8),
     "triangles": (triangle_cases, 2 * 10**4, 10**6),
     "shots": (shots, 300, 100_000),
+    "cells": (cells, 100, 10_000),
     "squeezes": (squeezes, 60, 10_000),
     "rests": (rests, 10, 200),
 }

@@ -77,7 +77,7 @@ Motion keyframes(std::vector<double> times, std::vector<Vec3> centers, bool rela
 
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion, bool faces,
-                   double push_out_speed) {
+                   bool cells, double push_out_speed) {
     Sphere s;
     s.center = center;
     s.radius = radius;
@@ -86,6 +86,7 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
     if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
     s.response = Response(name - response_names.begin());
     s.faces = faces;
+    s.cells = cells;
     s.push_out_speed = push_out_speed;
     s.as_printed = as_printed;
     s.restitution = restitution;
@@ -212,7 +213,7 @@ void bind_model(py::module_& m) {
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), py::arg("center"), py::arg("radius"),
              py::arg("contact_radius"), py::arg("response"), py::arg("as_printed"), py::arg("restitution"),
-             py::arg("friction"), py::arg("motion"), py::arg("faces") = false,
+             py::arg("friction"), py::arg("motion"), py::arg("faces") = false, py::arg("cells") = false,
              py::arg("push_out_speed") = 1.0)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);

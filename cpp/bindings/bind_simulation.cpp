@@ -101,6 +101,7 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
 void signal(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
+    if (outcome.capped) result["capped"] = py::make_tuple(outcome.capped->member, outcome.capped->point);
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;

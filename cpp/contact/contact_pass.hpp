@@ -9,12 +9,16 @@
 //      points near several spheres.
 //
 // Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
+// Where a sphere has the offset "cell", each point has a contact radius of its own: contact/cell_pass.hpp.
 #pragma once
 
 #include <algorithm>
 #include <limits>
 #include <memory>
+#include <optional>
+#include <utility>
 
+#include "contact/cell_pass.hpp"
 #include "contact/contact_report.hpp"
 #include "contact/exact.hpp"
 #include "contact/face_pass.hpp"
@@ -33,11 +37,13 @@ public:
     ContactPass(const Plan& plan, const Layout& layout)
         : plan_(plan), layout_(layout), kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
         std::vector<bool> faces;
+        bool cells = false;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);
-                faces.push_back(sphere.faces);
+                faces.push_back(sphere.faces || sphere.cells);  // all one problem, if a sphere has faces
                 faces_ |= sphere.faces;
+                cells |= sphere.cells;
             }
         if (spheres_.empty()) return;
         if (faces_) {
@@ -59,6 +65,8 @@ public:
                     free_[index(r, j)] |= std::uint64_t(moves) << l;
                 }
         lanes_ = lanes;
+        if (cells && !faces_)
+            cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact, plan.strict);
     }
     ContactPass(const ContactPass&) = delete;
 
@@ -67,6 +75,7 @@ public:
     void forget() {
         current_ = false;
         set_persistent({});
+        if (cell_pass_) cell_pass_->forget();
     }
 
     // Before a step: the state it starts from.
@@ -87,6 +96,10 @@ public:
             return report_;
         }
         report_ = {};
+        if (cell_pass_) {
+            respond_to_cells(threads);
+            return report_;
+        }
         find(threads);
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j) {
@@ -134,10 +147,24 @@ public:
     double spring_energy(int i, const Vec3& x) const {
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }
+    Surface<double> cell_surface_at(int i, const SweptSphere& s) const {
+        const auto [index, lane] = lane_of(i);
+        const double began = cell_pass_->radius2_before(index, lane);
+        const Surface<double> before = cell_surface<Real>(s, began);
+        if (!raising_) return before;
+        const double now =
+            cell_pass_->radius2_now(plan_.cloth, i / plan_.cloth.columns, i % plan_.cloth.columns);
+        Surface<double> surface = cell_surface<Real>(s, std::max(began, now));
+        surface.innermost = before.innermost;
+        return surface;
+    }
     Vec3 position(int i) const { return {read(*memory_, i, 0), read(*memory_, i, 1), read(*memory_, i, 2)}; }
 
 private:
     static constexpr bool compensated = sizeof(Real) == 4;
+    // Rounds in which points are moved outwards as rho grows. Each leaves at most 0.71 of the last, so that
+    // twice as many change nothing; half leave 3e-8 of the first move.
+    static constexpr int most_raises = 100;
     // Below this number of points a second thread costs more than it saves.
     static constexpr int least_points_per_thread = 8192;
 
@@ -190,7 +217,15 @@ private:
         }
     }
 
-    void find(int threads) {
+    // Vector (as `index`) and lane of a mass point.
+    std::pair<std::size_t, int> lane_of(int i) const {
+        const int row = i / plan_.cloth.columns, column = i % plan_.cloth.columns;
+        if constexpr (Layout::is_transposed)
+            return {index(row, column % geometry_.vectors), column / geometry_.vectors};
+        else return {index(row, column / lanes_), column % lanes_};
+    }
+
+    ContactArguments<Real> arguments() {
         ContactArguments<Real> a{};
         a.geometry = geometry_;
         a.state = memory_->data() + layout_.first();
@@ -205,15 +240,80 @@ private:
             pass->unresolved_[pass->index(row, vector)] |= lanes;
         };
         a.context = this;
-        const int rows = geometry_.rows;
+        return a;
+    }
+    // `work(begin, end)` for `count` rows, or what else there is of a cloth.
+    template <class Work>
+    void each_part(int threads, std::int64_t count, const Work& work) const {
         const int team = std::min(threads, plan_.cloth.points() / least_points_per_thread);
-        if (team <= 1) {
-            kernel_(a, 0, rows);
-            return;
-        }
+        if (team <= 1) return work(0, count);
 #pragma omp parallel for num_threads(team) schedule(static)
-        for (int part = 0; part < team; ++part)
-            kernel_(a, int(std::int64_t(rows) * part / team), int(std::int64_t(rows) * (part + 1) / team));
+        for (int part = 0; part < team; ++part) work(count * part / team, count * (part + 1) / team);
+    }
+    void find(int threads) {
+        const ContactArguments<Real> a = arguments();
+        each_part(threads, geometry_.rows,
+                  [&](std::int64_t begin, std::int64_t end) { kernel_(a, int(begin), int(end)); });
+    }
+
+    void respond_to_cells(int threads) {
+        const auto each = [&](const auto& work) {
+            each_part(threads, geometry_.rows,
+                      [&](std::int64_t begin, std::int64_t end) { work(int(begin), int(end)); });
+        };
+        raising_ = false;
+        if (cell_pass_->respond(arguments(), each)) {
+            for (int r = 0; r < geometry_.rows; ++r)
+                for (int j = 0; j < geometry_.vectors && cell_pass_->near(r); ++j) {
+                    report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
+                    finish_vector(r, j);
+                }
+            raising_ = true;
+            bool raised = true;
+            for (int round = 0; round < most_raises && raised; ++round) {
+                cell_pass_->find_radii_now(each);
+                raised = swept_.size() == 1 ? cell_pass_->raise(each) : raise_among_several();
+                report_.changed |= raised;
+            }
+            note_capped();
+        }
+        each_part(threads, std::int64_t(before_.size()), [&](std::int64_t begin, std::int64_t end) {
+            std::copy(memory_->begin() + begin, memory_->begin() + end, before_.begin() + begin);
+        });
+    }
+    // `visit(i)` for the mass points near a sphere that may move.
+    template <class Visit>
+    void each_near_point(const Visit& visit) const {
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors && cell_pass_->near(r); ++j) {
+                std::uint64_t lanes = cell_pass_->near_lanes(index(r, j)) & free_[index(r, j)];
+                for (; lanes != 0; lanes &= lanes - 1)
+                    visit(r * plan_.cloth.columns + layout_.column(j, __builtin_ctzll(lanes), lanes_));
+            }
+    }
+    // The places alone of points that lie too deep for the cells as they are now.
+    bool raise_among_several() {
+        bool raised = false;
+        each_near_point([&](int i) {
+            PointState end = now(i);
+            const Vec3 velocity = end.velocity, start = before(i).position, free_end = end.position;
+            if (!exact::resolve(*this, i, swept_, start, end)) report_.note_trapped(i);
+            if (end.position == free_end) return;
+            raised = true;
+            set(i, {end.position, velocity});
+        });
+        return raised;
+    }
+    void note_capped() {
+        if (swept_.size() == 1 && !cell_pass_->any_capped()) return;
+        const int columns = plan_.cloth.columns;
+        each_near_point([&](int i) {
+            const double radius2 = cell_pass_->radius2_now(plan_.cloth, i / columns, i % columns);
+            for (const SweptSphere& s : swept_)
+                if (s.cells && radius2 > s.surface * s.surface &&
+                    (position(i) - exact::vec(s.end)).norm() < s.reach)
+                    report_.note_capped(i);
+        });
     }
 
     void finish_vector(int row, int vector) {
@@ -235,7 +335,9 @@ private:
 
     void note_if_inside(int i) {
         for (const SweptSphere& s : swept_)
-            if ((position(i) - exact::vec(s.end)).norm() < s.radius) report_.note_pinned(i);
+            if ((position(i) - exact::vec(s.end)).norm() <
+                (s.cells ? cell_surface_at(i, s).lowest : s.radius))
+                report_.note_pinned(i);
     }
 
     void copy(int row, int vector) {
@@ -262,6 +364,8 @@ private:
     std::vector<std::uint64_t> unresolved_, free_;
     std::vector<SweptSphere> swept_;
     std::unique_ptr<FacePass> face_pass_;
+    std::optional<CellPass<Real>> cell_pass_;
+    bool raising_ = false;
     std::vector<std::ptrdiff_t> places_;  // of the points' x
     ContactReport report_;
 };

@@ -9,6 +9,7 @@ namespace clothsim {
 struct ContactReport {
     std::int64_t trapped = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
+    std::int64_t capped = -1;  // first point in contact whose cells are larger than a sphere, or -1
     bool changed = false;             // whether a response changed a mass point
     double energy = 0;                // of a trapped point: energy made beyond its bound, or 0 [J]
 
@@ -18,6 +19,9 @@ struct ContactReport {
     void note_fault(std::int64_t i, double energy_made) {
         if (trapped < 0) energy = energy_made;
         note_trapped(i);
+    }
+    void note_capped(std::int64_t i) {
+        if (capped < 0) capped = i;
     }
     void note_pinned(std::int64_t i) {
         if (pinned_inside < 0) pinned_inside = i;

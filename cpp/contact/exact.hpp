@@ -7,6 +7,7 @@
 //   set(i, state)
 //   mass(i), field_at(i)
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
+//   cell_surface_at(i, s)   distances of point i from a sphere of offset "cell"
 #pragma once
 
 #include <algorithm>
@@ -34,6 +35,8 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
     s.radius = sphere.contact_radius;
     s.slop = slop_epsilons * epsilon * (end.lpNorm<1>() + s.radius);
     s.surface = s.radius + s.slop;
+    s.cells = sphere.cells;
+    s.reach = s.surface * (sphere.reach() / sphere.contact_radius);
     s.restitution = sphere.restitution;
     s.friction = sphere.friction;
     s.push = sphere.push_out_speed * dt;
@@ -53,6 +56,12 @@ inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
 template <class Points>
 double potential(const Points& points, int i, const Vec3& x) {
     return points.spring_energy(i, x) - points.mass(i) * points.field_at(i).dot(x);
+}
+
+// The distances at which a point responds to a sphere.
+template <class Points>
+Surface<double> surface_at(const Points& points, int i, const SweptSphere& s) {
+    return s.cells ? points.cell_surface_at(i, s) : surface_of<double>(s);
 }
 
 // The state after the contact `t` of a point whose free end is `end`.
@@ -81,19 +90,20 @@ PointState respond(const Points& points, int i, const SweptSphere& s, const Touc
     double p[3], v[3];
     for (int k = 0; k < 3; ++k) v[k] = end.velocity[k] - s.velocity[k];
     leave<double>(s, t, height, normal_speed, p, v);
-    lift<double>(p, s.surface, s.surface);
+    const Surface<double> surface = surface_at(points, i, s);
+    lift<double>(p, surface.held, surface.top);
     return {vec(s.end) + vec(p), velocity + vec(v)};
 }
 
 // Nearest place outside two spheres that overlap, on the circle where their surfaces meet.
-inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const Vec3& x) {
+inline Vec3 on_common_circle(const SweptSphere& a, double top_a, const SweptSphere& b, double top_b,
+                             const Vec3& x) {
     const Vec3 between = vec(b.end) - vec(a.end);
     const double distance = between.norm();
     if (distance == 0) return x;
     const Vec3 axis = between / distance;
-    const double along =
-        (distance * distance + a.surface * a.surface - b.surface * b.surface) / (2 * distance);
-    const double height2 = a.surface * a.surface - along * along;
+    const double along = (distance * distance + top_a * top_a - top_b * top_b) / (2 * distance);
+    const double height2 = top_a * top_a - along * along;
     if (height2 <= 0) return x;
     Vec3 aside = x - vec(a.end);
     aside -= aside.dot(axis) * axis;
@@ -103,24 +113,30 @@ inline Vec3 on_common_circle(const SweptSphere& a, const SweptSphere& b, const V
 
 // Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres
 // have shut it in.
-inline bool resolve(const std::vector<SweptSphere>& spheres, const Vec3& start, PointState& end) {
+template <class Points>
+bool resolve(const Points& points, int i, const std::vector<SweptSphere>& spheres, const Vec3& start,
+             PointState& end) {
     for (int round = 0; round < resolve_rounds; ++round) {
         const SweptSphere* last = nullptr;
+        double last_top = 0;
         bool moved = false;
         for (const SweptSphere& s : spheres) {
+            const Surface<double> surface = surface_at(points, i, s);
             Vec3 p = end.position - vec(s.end), v = end.velocity - vec(s.velocity);
             const double start_distance = (start - vec(s.start)).norm();
-            const bool was_inside = start_distance < s.surface - 2 * s.slop;
-            const double limit = was_inside ? std::min(s.surface, start_distance + s.push) : s.surface;
-            if (p.norm() >= limit - s.slop / 2) continue;
+            const bool was_inside = start_distance < surface.innermost;
+            const bool fewer = was_inside && start_distance + s.push < surface.top;
+            if (p.norm() >= (fewer ? start_distance + s.push - s.slop / 2 : surface.lowest)) continue;
             if (round > 0 && last && !was_inside) {
-                end.position = on_common_circle(*last, s, end.position);
+                end.position = on_common_circle(*last, last_top, s, surface.top, end.position);
             } else {
-                push_out<double>(s, was_inside ? start_distance : s.surface, p.data(), v.data());
+                push_out<double>(s, surface.top, was_inside ? start_distance : surface.top, p.data(),
+                                 v.data());
                 end = {vec(s.end) + p, vec(s.velocity) + v};
             }
             moved = true;
             last = &s;
+            last_top = surface.top;
         }
         if (!moved) return true;
     }
@@ -143,7 +159,8 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
             const Vec3 center = vec(s.start) + elapsed * (vec(s.end) - vec(s.start));
             const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0,
                        v = end.velocity - vec(s.velocity);
-            const Touch<double> t = touch<double>(s, p0.data(), q.data(), v.data(), gain.data());
+            const Touch<double> t =
+                touch<double>(s, surface_at(points, i, s), p0.data(), q.data(), v.data(), gain.data());
             if (!t.hit || (first && t.time >= soonest.time)) continue;
             first = &s;
             soonest = t;
@@ -156,7 +173,7 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         done = spheres.size() == 1;  // away from a convex body there is no second contact with it
     }
     if (!done) end.position = x;
-    const bool out = resolve(spheres, start.position, end);
+    const bool out = resolve(points, i, spheres, start.position, end);
     points.set(i, end);
     return out;
 }

@@ -123,7 +123,7 @@ private:
             size = std::max(size, center.cwiseAbs().maxCoeff());
         }
         // More than what rounding and the tolerances of contacts and triangles come to.
-        const Vec3 reach = Vec3::Constant(sphere.contact_radius + 1e-4 * (sphere.contact_radius + size));
+        const Vec3 reach = Vec3::Constant(sphere.reach() + 1e-4 * (sphere.reach() + size));
         way = {way.low - reach, way.high + reach};
         const auto gap = widest_separation(cloth, way);
         if (!gap) return {};

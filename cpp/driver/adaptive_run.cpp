@@ -86,6 +86,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             }
             const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);
             if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {0, pinned};
+            const std::int64_t capped = std::exchange(engine.contact_report.capped, -1);
+            if (capped >= 0 && !outcome.capped) outcome.capped = {0, capped};
             t = next;
             outcome.steps += 1;
             outcome.error = error;

@@ -385,8 +385,11 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1),
                             most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {
-            const std::int64_t point = std::exchange(members_[i]->contact_report.pinned_inside, -1);
-            if (point >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), point};
+            ContactReport& found = members_[i]->contact_report;
+            const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
+                               capped = std::exchange(found.capped, -1);
+            if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
+            if (capped >= 0 && !outcome.capped) outcome.capped = {std::int64_t(i), capped};
         }
         const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
         if (poll) outcome.interrupted = interrupted();

@@ -21,16 +21,17 @@ struct Outcome {
         double energy = 0;  // of a trapped point: made by the contact beyond its bound [J], or 0
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
-    struct PinnedInside {
+    struct MemberPoint {
         std::int64_t member, point;
     };
-    std::optional<PinnedInside> pinned_inside;  // a continuous sphere has run into a pinned point
+    std::optional<MemberPoint> pinned_inside;  // a continuous sphere has run into a pinned point
+    std::optional<MemberPoint> capped;  // cells of a point in contact are larger than the sphere
     // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to
     // do, so that the caller may look at the state where it was found.
     std::optional<std::int64_t> grown;
 
     // All steps were done, and there is nothing to tell.
-    bool complete() const { return !interrupted && !unstable && !pinned_inside && !grown; }
+    bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
 };
 
 // Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits

@@ -28,6 +28,8 @@ struct PaddedLayout {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
     }
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
+    std::array<std::ptrdiff_t, 2> right() const { return {1, 1}; }
+    static constexpr bool is_transposed = false;
     template <class Real, class In>
     bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
         return kernels.put_planes(row, shift, to, sizeof(Real) == 4 ? compensation() : 0, plane, columns);

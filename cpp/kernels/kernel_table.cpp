@@ -2,6 +2,7 @@
 #include "kernels/kernel_table.hpp"
 
 #include "kernels/component_impl.hpp"
+#include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
 #include "kernels/this_instruction_set.hpp"

@@ -6,13 +6,15 @@
 #include <string_view>
 
 #include "kernels/component_rows.hpp"
-#include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
+#include "kernels/instruction_set.hpp"
 #include "machine/limit_kernels.hpp"
 #include "model/thread_grid.hpp"
 
 namespace clothsim {
+
+struct ContactKernels;
 
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);

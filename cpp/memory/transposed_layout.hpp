@@ -12,6 +12,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -75,6 +76,9 @@ struct TransposedLayout {
     // Of a cloth in one strip.
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
+    // From a vector to the neighbours of its points to the right, and from the last of a row.
+    std::array<std::ptrdiff_t, 2> right() const { return {stride, 1 - (vectors - 1) * stride}; }
+    static constexpr bool is_transposed = true;
 
     // (x, y, z) of the columns of a row into and out of three components of it; whether they are finite
     // there. `part`: room for as many. Out of a large cloth the next row is fetched meanwhile.

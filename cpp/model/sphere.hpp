@@ -47,10 +47,14 @@ struct Sphere {
     Response response = Response::ray;
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
     bool faces = false;    // continuous: whole triangles are kept out, not only mass points
+    bool cells = false;    // continuous: each point stands off by what its cells need as they are
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
     Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
+    // No point keeps a larger distance from the centre; of cells the root of 2 times the radius, and a
+    // little.
+    double reach() const { return cells ? 1.4143 * contact_radius : contact_radius; }
     Vec3 center_at(double t) const;
     Vec3 velocity_at(double t) const;
 };

@@ -1,4 +1,4 @@
-// Contact of mass points with spheres for the oracle: the formulae as the paper and docs/contact.md print
+// Contact of mass points with spheres for the oracle: the formulae as the paper and docs/contact-law.md print
 // them, one point at a time, with nothing of the code that they judge.
 #pragma once
 
@@ -20,7 +20,7 @@ State respond(const Sphere& sphere, double t, const State& point);
 // The response "continuous". A sphere on its straight way within a step.
 struct Sweep {
     Vec3 start, end, velocity;  // of the centre
-    double radius, surface;     // m; points are put on to the surface, some rounding errors further out
+    double radius, surface;  // m; points are put on to the surface, some rounding errors further out
     double restitution, friction, push, dt;
 
     Sweep(const Sphere& sphere, double t0, double t1, double dt);

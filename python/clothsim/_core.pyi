@@ -66,6 +66,7 @@ class Sphere:
         friction: float,
         motion: Motion,
         faces: bool = False,
+        cells: bool = False,
         push_out_speed: float = 1.0,
     ) -> None: ...
     def center_at(self, t: float) -> Floats: ...

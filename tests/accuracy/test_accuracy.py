@@ -179,7 +179,7 @@ def test_contact_is_refused_and_said_why(own_cache):
 
 def test_a_sphere_out_of_reach_changes_nothing(swing):
     scene, found = swing
-    sphere = cs.Sphere((0.5, -3.0, 0.5), 0.25, motion=cs.Linear((0.0, 1.0, 0.0)))
+    sphere = cs.Sphere((0.5, -3.0, 0.5), 0.25, motion=cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge")
     other = cs.reference(scene.replace(spheres=sphere), DURATION)
     assert abs(other.x[-1] - found.x[-1]).max() < 2e-15  # one had a frame on the way
     assert other.scene.spheres == (sphere,)

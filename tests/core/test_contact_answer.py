@@ -9,11 +9,11 @@ POINT = (1, 1)  # the free one of a cloth of 2 x 2
 
 
 def ball(center, radius=0.5, motion=None, **arguments):
-    return cs.Sphere(center, radius, motion, "continuous", "none", **arguments)
+    return cs.Sphere(center, radius, motion, "continuous", "none", **{"restitution": 1.0, **arguments})
 
 
 class Rules:
-    """docs/contact.md, "A step with continuous contact", for the free point of a cloth of 2 x 2."""
+    """docs/contact-law.md, "A step with continuous contact", for the free point of a cloth of 2 x 2."""
 
     def __init__(self, scene, x, v, dt, precision):
         self.scene, self.dt, self.start = scene.replace(spheres=()), dt, x

@@ -35,7 +35,7 @@ def stored(x, precision):
 def stepped(x, v, precision, **arguments):
     """A step without forces past a still sphere: without it, and with it."""
     cloth = cs.Cloth(SHAPE, stiffness=0.0, damping=0.0, pins=())
-    sphere = cs.Sphere(CENTER, RADIUS, None, "continuous", "none", **arguments)
+    sphere = cs.Sphere(CENTER, RADIUS, None, "continuous", "none", **{"restitution": 1.0, **arguments})
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
     return (cs.step(scene.replace(spheres=()), x, v, DT, precision=precision), cs.step(scene, x, v, DT, precision=precision))
 

@@ -22,7 +22,7 @@ def lone(position, spheres, velocity=(0.0, 0, 0), gravity=(0, 0, 0), pinned=Fals
 
 
 def ball(center, radius=0.5, **arguments):
-    return cs.Sphere(center, radius, **{"response": "continuous", "offset": "none", **arguments})
+    return cs.Sphere(center, radius, **{"offset": "none", "restitution": 1.0, **arguments})
 
 
 def distances(stepper, spheres):
@@ -156,7 +156,7 @@ def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
     rim = np.zeros((12, 12), bool)
     rim[[0, -1]] = rim[:, [0, -1]] = True
     cloth = cs.Cloth((12, 12), mass=2.0, stiffness=500.0, damping=0.5, pins=rim)
-    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.2, cs.Linear((0, 1, 0)), "continuous", offset)
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.2, cs.Linear((0, 1, 0)), "continuous", offset, restitution=1.0)
     scene = cs.Scene(cloth, sphere)
     stepper = cs.Stepper(scene)
     for _ in range(40):
@@ -239,8 +239,8 @@ def test_a_state_that_runs_away_is_unstable_still():
 
 def test_a_continuous_sphere_beside_one_of_the_paper():
     """Each is answered by its own rule; the order in the scene does not matter."""
-    ray = cs.Sphere((0.3, -0.2, 0.5), 0.15, response="ray")
-    other = cs.Sphere((0.7, -0.2, 0.5), 0.15, response="continuous", restitution=0.0)
+    ray = cs.Sphere((0.3, -0.2, 0.5), 0.15, response="ray", offset="edge")
+    other = cs.Sphere((0.7, -0.2, 0.5), 0.15, response="continuous", restitution=0.0, offset="edge")
     cloth = cs.Cloth((20, 20), pins=())
     first = cs.Stepper(cs.Scene(cloth, (ray, other)))
     second = cs.Stepper(cs.Scene(cloth, (other, ray)))
@@ -291,7 +291,7 @@ def test_motion_tables_that_are_short_or_unsorted_are_named(times, centers, mess
 
 
 def test_scenes_keep_the_new_arguments():
-    sphere = cs.Sphere(response="continuous", offset="face", push_out_speed=0.3)
+    sphere = cs.Sphere(response="continuous", offset="face", push_out_speed=0.3, restitution=1.0)
     scene = cs.Scene(cs.Cloth((4, 4)), sphere)
     again = cs.Scene.from_dict(scene.to_dict())
     assert again == scene and again.spheres[0].push_out_speed == 0.3

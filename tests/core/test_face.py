@@ -124,7 +124,7 @@ def test_a_chain_is_kept_out_between_its_points():
 def test_offset_length_is_that_of_a_cells_diagonal():
     """sqrt(rho^2 + R^2) - R with rho half the diagonal: its middle just touches."""
     cloth = cs.Cloth((5, 5), size=(0.4, 0.8))
-    sphere = cs.Sphere(radius=0.3, response="continuous", offset="face")
+    sphere = cs.Sphere(radius=0.3, response="continuous", offset="face", restitution=1.0)
     rho = np.hypot(0.1, 0.2) / 2
     np.testing.assert_allclose(sphere.contact_radius(cloth), np.hypot(0.3, rho), rtol=1e-15)
 

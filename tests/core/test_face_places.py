@@ -24,8 +24,8 @@ def test_a_thin_triangle_is_touched_between_its_sides(width):
 def test_a_push_out_of_a_sphere_pushes_nothing_into_another():
     """The sheet starts 5 mm inside the lower sphere; a push of 10 mm a step would lead it into the upper."""
     cloth = cs.Cloth((3, 3), mass=9.0, stiffness=0.0, damping=0.0, pins=())
-    lower = cs.Sphere((0.5, 5e-3 - 0.3, 0.5), 0.3, None, "continuous", "face", push_out_speed=1.0)
-    upper = cs.Sphere((0.5, 1e-3 + 0.3, 0.5), 0.3, None, "continuous", "face")
+    lower = cs.Sphere((0.5, 5e-3 - 0.3, 0.5), 0.3, None, "continuous", "face", push_out_speed=1.0, restitution=1.0)
+    upper = cs.Sphere((0.5, 1e-3 + 0.3, 0.5), 0.3, None, "continuous", "face", restitution=1.0)
     with pytest.warns(cs.ContactWarning):
         stepper = cs.Stepper(cs.Scene(cloth, (lower, upper), (0, 0, 0)))
     for _ in range(3):

@@ -37,7 +37,7 @@ def test_a_triangle_that_starts_inside_is_pushed_out_at_the_speed_of_the_push():
     """The middle of a diagonal: its two corners alone, by push_out_speed dt a step, to the rim."""
     cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
     radius, depth, push = 0.3, 0.011, 0.4
-    sphere = cs.Sphere((0.5, depth - radius, 0.5), radius, None, "continuous", "face", push_out_speed=push)
+    sphere = cs.Sphere((0.5, depth - radius, 0.5), radius, None, "continuous", "face", push_out_speed=push, restitution=1.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0)))
     for k in range(1, 6):
         stepper.advance(1, DT)

@@ -11,7 +11,10 @@ from variants import PRECISIONS, pairs
 # 3 x 5 groups, 1 x 63, 63 x 1 and 8 x 20, which alone are all whole.
 SHAPES = [(33, 70), (9, 1003), (1003, 9), (128, 320)]
 # Under the middle of the cloth, and around a corner.
-BALLS = (cs.Sphere((0.45, -9.95, 0.65), 10.0, friction=0.1), cs.Sphere((0.0, 0.0, 0.0), 0.2, response="ray"))
+BALLS = (
+    cs.Sphere((0.45, -9.95, 0.65), 10.0, friction=0.1, response="ray", offset="edge"),
+    cs.Sphere((0.0, 0.0, 0.0), 0.2, response="ray", offset="edge"),
+)
 
 
 def stepped(scene, x, v, dt, calls, **options):

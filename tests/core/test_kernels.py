@@ -143,7 +143,9 @@ def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("shape", [(2, 1), (17, 33), (40, 7)], ids=str)
 def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
-    scene, x, v, dt = crumpled(shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1))
+    scene, x, v, dt = crumpled(
+        shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
+    )
     results = {}
     for name in INSTRUCTION_SETS:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
@@ -228,7 +230,7 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
 def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
     monkeypatch, crumpled, same_bits, integrator, damping, threads
 ):
-    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
+    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
     springs = ("structural", "shear")
     scene, x, v, dt = crumpled(shape=(32, 32), springs=springs, spheres=ball)
     scene = scene.replace(cloth=scene.cloth.replace(damping=damping))

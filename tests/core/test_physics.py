@@ -230,7 +230,7 @@ def _scaled(scene, length=1.0, time=1.0, mass=1.0):
 
 @cases()
 def test_units_scaled_by_powers_of_two_give_the_same_bits(variant, crumpled):
-    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25)
+    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, response="ray", offset="edge")
     scene, x, v, dt = crumpled(spheres=ball)
     xt, vt = cs.step(scene, x, v, dt, 100, **variant.options)
     for units in ({"length": 4.0}, {"time": 0.25}, {"mass": 8.0}, {"length": 0.5, "time": 2.0, "mass": 0.25}):

@@ -38,7 +38,7 @@ def test_from_every_side(precision, same_bits, shape, way):
     toward = np.zeros(3)
     toward[axis] = -side
     for speed in (5.0, 500.0):
-        ball = cs.Sphere(tuple(center), 0.2, motion=cs.Linear(tuple(speed * toward)))
+        ball = cs.Sphere(tuple(center), 0.2, motion=cs.Linear(tuple(speed * toward)), response="ray", offset="edge")
         kernel, oracle, met = both(falling(ball, shape=shape), round(0.9 / speed / 2e-4), 2e-4, precision=precision)
         assert met and same_bits(kernel, oracle), speed
 
@@ -47,7 +47,7 @@ def test_a_sphere_that_jumps(precision, same_bits):
     """A motion by table that goes from out of reach into the cloth between two steps."""
     times = [0.0, 0.0100, 0.01001, 1.0]
     centers = [(0.5, -50.0, 0.5), (0.5, -50.0, 0.5), (0.5, -0.1, 0.5), (0.5, -0.1, 0.5)]
-    ball = cs.Sphere((0.5, -50.0, 0.5), 0.15, motion=cs.Keyframes(times, centers))
+    ball = cs.Sphere((0.5, -50.0, 0.5), 0.15, motion=cs.Keyframes(times, centers), response="ray", offset="edge")
     kernel, oracle, met = both(falling(ball), 300, 1e-4, precision=precision)
     assert met and same_bits(kernel, oracle)
 
@@ -55,7 +55,7 @@ def test_a_sphere_that_jumps(precision, same_bits):
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_points_that_are_fast(threads, same_bits):
     """One corner is thrown at the sphere: it is there within a few steps, the rest is not."""
-    scene = falling(cs.Sphere((0.0, -0.33, 0.0), 0.3))
+    scene = falling(cs.Sphere((0.0, -0.33, 0.0), 0.3, response="ray", offset="edge"))
     v = np.zeros_like(scene.initial_position)
     v[:2, :2, 1] = -200.0
     kernel, oracle, met = both(scene, 200, 5e-5, v=v, threads=threads)
@@ -65,10 +65,10 @@ def test_points_that_are_fast(threads, same_bits):
 def test_several_spheres_and_a_batch(same_bits):
     """Each sphere has its own plane, each member and each of its bands too."""
     balls = (
-        cs.Sphere((0.5, -0.3, 0.5), 0.2),
-        cs.Sphere((3.0, 0.0, 0.5), 0.2),
-        cs.Sphere((0.2, -0.15, 0.2), 0.1),
-        cs.Sphere((0.5, -9.0, 0.5), 0.2, response="reflect"),
+        cs.Sphere((0.5, -0.3, 0.5), 0.2, response="ray", offset="edge"),
+        cs.Sphere((3.0, 0.0, 0.5), 0.2, response="ray", offset="edge"),
+        cs.Sphere((0.2, -0.15, 0.2), 0.1, response="ray", offset="edge"),
+        cs.Sphere((0.5, -9.0, 0.5), 0.2, response="reflect", offset="edge"),
     )
     scenes = [falling(*balls), falling(balls[1]), falling(*balls[2:])]
     x = np.stack([s.initial_position for s in scenes])
@@ -83,7 +83,7 @@ def test_several_spheres_and_a_batch(same_bits):
 
 def test_large_cloth_in_waves(same_bits):
     """Rows that are finished while others have not begun."""
-    ball = cs.Sphere((0.5, -0.1005, 0.5), 0.1)
+    ball = cs.Sphere((0.5, -0.1005, 0.5), 0.1, response="ray", offset="edge")
     v = np.zeros((300, 320, 3))
     v[..., 1] = -1.0
     kernel, oracle, met = both(falling(ball, shape=(300, 320)), 150, 5e-6, v=v)

@@ -1,9 +1,8 @@
 """What slides on a sphere or a floor: the speed and the way of the exact motion, to first order in the time step."""
 
+import clothsim as cs
 import numpy as np
 import pytest
-
-import clothsim as cs
 
 RESPONSES = ("reflect", "ray", "continuous")
 G, R = 9.80665, 0.5

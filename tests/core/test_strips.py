@@ -68,7 +68,7 @@ def test_accelerations_after_steps(options, crumpled, oracle):
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_points_in_halos_are_answered_once(options, crumpled, relative, response):
     """A sphere that is wider than a strip."""
-    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response=response)
+    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response=response, offset="edge", restitution=1.0)
     scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
     found = []
     for kernel, threads in (("gather", 1), ("edge", 1), ("edge", 2)):
@@ -83,7 +83,7 @@ def test_points_in_halos_are_answered_once(options, crumpled, relative, response
 
 def test_energy_of_contact_is_counted_once(crumpled):
     """By one thread, after all strips of a step."""
-    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response="ray")
+    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response="ray", offset="edge")
     scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
     energies = []
     for kernel in ("gather", "edge"):
@@ -97,7 +97,7 @@ def test_energy_of_contact_is_counted_once(crumpled):
 @pytest.mark.parametrize("z", [0.0, 0.45, 0.9], ids=["first rows", "middle", "last rows"])
 def test_counting_energy_changes_nothing_else(options, crumpled, same_bits, z):
     """Its contacts come after all strips: halos are brought once more, in the rows that begin and end a step too."""
-    ball = cs.Sphere((0.65, -0.2, z), 0.25, response="ray")
+    ball = cs.Sphere((0.65, -0.2, z), 0.25, response="ray", offset="edge")
     scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
     ends = []
     for counted in (False, True):

@@ -14,7 +14,7 @@ from clothsim.engine.options import Options
 from tables import each
 from variants import NAMED_KERNELS, cases, pairs
 
-BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
 
 
 @each("shape", [(33, 70), (64, 5), (5, 64)])

@@ -11,7 +11,7 @@ from clothsim.methods.integration import integrators
 
 SCENE = cs.scenes.paper_swing()
 CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)
-BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 SMALL = cs.Scene(CLOTH, BALL)
 
 

@@ -8,7 +8,7 @@ import pytest
 from pairwise import pairwise
 from tables import each
 
-BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 
 
 def arrays(stepper):
@@ -109,8 +109,8 @@ def test_the_clock_does_not_drift():
 def test_contact_energy_is_what_the_collision_passes_add(variant, crumpled, response):
     """Total energy after a step, less that after the same step without spheres, step by step."""
     spheres = [
-        cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1, 0)), response, friction=0.1),
-        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5),
+        cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1, 0)), response, friction=0.1, offset="edge", restitution=1.0),
+        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, offset="edge"),
     ]
     scene, x, v, dt = crumpled(spheres=spheres)
     stepper = cs.Stepper(scene, x, v, t=0.0, **variant.options, track_contact_energy=True)

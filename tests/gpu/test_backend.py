@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from clothsim.gpu.block import Block
 
-BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 GPU = {"backend": "gpu", "precision": "single"}
 
 

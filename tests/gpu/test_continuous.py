@@ -6,15 +6,15 @@ import pytest
 
 pytestmark = pytest.mark.usefixtures("needs_float64")
 
-BALL = cs.Sphere((0.5, -0.24, 0.5), 0.2, response="continuous")
-LEFT = cs.Sphere((0.35, -0.22, 0.5), 0.2, response="continuous", friction=0.2)
-RIGHT = cs.Sphere((0.62, -0.2, 0.45), 0.18, response="continuous", restitution=0.7)
+BALL = cs.Sphere((0.5, -0.24, 0.5), 0.2, response="continuous", offset="edge", restitution=1.0)
+LEFT = cs.Sphere((0.35, -0.22, 0.5), 0.2, response="continuous", friction=0.2, offset="edge", restitution=1.0)
+RIGHT = cs.Sphere((0.62, -0.2, 0.45), 0.18, response="continuous", restitution=0.7, offset="edge")
 SPHERES = {
     "one": (BALL,),
     "rough": (BALL.replace(restitution=0.5, friction=0.3),),
     "moving": (BALL.replace(motion=cs.Linear((0.5, 2.0, 0.3))),),
     "several": (LEFT, RIGHT),
-    "with a ray": (BALL, cs.Sphere((0.1, -0.2, 0.1), 0.19, response="ray")),
+    "with a ray": (BALL, cs.Sphere((0.1, -0.2, 0.1), 0.19, response="ray", offset="edge")),
 }
 
 
@@ -54,7 +54,7 @@ def test_it_is_what_the_core_does(name, precision, bound):
 
 
 def test_a_sphere_faster_than_its_size_a_step_does_not_pass():
-    scene = falling(cs.Sphere((0.5, -1.0, 0.5), 0.1, cs.Linear((0, 600.0, 0)), "continuous"))
+    scene = falling(cs.Sphere((0.5, -1.0, 0.5), 0.1, cs.Linear((0, 600.0, 0)), "continuous", offset="edge", restitution=1.0))
     x, v = scene.initial_position, scene.initial_velocity
     x, v = cs.step(scene, x, v, 5e-4, 6, t=0.0, backend="gpu")
     start = scene.initial_position
@@ -79,8 +79,8 @@ def test_a_point_between_two_spheres_ends_on_their_common_circle():
     """As tests/core/test_continuous_hard.py has it for the core."""
     cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 1),))
     spheres = [
-        cs.Sphere((0, 0, 0), 0.5, response="continuous", offset="none", push_out_speed=1e6),
-        cs.Sphere((0.85, 0, 0), 0.4, response="continuous", offset="none"),
+        cs.Sphere((0, 0, 0), 0.5, response="continuous", offset="none", push_out_speed=1e6, restitution=1.0),
+        cs.Sphere((0.85, 0, 0), 0.4, response="continuous", offset="none", restitution=1.0),
     ]
     x = np.array([[(0.44, 0.02, -0.01), (90.0, 90.0, 90.0)]])
     scene = cs.Scene(cloth, spheres, (0, 0, 0), x)
@@ -102,9 +102,12 @@ def test_a_batch_has_the_bits_of_its_members(same_bits):
 
 def test_points_without_a_place_are_the_cores_error():
     """Two spheres close on a point from above and below, three stand around it."""
-    closing = [cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none") for s in (1, -1)]
+    closing = [
+        cs.Sphere((0.5, 0.35 * s, 0.5), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "none", restitution=1.0)
+        for s in (1, -1)
+    ]
     around = [
-        cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none")
+        cs.Sphere((0.5 + dx, 0, 0.5 + dz), 0.2, None, "continuous", "none", restitution=1.0)
         for dx, dz in ((0.3, 0), (-0.15, 0.26), (-0.15, -0.26))
     ]
     cloth = cs.Cloth((3, 3), mass=1.0, stiffness=10.0, damping=0.0, pins=())
@@ -122,7 +125,7 @@ def test_points_without_a_place_are_the_cores_error():
 
 
 def test_a_pinned_point_in_a_sphere_is_told():
-    ball = cs.Sphere((0.0, -0.5, 0.0), 0.2, cs.Linear((0, 20.0, 0)), "continuous")
+    ball = cs.Sphere((0.0, -0.5, 0.0), 0.2, cs.Linear((0, 20.0, 0)), "continuous", offset="edge", restitution=1.0)
     scene = falling(ball)
     with pytest.warns(cs.ContactWarning, match=r"run into the pinned mass point \(0, 0\)"):
         cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 60, t=0.0, backend="gpu")
@@ -130,6 +133,6 @@ def test_a_pinned_point_in_a_sphere_is_told():
 
 def test_the_offset_face_is_refused():
     """Whole triangles are kept out by the core alone."""
-    spheres = [cs.Sphere((9.0, 9.0, 9.0), 0.1, None, "continuous", offset) for offset in ("none", "face")]
+    spheres = [cs.Sphere((9.0, 9.0, 9.0), 0.1, None, "continuous", offset, restitution=1.0) for offset in ("none", "face")]
     with pytest.raises(ValueError, match=r"^offset of spheres\[1\] must be .*, got 'face'; backend='cpu' has it$"):
         cs.Stepper(cs.Scene(cs.Cloth(), spheres), backend="gpu")

@@ -35,7 +35,7 @@ def disturbed(scene):
 
 # The energy of a run is watched until a sphere responds, which could give it any; then only a point
 # that is too fast tells.
-FAR_AWAY = cs.Sphere((50.0, 0.0, 0.0), 0.1)
+FAR_AWAY = cs.Sphere((50.0, 0.0, 0.0), 0.1, response="ray", offset="edge")
 
 
 @quiet
@@ -248,7 +248,7 @@ def test_a_batch_without_memory_to_be_made_anew_keeps_its_last_state(same_bits, 
 def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):
     """The places of the spheres of many scenes, not the state, are what is too large."""
     narrow = Device(replace(device.adapter, largest_buffer=40_000))
-    ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)))
+    ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)), response="ray", offset="edge")
     scenes = [cs.Scene(cs.Cloth((3, 3)), ball.replace(radius=0.1 + 0.01 * k)) for k in range(9)]
     Simulation(scenes[:2], 0.0, "single", False, narrow)
     told = r"graphics adapter: it needs a buffer of 110,592 bytes, .* has at most 40,000"

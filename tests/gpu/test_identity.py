@@ -41,7 +41,7 @@ def swing():
 def rough_ball():
     scene = cs.scenes.paper_moving("ray", phase=0.15)
     ball = scene.spheres[0].replace(restitution=0.4, friction=0.3)
-    other = cs.Sphere((0.4, -0.55, 0.2), 0.15, cs.Linear((0, 0.1, 0)), "reflect", friction=0.2)
+    other = cs.Sphere((0.4, -0.55, 0.2), 0.15, cs.Linear((0, 0.1, 0)), "reflect", friction=0.2, offset="edge")
     return scene.replace(spheres=(ball, other))
 
 

@@ -16,7 +16,9 @@ def arrays(stepper):
 
 def far_scene(crumpled, offset=FAR, **options):
     """A crumpled sheet, and a sphere in it, as far away as `offset` says."""
-    ball = cs.Sphere(tuple(np.array([0.6, -0.2, 0.4]) + offset), 0.25, cs.Linear((0, 0.5, 0.1)))
+    ball = cs.Sphere(
+        tuple(np.array([0.6, -0.2, 0.4]) + offset), 0.25, cs.Linear((0, 0.5, 0.1)), response="ray", offset="edge"
+    )
     state = crumpled(spheres=ball, **options)
     return state.scene, state.x + offset, state.v, state.dt
 

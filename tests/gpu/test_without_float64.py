@@ -30,7 +30,7 @@ def test_double_is_refused(narrow):
 
 @pytest.mark.parametrize("offset", ["none", "edge", "face"])
 def test_the_response_continuous_is_refused(offset, narrow):
-    far = cs.Sphere((9.0, 9.0, 9.0), 0.1)
+    far = cs.Sphere((9.0, 9.0, 9.0), 0.1, response="ray", offset="edge")
     spheres = far, far.replace(response="continuous", offset=offset)
     told = r"^response of spheres\[1\] must be 'reflect' or 'ray' on .*, got 'continuous'$"
     with pytest.raises(ValueError, match=told) as raised:
@@ -67,7 +67,7 @@ def test_the_papers_scene_follows_the_core_from_before_contact_into_it(response)
 
 
 def test_a_batch_of_different_scenes_has_the_bits_of_its_members(crumpled, same_bits):
-    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1)
+    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
     states = [crumpled(seed=k, spheres=(ball.replace(radius=0.2 + 0.03 * k),)) for k in range(3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
@@ -86,7 +86,9 @@ def test_a_response_errs_by_units_in_the_last_place(narrow, response):
     shape = (40, 50)
     rng = np.random.default_rng(5)
     cloth = cs.Cloth(shape, stiffness=0.0, damping=0.0, pins=())
-    ball = cs.Sphere((1.1, -2.3, 3.7), 0.25, cs.Linear((0.3, 0.1, 0.2)), response, friction=0.2)
+    ball = cs.Sphere(
+        (1.1, -2.3, 3.7), 0.25, cs.Linear((0.3, 0.1, 0.2)), response, friction=0.2, offset="edge", restitution=1.0
+    )
     scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
     direction = rng.normal(size=(*shape, 3))
     direction /= np.linalg.norm(direction, axis=-1)[..., None]

@@ -159,15 +159,15 @@ def test_the_time_of_a_step_is_measured_on_a_copy(monkeypatch, cost):
     [
         lambda masked, scene: cs.energy(scene, masked, scene.initial_velocity),
         lambda masked, scene: cs.largest_stretch(scene, masked),
-        lambda masked, scene: cs.penetration(masked, cs.Sphere()),
+        lambda masked, scene: cs.penetration(masked, cs.Sphere(response="ray", offset="edge")),
         lambda masked, scene: cs.max_stable_dt(scene, x=masked),
         lambda masked, scene: cs.step(scene, masked, scene.initial_velocity, 1e-3),
         lambda masked, scene: cs.Stepper([scene, scene], [masked, masked]),
         lambda masked, scene: cs.Scene(scene.cloth, position=masked),
         lambda masked, scene: cs.Cloth((3, 3), mass=masked[..., 0]),
         lambda masked, scene: cs.Cloth((3, 3), pins=masked[..., 0] > 0),
-        lambda masked, scene: cs.Sphere(center=masked[0, 0]),
-        lambda masked, scene: cs.Sphere().center_at(masked[0, 0]),
+        lambda masked, scene: cs.Sphere(center=masked[0, 0], response="ray", offset="edge"),
+        lambda masked, scene: cs.Sphere(response="ray", offset="edge").center_at(masked[0, 0]),
         lambda masked, scene: cs.sweep(scene, {"stiffness": masked[0, :, 0]}, duration=1e-3),
     ],
 )
@@ -191,7 +191,7 @@ def test_a_measure_that_overflows_or_is_told_of_nan_names_the_point():
     for call in (
         lambda: cs.energy(scene, x, v),
         lambda: cs.largest_stretch(scene, x),
-        lambda: cs.penetration(x, cs.Sphere()),
+        lambda: cs.penetration(x, cs.Sphere(response="ray", offset="edge")),
     ):
         with pytest.raises(ValueError, match=r"nan at index \(2, 3, 1\), mass point \(2, 3\)"):
             call()

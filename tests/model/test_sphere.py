@@ -22,7 +22,7 @@ def eq_13(rest_length, radius):
 @pytest.mark.parametrize("columns", [2, 32, 1_000, 1_000_000])
 def test_edge_offset_is_eq_13_to_the_last_digits(columns):
     cloth = Cloth(shape=(2, columns), size=(1e-9, 1.0), pins=())
-    sphere = Sphere(radius=0.25)
+    sphere = Sphere(radius=0.25, offset="edge")
     exact = eq_13(cloth.spacing[1], 0.25)
     # At a million columns the subtraction of eq 13 as printed would keep no digit at all.
     assert sphere.offset_length(cloth) == pytest.approx(exact, rel=1e-15, abs=0)
@@ -33,13 +33,13 @@ def test_edge_offset_takes_the_longest_structural_rest_length():
     for size in [(3.0, 1.0), (1.0, 3.0)]:
         for springs in [("structural",), ("shear",), ()]:
             cloth = Cloth(shape=(2, 2), size=size, springs=springs)
-            assert Sphere(radius=2.0).contact_radius(cloth) == pytest.approx(2.5, rel=1e-15, abs=0)
+            assert Sphere(radius=2.0, offset="edge").contact_radius(cloth) == pytest.approx(2.5, rel=1e-15, abs=0)
     chain = Cloth(shape=(3, 1), size=(6.0, 99.0), pins=())
-    assert Sphere(radius=2.0).contact_radius(chain) == pytest.approx(2.5, rel=1e-15, abs=0)
+    assert Sphere(radius=2.0, offset="edge").contact_radius(chain) == pytest.approx(2.5, rel=1e-15, abs=0)
 
 
 def test_the_middle_of_an_edge_touches_the_true_sphere():
-    cloth, sphere = Cloth(), Sphere()
+    cloth, sphere = Cloth(), Sphere(offset="edge")
     half = cloth.spacing[0] / 2
     height = np.sqrt(sphere.contact_radius(cloth) ** 2 - half**2)
     assert height == pytest.approx(sphere.radius, rel=1e-15, abs=0)
@@ -66,7 +66,7 @@ def test_center_and_velocity():
 
 VARIANTS = [
     {},
-    {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "as_printed": True},
+    {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "response": "ray", "as_printed": True},
     {"motion": Reciprocate((1, 0, 0)), "response": "reflect", "offset": "none"},
     {"motion": Keyframes([0, 1], np.eye(2, 3)), "restitution": 0.5, "friction": 0.3},
 ]
@@ -92,8 +92,8 @@ REFUSED = [
     ({"motion": (1, 0, 0)}, TypeError, "motion must be None, a Linear"),
     ({"response": "bounce"}, ValueError, "'reflect', 'ray', 'continuous', got 'bounce'"),
     ({"response": None}, TypeError, "response must be one of"),
-    ({"offset": "cell"}, ValueError, "offset.*'none', 'edge', 'face'.*length.*got 'cell'"),
-    ({"offset": "face"}, ValueError, "offset 'face' needs response 'continuous', got 'ray'"),
+    ({"offset": "cells"}, ValueError, "offset.*'none', 'edge', 'cell', 'face'.*length.*got 'cells'"),
+    ({"offset": "face", "response": "ray"}, ValueError, "offset 'face' needs response 'continuous', got 'ray'"),
     ({"offset": -0.1}, ValueError, "offset.*>= 0, got -0.1"),
     ({"offset": NAN}, ValueError, "offset.*nan"),
     ({"offset": None}, TypeError, "offset"),

@@ -238,7 +238,7 @@ def test_inputs_are_never_changed(variant, crumpled, same_bits):
         cs.Stepper(scene, *given, **variant.options).advance(5, dt)
         cs.energy(scene, *given)
         cs.reference_step(scene, *given, dt)
-        cs.penetration(given[0], cs.Sphere())
+        cs.penetration(given[0], cs.Sphere(response="ray", offset="edge"))
         assert same_bits(given, kept)
 
 
@@ -320,11 +320,11 @@ def test_cloths(change, error, name):
 )
 def test_penetration(x, error):
     with pytest.raises(error, match="x must be"):
-        cs.penetration(x, cs.Sphere())
+        cs.penetration(x, cs.Sphere(response="ray", offset="edge"))
     with pytest.raises(TypeError, match="sphere must be"):
         cs.penetration(X, None)
     with pytest.raises(ValueError, match="t must be"):
-        cs.penetration(X, cs.Sphere(), t=math.inf)
+        cs.penetration(X, cs.Sphere(response="ray", offset="edge"), t=math.inf)
 
 
 def test_measures():
@@ -382,8 +382,8 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 
 
 def test_spheres_have_an_order():
-    sphere = cs.Sphere()
-    for spheres in ({sphere, cs.Sphere(radius=0.1)}, {sphere: 1}):
+    sphere = cs.Sphere(response="ray", offset="edge")
+    for spheres in ({sphere, cs.Sphere(radius=0.1, response="ray", offset="edge")}, {sphere: 1}):
         with pytest.raises(TypeError, match="^spheres must be a Sphere or a sequence"):
             cs.Scene(SCENE.cloth, spheres)
     assert cs.Scene(SCENE.cloth, (one for one in [sphere])).spheres == (sphere,)

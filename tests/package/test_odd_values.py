@@ -11,8 +11,10 @@ import clothsim as cs
 import numpy as np
 import pytest
 
-SCENE = cs.Scene(cs.Cloth((2, 3), mass=6.0, stiffness=100.0, damping=0.1), cs.Sphere((0.5, -9, 0.5)))
-MOVING = cs.Scene(SCENE.cloth, cs.Sphere((0.5, -9, 0.5), motion=cs.Linear((0, 1, 0))))
+SCENE = cs.Scene(
+    cs.Cloth((2, 3), mass=6.0, stiffness=100.0, damping=0.1), cs.Sphere((0.5, -9, 0.5), response="ray", offset="edge")
+)
+MOVING = cs.Scene(SCENE.cloth, cs.Sphere((0.5, -9, 0.5), motion=cs.Linear((0, 1, 0)), response="ray", offset="edge"))
 X, V = SCENE.initial_position, SCENE.initial_velocity
 RUN = cs.simulate(SCENE, 0.02, dt=0.01)
 STEPPER = cs.Stepper(SCENE)

@@ -15,7 +15,7 @@ def free_cloth(shape=(16, 16)):
 @pytest.mark.parametrize("integrator", ADAPTIVE)
 def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
     """A sphere through a free cloth: what it meets leaves at twice its speed, at whatever tolerance."""
-    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset)
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset, restitution=1.0)
     scene = cs.Scene(free_cloth(), sphere, gravity=(0.0, 0.0, 0.0))
     run = cs.simulate(scene, 0.02, rtol=1e-2, integrator=integrator, every=1e-3)
     small = cs.simulate(scene, 0.02, dt=1e-5)
@@ -38,7 +38,7 @@ def test_a_grazing_contact_within_a_step_is_answered(integrator):
     step alone would not see it."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     radius, depth, speed = 0.5, 2e-4, 10.0
-    sphere = cs.Sphere((0.0, 0.0, 0.0), radius, response="continuous", offset="none")
+    sphere = cs.Sphere((0.0, 0.0, 0.0), radius, response="continuous", offset="none", restitution=1.0)
     position = np.array([[[-1.0, radius - depth, 0.0], [-1.0, 5.0, 0.0]]])
     velocity = np.array([[[speed, 0.0, 0.0], [speed, 0.0, 0.0]]])
     scene = cs.Scene(cloth, sphere, (0.0, 0.0, 0.0), position, velocity)
@@ -50,7 +50,7 @@ def test_a_grazing_contact_within_a_step_is_answered(integrator):
 
 def test_a_point_bounces_as_it_does_at_fixed_steps():
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
-    sphere = cs.Sphere((0.0, 0.0, 0.0), 0.5, response="continuous", offset="none")
+    sphere = cs.Sphere((0.0, 0.0, 0.0), 0.5, response="continuous", offset="none", restitution=1.0)
     position = np.array([[[0.0, 1.0, 0.0], [1.0, 5.0, 0.0]]])
     scene = cs.Scene(cloth, sphere, position=position)
     run = cs.simulate(scene, 0.6, rtol=1e-6, integrator="dop853")
@@ -79,7 +79,9 @@ def test_a_point_trapped_is_an_error_at_the_step_before():
     """Six spheres close around it from all sides."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
-    spheres = [cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none") for d in directions]
+    spheres = [
+        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none", restitution=1.0) for d in directions
+    ]
     position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
     scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)
     with pytest.raises(cs.ContactError) as caught:
@@ -91,6 +93,6 @@ def test_a_point_trapped_is_an_error_at_the_step_before():
 
 def test_a_pinned_point_in_the_way_is_warned_of():
     cloth = cs.Cloth((4, 4), mass=16.0, stiffness=100.0, damping=1.0)
-    sphere = cs.Sphere((0.0, -1.0, 0.0), 0.2, cs.Linear((0.0, 5.0, 0.0)), "continuous", "none")
+    sphere = cs.Sphere((0.0, -1.0, 0.0), 0.2, cs.Linear((0.0, 5.0, 0.0)), "continuous", "none", restitution=1.0)
     with pytest.warns(cs.ContactWarning, match="run into the pinned mass point"):
         cs.simulate(cs.Scene(cloth, sphere), 0.2, rtol=1e-3, integrator="dop853")

@@ -46,7 +46,7 @@ def test_times_at_the_ends_are_not_stored_twice():
 @pytest.mark.parametrize("response", ["ray", "continuous"])
 def test_frames_that_are_rounding_apart_end(response):
     """The clock cannot step between them."""
-    scene = SMALL.replace(spheres=cs.Sphere((0.5, -0.5, 0.5), 0.2, response=response))
+    scene = SMALL.replace(spheres=cs.Sphere((0.5, -0.5, 0.5), 0.2, response=response, offset="edge", restitution=1.0))
     times = [0.1, np.nextafter(0.1, 1.0), 0.1 + 1e-14]
     run = cs.simulate(scene, 0.2, rtol=1e-3, integrator="dopri5", times=times)
     assert run.t.tolist() == [0.0, *times, 0.2]
@@ -130,7 +130,7 @@ def test_a_run_starts_at_its_time(options):
     """With the sphere's motion shifted by the same time it is the run from 0."""
     start, duration = 0.375, 0.25
     x = SCENE.initial_position
-    ball = cs.Sphere(motion=cs.Linear((0.0, 2.0, 0.0)), center=(0.5, -0.55, 0.5), radius=0.25)
+    ball = cs.Sphere(motion=cs.Linear((0.0, 2.0, 0.0)), center=(0.5, -0.55, 0.5), radius=0.25, response="ray", offset="edge")
     early = SCENE.replace(spheres=ball)
     late = SCENE.replace(spheres=ball.replace(center=tuple(ball.center - start * np.array([0, 2, 0]))))
     one = cs.simulate(early, duration, every=0.05, **options)
@@ -297,7 +297,9 @@ def test_an_unstable_run_is_handed_over():
 def test_a_run_that_ends_between_spheres_is_handed_over():
     """Six spheres close around a point from all sides."""
     directions = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
-    spheres = [cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none") for d in directions]
+    spheres = [
+        cs.Sphere(tuple(4.1 * d), 4.0, cs.Linear(tuple(-d)), "continuous", "none", restitution=1.0) for d in directions
+    ]
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
     position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
     scene = cs.Scene(cloth, spheres, (0.0, 0.0, 0.0), position)

@@ -25,7 +25,7 @@ def run():
 
 def test_penetration_at_the_times_of_a_batch():
     """The level sheet is below the top of the sphere by as much as the sphere has risen."""
-    sphere = cs.Sphere((0.5, -1.0, 0.5), 1.0, cs.Linear((0.0, 0.5, 0.0)))
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 1.0, cs.Linear((0.0, 0.5, 0.0)), response="ray", offset="edge")
     cloth = cs.Cloth((5, 5))
     times = np.array([0.0, 0.1, 0.4])
     x = np.stack([cloth.rest_positions] * 3)

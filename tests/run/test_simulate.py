@@ -147,7 +147,7 @@ def test_save_and_load(tmp_path, same_bits):
 
 def test_a_run_of_a_scene_with_everything_survives_the_file(tmp_path, crumpled):
     motion = cs.Keyframes([0.0, 1.0], [(0, 0, 0), (1, 0, 0)])
-    scene, x, v, dt = crumpled(spheres=cs.Sphere(radius=0.01, motion=motion, offset=0.002))
+    scene, x, v, dt = crumpled(spheres=cs.Sphere(radius=0.01, motion=motion, offset=0.002, response="ray"))
     run = cs.simulate(scene.replace(position=x, velocity=v), 3.5 * dt, dt=dt)
     assert cs.load_run(run.save(tmp_path / "run")).scene == run.scene
 

@@ -12,7 +12,9 @@ PAST = cs.Linear((0.3, 2.0, 0.1))  # through the cloth, over its pinned point
 
 
 def ball(**changes):
-    return cs.Sphere(**{"center": (0.5, -0.35, 0.5), "radius": 0.2, "response": "ray", **changes})
+    return cs.Sphere(
+        **{"center": (0.5, -0.35, 0.5), "radius": 0.2, "response": "ray", "offset": "edge", "restitution": 1.0, **changes}
+    )
 
 
 SCENES = {

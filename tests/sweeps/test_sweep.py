@@ -10,7 +10,10 @@ from clothsim.sweeps.task import Batch
 xarray = pytest.importorskip("xarray")
 
 SMALL = cs.scenes.hanging(shape=(6, 7), springs=("structural", "shear"))
-BALL = cs.Scene(cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2), cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5))
+BALL = cs.Scene(
+    cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2),
+    cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5, response="ray", offset="edge"),
+)
 
 
 def sweep(*args, **options):
@@ -25,7 +28,7 @@ def member(scene, dt, duration=0.2, index=0, **numerics):
 
 
 def test_members_have_the_bits_of_simulate(crumpled):
-    scene = crumpled(shape=(5, 9)).scene.replace(spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15))
+    scene = crumpled(shape=(5, 9)).scene.replace(spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15, response="ray", offset="edge"))
     over = {"damping_shear": [0.1, 0.5], "precision": ["single", "double"], "dt": [7e-4, 1e-3], "kernel": ["edge", "gather"]}
     result = sweep(scene, over, duration=0.1, every=0.033, frames=True, metrics=["stable", "largest_stretch", "penetration"])
     assert result.stable.all() and result.sizes["time"] == 5
@@ -90,7 +93,9 @@ def test_a_point_that_spheres_trapped_harms_its_member_alone():
     def scene(speed):
         """Six large spheres close on a mass point from all sides."""
         sides = np.vstack([np.eye(3), -np.eye(3)])
-        spheres = tuple(cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none") for side in sides)
+        spheres = tuple(
+            cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none", restitution=1.0) for side in sides
+        )
         position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
         cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
         return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)

@@ -6,7 +6,10 @@ import pytest
 
 xarray = pytest.importorskip("xarray")
 
-BALL = cs.Scene(cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2), cs.Sphere((0.5, -0.1, 0.5), 0.08))
+BALL = cs.Scene(
+    cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2),
+    cs.Sphere((0.5, -0.1, 0.5), 0.08, response="ray", offset="edge"),
+)
 
 
 def sweep(over, **options):

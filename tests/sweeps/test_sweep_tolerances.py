@@ -9,7 +9,10 @@ pytest.importorskip("xarray")
 
 SCENE = cs.scenes.hanging(shape=(6, 7))
 UNDAMPED = cs.Scene(cs.Cloth((5, 5), mass=1.0, stiffness=200.0, damping=0.0))
-BALL = cs.Scene(cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2), cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5))
+BALL = cs.Scene(
+    cs.Cloth((7, 7), mass=1.0, stiffness=200.0, damping=0.2),
+    cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5, response="ray", offset="edge"),
+)
 WATCHED = ["largest_stretch", "penetration", "first_contact"]
 
 

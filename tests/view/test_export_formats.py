@@ -17,8 +17,8 @@ SINGLE = 2.0**-23  # relative rounding of float32, and a little more
 @pytest.fixture(scope="module")
 def run():
     cloth = cs.Cloth(shape=(5, 7), size=(0.8, 1.2), mass=1.0, stiffness=100.0, damping=0.1)
-    moving = cs.Sphere((0.5, -0.3, 0.4), 0.2, motion=cs.Linear((1.0, 0.5, -0.25)))
-    resting = cs.Sphere((0.2, -0.06, 0.2), 0.1)  # around a mass point at first
+    moving = cs.Sphere((0.5, -0.3, 0.4), 0.2, response="ray", offset="edge", motion=cs.Linear((1.0, 0.5, -0.25)))
+    resting = cs.Sphere((0.2, -0.06, 0.2), 0.1, response="ray", offset="edge")  # around a mass point at first
     return cs.simulate(cs.Scene(cloth, [moving, resting]), 0.2, dt=1e-3, every=0.02)
 
 

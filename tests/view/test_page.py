@@ -222,7 +222,7 @@ def test_playback_follows_the_clock(alone, opened, speed):
 def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path, opened):
     """The page's own drawing against geometry: a sphere that rises through a level cloth."""
     cloth = cs.Cloth(pins=())
-    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.25, 0.5), 0.25, cs.Linear((0.0, 1.0, 0.0))))
+    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.25, 0.5), 0.25, cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge"))
     t = np.array([0.0, 0.002, 0.02])
     x = np.broadcast_to(cloth.rest_positions, (3, 32, 32, 3)).copy()
     page = opened(Run(scene, t, x, np.zeros_like(x), {}).to_html(tmp_path / "cut.html"))

@@ -9,7 +9,9 @@ from clothsim.viewing.playground import DRAG_SPEED, Playground
 def level(**sphere):
     """A level cloth without weight, and a sphere below its middle."""
     cloth = cs.Cloth((9, 9), mass=1.0, stiffness=200.0, damping=0.2)
-    return cs.Scene(cloth, cs.Sphere((0.5, -0.5, 0.5), 0.2, **sphere), gravity=(0, 0, 0))
+    return cs.Scene(
+        cloth, cs.Sphere((0.5, -0.5, 0.5), 0.2, **{"response": "ray", "offset": "edge", **sphere}), gravity=(0, 0, 0)
+    )
 
 
 def run_for(playground, seconds, tick=0.02):

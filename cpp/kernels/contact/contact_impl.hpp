@@ -30,7 +30,7 @@ struct SphereNear {
     V center[3], way[3], radius2;
 
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        double size = s.surface;
+        double size = s.reach;
         for (int k = 0; k < 3; ++k) {
             const double gone = s.end[k] - s.start[k];
             center[k] = V(Real(s.end[k]));
@@ -38,7 +38,7 @@ struct SphereNear {
             size += __builtin_fabs(s.end[k]) + __builtin_fabs(gone);
         }
         const double rounding = 16 * size * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
-        const double radius = s.surface + rounding;
+        const double radius = s.reach + rounding;
         radius2 = V(Real((1 + near_margin) * radius * radius * (1 + 1e-6)));
     }
     CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
@@ -69,11 +69,12 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `answered`; the lanes
-// that are left over.
+// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `responded_lanes`;
+// the lanes that are left over. `radii2`: rho^2 of the points, null without cells.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
-                                                       std::uint64_t lanes, std::uint64_t& responded_lanes) {
+                                                       std::uint64_t lanes, const Real* radii2,
+                                                       std::uint64_t& responded_lanes) {
     using D = xsimd::batch<double, Arch>;
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
@@ -92,7 +93,11 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
             x[k] = Memory::read(state + k * g.component, g.compensation);
             v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
         });
-        const VectorResponse<D> m = respond(a.spheres[0], x0, v0, x, v);
+        const SweptSphere& s = a.spheres[0];
+        const Surface<D> surface = radii2
+            ? cell_surface<Real>(s, Memory::batch(Memory::widen(Memory::load(radii2 + l))))
+            : surface_of<D>(s);
+        const VectorResponse<D> m = respond(s, surface, x0, v0, x, v);
         const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
         unresolved |= std::uint64_t((asked & (m.in_the_air | (m.responded & !moves))).mask()) << l;
         const auto responded = asked & m.responded & moves;
@@ -117,7 +122,7 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
         const int count = a.sphere_count - first < most ? a.sphere_count - first : most;
         SphereNear<V, Real> spheres[most];
         for (int s = 0; s < count; ++s) spheres[s].prepare(a.spheres[first + s]);
-        OnSphere<Arch, Real> resting;
+        OnSphere<Arch, Real, false> resting;
         if constexpr (arithmetic == Arithmetic::fused) resting.prepare(a.spheres[0]);
         for (int row = begin; row < end; ++row)
             for (int vector = 0; vector < g.vectors; ++vector) {
@@ -130,10 +135,12 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 std::uint64_t unresolved = near.mask(), responded = 0;
                 if (unresolved && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
-                        unresolved = resting.respond(g, a.state + at, a.before + at, near,
-                                                     lanes_of<Lanes<Real, Arch>>(a.free[index]), responded);
+                        unresolved =
+                            resting.respond(g, a.state + at, a.before + at, near,
+                                            lanes_of<Lanes<Real, Arch>>(a.free[index]), nullptr, responded);
                     if (unresolved)
-                        unresolved = respond_vector<Arch, Real, W>(a, row, vector, unresolved, responded);
+                        unresolved =
+                            respond_vector<Arch, Real, W>(a, row, vector, unresolved, nullptr, responded);
                 }
                 if (unresolved) a.unresolved(a.context, row, vector, unresolved);
                 std::uint8_t& open = a.open[index];

@@ -1,14 +1,26 @@
 // CMake compiles this file for each instruction set.
 #include "kernels/contact/contact_kernels.hpp"
 
-#include "kernels/contact/contact_impl.hpp"
+#include "kernels/contact/cell_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
 
 namespace clothsim {
+namespace {
+
+template <class Real>
+constexpr CellKernels<Real> cell_kernels{
+    &near_points<ThisArch, Real>, &cell_radii<ThisArch, Real>, &cell_rows<ThisArch, Real, Arithmetic::fused>,
+    &cell_rows<ThisArch, Real, Arithmetic::strict>, &raise_rows<ThisArch, Real>};
+
+}  // namespace
 
 template <>
 constinit const ContactKernels ContactKernelsOf<this_instruction_set>::kernels{
-    &contact_rows<ThisArch, float, Arithmetic::fused>, &contact_rows<ThisArch, float, Arithmetic::strict>,
-    &contact_rows<ThisArch, double, Arithmetic::fused>, &contact_rows<ThisArch, double, Arithmetic::strict>};
+    &contact_rows<ThisArch, float, Arithmetic::fused>,
+    &contact_rows<ThisArch, float, Arithmetic::strict>,
+    &contact_rows<ThisArch, double, Arithmetic::fused>,
+    &contact_rows<ThisArch, double, Arithmetic::strict>,
+    cell_kernels<float>,
+    cell_kernels<double>};
 
 }  // namespace clothsim

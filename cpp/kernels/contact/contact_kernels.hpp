@@ -1,7 +1,7 @@
 // The kernels of continuous contact, of one instruction set.
 #pragma once
 
-#include "kernels/contact/contact_arguments.hpp"
+#include "kernels/contact/cell_arguments.hpp"
 #include "kernels/instruction_set.hpp"
 
 namespace clothsim {
@@ -10,9 +10,27 @@ namespace clothsim {
 template <class Real>
 using ContactKernel = void (*)(const ContactArguments<Real>&, int begin, int end);
 
+// The passes of offset "cell", in the order in which a step takes them; each of the rows [begin, end).
+template <class Real>
+struct CellKernels {
+    using Rows = void (*)(const CellArguments<Real>&, int begin, int end);
+    Rows near;  // which points may touch a sphere
+    void (*radii)(const CellArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
+    Rows respond, respond_strict;
+    Rows raise;  // moves points outwards where rho has grown
+};
+
 struct ContactKernels {
     ContactKernel<float> single, strict_single;
     ContactKernel<double> double_, strict_double;
+    CellKernels<float> cells_single;
+    CellKernels<double> cells_double;
+
+    template <class Real>
+    const CellKernels<Real>& cells() const {
+        if constexpr (sizeof(Real) == 4) return cells_single;
+        else return cells_double;
+    }
 
     template <class Real>
     ContactKernel<Real> of(bool strict) const {

@@ -22,7 +22,7 @@
 namespace clothsim {
 namespace {
 
-template <class Arch, class Real>
+template <class Arch, class Real, bool cells>
 class OnSphere {
     using V = Lanes<Real, Arch>;
     using Mask = xsimd::batch_bool<Real, Arch>;
@@ -41,6 +41,7 @@ class OnSphere {
 
 public:
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
+        sphere_ = &s;
         const double surface2 = s.surface * s.surface, low = s.surface - s.slop / 4,
                      high = s.surface + s.slop / 4;
         for (int k = 0; k < 3; ++k) {
@@ -54,6 +55,12 @@ public:
         highest2_ = D(high * high);
         clear2_ = D(high * high * (1 + 0x1p-44));
         short2_ = D(surface2 / 256);
+        if constexpr (cells) {
+            constexpr double top = 1 + cell_band<Real>, held = 1 + cell_band<Real> / 2;
+            top2_ = D(top * top);
+            held2_ = D(held * held);
+            highest2_ = D(top * top * (1 + s.slop / (2 * s.surface)));
+        }
         inverse_surface2_ = V(Real(1 / surface2));
         half_inverse_surface_ = V(Real(0.5 / s.surface));
         inverse_dt_ = V(Real(1 / s.dt));
@@ -64,13 +71,13 @@ public:
     }
 
     // Responses those of the lanes `near` that are such points, and adds them to `answered`; of the others,
-    // those that have to be looked at.
+    // those that have to be inspected. `radii2`: rho^2 of the points, for offset "cell".
     CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
-                                          const Mask& near, const Mask& moves,
+                                          const Mask& near, const Mask& moves, const Real* radii2,
                                           std::uint64_t& responded) const {
-        alignas(64)
-            Real pq[V::size];  // in double down to here: its sign and size hang on digits that Real lacks
-        const Decision decided = decide(g, state, before, pq);
+        // In double down to here: their signs and sizes hang on digits that Real lacks.
+        alignas(64) Real pq[V::size], raised[V::size];
+        const Decision decided = decide(g, state, before, radii2, pq, raised);
         Mask touches = near & moves & lanes_of<V>(decided.touching);
         const std::uint64_t unresolved = near.mask() & ~(touches.mask() | decided.clear);
         if (xsimd::none(touches)) return unresolved;
@@ -88,8 +95,10 @@ public:
                 q[k] += load(x1 + g.compensation) - rest - way_[k].rest;
             }
         });
-        // 1 / |p|, as |p| is the surface but for rounding: a Newton step.
-        const V inverse = half_inverse_surface_ * xsimd::fnma(inner(p, p), inverse_surface2_, V(Real(3)));
+        // 1 / |p|. Without cells |p| is the surface but for rounding, so that a Newton step is enough.
+        V inverse;
+        if constexpr (cells) inverse = scaled_reciprocal_root(inner(p, p)) * V(1 / root_scale<Real, Arch>());
+        else inverse = half_inverse_surface_ * xsimd::fnma(inner(p, p), inverse_surface2_, V(Real(3)));
         const V normal_way = V::load_aligned(pq) * inverse;
         V n[3], u[3];
         each<3>([&](auto k) __attribute__((always_inline)) {
@@ -129,8 +138,10 @@ public:
         }
         // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding
         // counts.
-        const V kept = one - lost, normal_change = kept * normal_way,
-                normal_gain = xsimd::fnma(kept, speed, leaving);
+        const V kept = one - lost, normal_gain = xsimd::fnma(kept, speed, leaving);
+        V normal_change = kept * normal_way;
+        if constexpr (cells)  // a radius that has grown moves points and gives no velocity
+            normal_change = xsimd::fnma(V::load_aligned(raised) * V(Real(0.5)), inverse, normal_change);
         each<3>([&](auto k) __attribute__((always_inline)) {
             add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
             add(g, state + (k + 3) * g.component, xsimd::fnma(lost, u[k], normal_gain * n[k]), touches);
@@ -146,7 +157,8 @@ private:
         std::uint64_t touching, clear;
     };
     CLOTHSIM_INLINE Decision decide(const VectorGeometry& g, const Real* state, const Real* before,
-                                    Real* pq) const {
+                                    [[maybe_unused]] const Real* radii2, Real* pq,
+                                    [[maybe_unused]] Real* raised) const {
         const D zero(0.0);
         Decision decided{0, 0};
         each<int(V::size) / Memory::N>([&](auto part) __attribute__((always_inline)) {
@@ -160,10 +172,20 @@ private:
             });
             const D start2 = inner(p, p), b = inner(p, q), a = inner(q, q);
             Memory::store(pq + l, Memory::narrow(Memory::doubles(b)));
-            const auto outside = start2 >= lowest2_, inwards = b < zero, brief = a < short2_;
-            const auto touching = outside & (start2 <= highest2_) & inwards & brief;
+            D lowest2 = lowest2_, highest2 = highest2_, clear2 = clear2_;
+            if constexpr (cells) {
+                lowest2 =
+                    least_distance2<Real>(*sphere_, Memory::batch(Memory::widen(Memory::load(radii2 + l))));
+                const D top2 = lowest2 * top2_;
+                highest2 = lowest2 * highest2_;
+                clear2 = highest2 * D(1 + 0x1p-44);
+                const D below = xsimd::select(start2 < lowest2 * held2_, top2 - start2, zero);
+                Memory::store(raised + l, Memory::narrow(Memory::doubles(below)));
+            }
+            const auto outside = start2 >= lowest2, inwards = b < zero, brief = a < short2_;
+            const auto touching = outside & (start2 <= highest2) & inwards & brief;
             // Still approaching when the step ends, well outside.
-            const auto falls_short = brief & (a + b < zero) & (start2 + (b + b + a) > clear2_);
+            const auto falls_short = brief & (a + b < zero) & (start2 + (b + b + a) > clear2);
             decided.touching |= std::uint64_t(touching.mask()) << l;
             decided.clear |= std::uint64_t((outside & (falls_short | !inwards)).mask()) << l;
         });
@@ -188,8 +210,9 @@ private:
         }
     }
 
+    const SweptSphere* sphere_ = nullptr;
     Split center_[3], way_[3], velocity_[3];
-    D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_;
+    D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_, top2_, held2_;
     V inverse_surface2_, half_inverse_surface_, inverse_dt_, restitution_, friction_;
     bool bounces_, rough_;
 };

@@ -35,6 +35,8 @@ struct SweptSphere {
     double radius;  // below it a point is inside: the contact radius [m]
     double surface;  // on to which points are put, a few rounding errors further out [m]
     double slop;  // surface - radius
+    double reach;  // no point keeps a larger distance [m]
+    bool cells;  // each point keeps sqrt(surface^2 + rho^2), see CellBand
     double restitution, friction;
     double push;  // how far a point that was inside is pushed outwards in a step, at most [m]
     double dt;
@@ -79,6 +81,47 @@ CLOTHSIM_LANE D dot3(const D a[3], const D b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+// Distances from the centre at which a point responds.
+template <class D>
+struct Surface {
+    D top;  // on to which it is put [m]
+    D innermost;  // it was inside if it began below [m]
+    D lowest;  // if it ends below without contact, it is put on top [m]
+    D held;  // the same after a contact [m]
+};
+
+template <class D>
+CLOTHSIM_LANE Surface<D> surface_of(const SweptSphere& s) {
+    return {D(s.surface), D(s.surface - 2 * s.slop), D(s.surface - s.slop / 2), D(s.surface)};
+}
+
+// Offset "cell": a point keeps at least sqrt(surface^2 + rho^2), rho at most the surface. It is put on the
+// top of a band over this distance and may lie anywhere within, so that rho can change a little without a
+// second round of responses. The band is a part of the distance. With half of it a violent impact takes more
+// rounds, with twice as much points stand off farther by another millionth.
+struct CellBand {
+    static constexpr double part = 1e-6;
+    // In single, where a quarter of the band has to be told apart.
+    static constexpr double part_in_single = 8e-6;
+    // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
+    static constexpr double rounding = 32;
+};
+template <class Real>
+inline constexpr double cell_band = sizeof(Real) == 4 ? CellBand::part_in_single : CellBand::part;
+template <class Real>
+inline constexpr double cell_rounding = 1 + CellBand::rounding * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
+
+template <class Real, class D>
+CLOTHSIM_LANE D least_distance2(const SweptSphere& s, const D& radius2) {
+    const D surface2(s.surface * s.surface), inflated = radius2 * D(cell_rounding<Real>);
+    return surface2 + pick<D>(inflated < surface2, inflated, surface2);
+}
+template <class Real, class D>
+CLOTHSIM_LANE Surface<D> cell_surface(const SweptSphere& s, const D& radius2) {
+    const D least = root(least_distance2<Real>(s, radius2));
+    return {least * D(1 + cell_band<Real>), least - D(s.slop), least, least * D(1 + cell_band<Real> / 2)};
+}
+
 // Where a point meets the sphere within a step.
 template <class D>
 struct Touch {
@@ -97,13 +140,12 @@ struct Touch {
 // p0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the
 // velocity. All relative to the sphere.
 template <class D>
-CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const D p0[3], const D q[3], const D v[3],
-                             const D gain[3]) {
+CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const Surface<D>& surface, const D p0[3], const D q[3],
+                             const D v[3], const D gain[3]) {
     Touch<D> r;
-    const D zero(0), one(1), surface2(s.surface * s.surface);
-    const double innermost = s.surface - 2 * s.slop;
+    const D zero(0), one(1), surface2 = surface.top * surface.top;
     const D start2 = dot3(p0, p0);
-    r.inside = start2 < D(innermost * innermost);
+    r.inside = start2 < surface.innermost * surface.innermost;
     const D a = dot3(q, q), b = dot3(p0, q);
     const D closest = pick<D>(a > zero, -b / a, zero);
     const D m[3] = {p0[0] + closest * q[0], p0[1] + closest * q[1], p0[2] + closest * q[2]};
@@ -174,8 +216,9 @@ CLOTHSIM_LANE MaskOf<D> lift(D p[3], const D& limit, const D& surface) {
 // A point that was inside: it goes outwards by no more than `push` a step unless it moves so itself, never
 // deeper, and its velocity is not directed inwards any more. Whether anything was done.
 template <class D>
-CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& start_distance, D p[3], D v[3]) {
-    const D zero(0), surface(s.surface), distance = root(dot3(p, p));
+CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& surface, const D& start_distance, D p[3],
+                                 D v[3]) {
+    const D zero(0), distance = root(dot3(p, p));
     const D aim = smaller(surface, larger(distance, start_distance + D(s.push)));
     const MaskOf<D> inside = distance<surface, away = distance> zero;
     D n[3];
@@ -197,7 +240,8 @@ struct VectorResponse {
 // The common case of a whole step for one point: x0, v0 before it, x, v after the free step, replaced by the
 // answer unless the point bounces off and flies.
 template <class D>
-CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const D x0[3], const D v0[3], D x[3], D v[3]) {
+CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const Surface<D>& surface, const D x0[3],
+                                        const D v0[3], D x[3], D v[3]) {
     D p0[3], p1[3], q[3], relative[3], gain[3];
     for (int k = 0; k < 3; ++k) {
         p0[k] = x0[k] - D(s.start[k]);
@@ -206,7 +250,7 @@ CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const D x0[3], con
         relative[k] = v[k] - D(s.velocity[k]);
         gain[k] = v[k] - v0[k];
     }
-    const Touch<D> t = touch(s, p0, q, relative, gain);
+    const Touch<D> t = touch(s, surface, p0, q, relative, gain);
     const MaskOf<D> in_the_air = flies(s, t);
 
     D p[3], u[3];
@@ -223,15 +267,15 @@ CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const D x0[3], con
             out[k] = p1[k];
             w[k] = relative[k];
         }
-        pushed = t.inside & push_out(s, root(dot3(p0, p0)), out, w);
+        pushed = t.inside & push_out(s, surface.top, root(dot3(p0, p0)), out, w);
         for (int k = 0; k < 3; ++k) {
             p[k] = pick<D>(pushed, out[k], p[k]);
             u[k] = pick<D>(pushed, w[k], u[k]);
         }
     }
     // Rounding: whoever was outside ends outside.
-    const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, D(s.surface), D(s.surface - s.slop / 2)));
-    const MaskOf<D> lifted = lift(p, limit, D(s.surface));
+    const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, surface.held, surface.lowest));
+    const MaskOf<D> lifted = lift(p, limit, surface.top);
     const MaskOf<D> responded = (t.hit | pushed | lifted) & !in_the_air;
     for (int k = 0; k < 3; ++k) {
         x[k] = pick<D>(responded, D(s.end[k]) + p[k], x[k]);

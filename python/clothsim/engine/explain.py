@@ -11,10 +11,11 @@ from ..base.table import aligned
 from ..methods.data import METHODS
 from ..methods.integration import Integrator, integrators
 from ..methods.limiting import limiting_term
-from ..model.cloth import FAMILIES
+from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
+from ..model.sphere import Sphere
 from .options import Options
-from .plan import core_plan, point_radius
+from .plan import core_plan, in_cells, point_radius
 
 # Floating-point operations, a root and a division counted as one each.
 _FLOPS_SPRING = 19
@@ -66,6 +67,12 @@ def _text(value: Any) -> str:
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}"
     return str(value)
+
+
+def _radius_text(sphere: Sphere, cloth: Cloth) -> str:
+    if in_cells(sphere):
+        return f"by cells, {sphere.contact_radius(cloth):.6g} m at rest"
+    return f"{point_radius(sphere, cloth):.6g} m{', triangles' if sphere.offset == 'face' else ''}"
 
 
 def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> dict[str, int]:
@@ -127,8 +134,7 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (as printed)' if s.as_printed else ''}, contact radius "
-                f"{point_radius(s, cloth):.6g} m{', triangles' if s.offset == 'face' else ''}"
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, contact radius {_radius_text(s, cloth)}"
                 for s in scene.spheres
             ),
             "integrator": integrator,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +13,7 @@ from .. import _core
 from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from ..methods.limiting import limiting_term
 from ..model.scene import Scene
+from .plan import in_cells
 
 
 class Judge:
@@ -41,7 +43,7 @@ class Judge:
 
     def forget_warnings(self) -> None:
         """Give each warning again. A flag that is set keeps its warning from the user."""
-        self.warned_of_dt = self.warned_of_growth = self.warned_of_pins = False
+        self.warned_of_dt = self.warned_of_growth = self.warned_of_pins = self.warned_of_cells = False
 
     def time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
@@ -58,6 +60,8 @@ class Judge:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
         if "pinned_inside" in outcome and not self.warned_of_pins:
             self._warn_of_pins(*outcome["pinned_inside"])
+        if "capped" in outcome and not self.warned_of_cells:
+            self._warn_of_cells(*outcome["capped"])
         if "grown" in outcome and not self.warned_of_growth:
             self._warn_of_growth(outcome["grown"], dt)
         if "point" in outcome:
@@ -78,6 +82,23 @@ class Judge:
             f"a sphere has run into the pinned mass point {divmod(point, self._scenes[member].cloth.columns)}"
             f"{f' of batch member {member}' if self._batched else ''}; a pinned point never "
             "moves, so it, and triangles at it, are inside while the sphere is there",
+            ContactWarning,
+        )
+
+    def _warn_of_cells(self, member: int, point: int) -> None:
+        self.warned_of_cells = True
+        cloth = self._scenes[member].cloth
+        spheres = [sphere for sphere in self._scenes[member].spheres if in_cells(sphere)]
+        least, half = min(sphere.radius for sphere in spheres), math.hypot(*cloth.spacing) / 2
+        needed = (
+            f"cells with a diagonal below {2 * least:.3g} m, where this cloth has {2 * half:.3g} m at rest"
+            if half >= least
+            else f"a stretch of its cells below {least / half:.3g}"
+        )
+        warn_caller(
+            f"a cell at the mass point {divmod(point, cloth.columns)}"
+            f"{f' of batch member {member}' if self._batched else ''} is larger than the sphere that it touches; "
+            f"offset 'cell' needs {needed}, and triangles there may be inside; offset 'face' keeps them out",
             ContactWarning,
         )
 

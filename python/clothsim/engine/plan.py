@@ -14,8 +14,15 @@ if TYPE_CHECKING:
 
 
 def point_radius(sphere: Sphere, cloth: Any) -> float:
-    """Contact radius of mass points. With offset "face" it is the true radius, because triangles are tested apart."""
-    return sphere.radius if sphere.offset == "face" else sphere.contact_radius(cloth)
+    """Contact radius of mass points that is equal for all; "cell" adds to it in each step, "face" tests triangles."""
+    if sphere.offset == "face" or in_cells(sphere):
+        return sphere.radius
+    return sphere.contact_radius(cloth)
+
+
+def in_cells(sphere: Sphere) -> bool:
+    """Whether each mass point has a contact radius of its own, by its cells as they are."""
+    return sphere.offset == "cell" and sphere.response == "continuous"
 
 
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
@@ -36,6 +43,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
                 friction=sphere.friction,
                 motion=core_motion(sphere.motion),
                 faces=sphere.offset == "face",
+                cells=in_cells(sphere),
                 push_out_speed=sphere.push_out_speed,
             )
             for sphere in scene.spheres

@@ -15,7 +15,7 @@ from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import FloatArray, check_driven_pins, out_array, out_arrays, refuse_none, start_time, state_arrays
 from .calls import give_back, take, waiting_engines
 from .options import Options
-from .plan import core_plan
+from .plan import core_plan, in_cells
 from .state import State
 
 
@@ -197,7 +197,8 @@ def reference_step(
     """Step by the scalar reference: spring by spring, in double, not optimised.
 
     The code (cpp/reference) is written to be read beside the paper; the kernels are tested
-    against it. Spheres keep mass points out, not faces: spheres with ``offset="face"`` are refused.
+    against it. Spheres keep mass points out, not faces: continuous spheres with ``offset="cell"``
+    or "face" are refused.
 
     Parameters
     ----------
@@ -219,7 +220,7 @@ def reference_step(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or a sphere has ``offset="face"``.
+        If an argument is not as above, or a continuous sphere has ``offset="cell"`` or "face".
 
     Examples
     --------
@@ -234,9 +235,9 @@ def reference_step(
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
     for k, sphere in enumerate(scene.spheres):
-        if sphere.offset == "face":
+        if sphere.offset == "face" or in_cells(sphere):
             raise ValueError(
-                f"offset of spheres[{k}] is 'face', and the reference keeps mass points out of spheres alone; "
+                f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass points out of spheres alone; "
                 "accepted: 'edge', 'none' or a length [m]; compare `step` with itself at a shorter time step instead"
             )
     t = start_time(t, [scene])

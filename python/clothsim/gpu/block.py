@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.options import Options
-from ..engine.plan import core_plan
+from ..engine.plan import core_plan, in_cells
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import parameters
@@ -101,10 +101,10 @@ class Block:
                         f"response of spheres[{k}] must be one of {RESPONSES} with backend 'gpu', got {sphere.response!r}; "
                         "backend='cpu' has it"
                     )
-                if sphere.offset == "face" and self.wide == np.float64:
+                if (sphere.offset == "face" or in_cells(sphere)) and self.wide == np.float64:
                     raise ValueError(
                         f"offset of spheres[{k}] must be 'edge', 'none' or a length on the graphics "
-                        f"adapter {self.device.adapter.name}, got 'face'; backend='cpu' has it"
+                        f"adapter {self.device.adapter.name}, got {sphere.offset!r}; backend='cpu' has it"
                     )
                 if sphere.response == "continuous" and self.wide != np.float64:
                     raise ValueError(

@@ -15,10 +15,10 @@ def contact() -> dict[str, HardCase]:
     loose = sheet((2, 2), stiffness=0.0, pins=())
     inside, centre = loose.rest_positions + 10.0, loose.rest_positions + 10.0
     inside[0, 0], centre[0, 0] = (0.03, -0.04, 0.12), (0.0, 0.0, 0.0)
-    unit = cs.Sphere((0.0, 0.0, 0.0), 0.5, offset="none")
-    at_pin = cs.Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5)
-    in_sheet = cs.Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5)
-    fast = cs.Sphere((0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none")
+    unit = cs.Sphere((0.0, 0.0, 0.0), 0.5, offset="none", response="ray")
+    at_pin = cs.Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5, response="ray")
+    in_sheet = cs.Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5, response="ray")
+    fast = cs.Sphere((0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none", response="ray")
     settled = 0.2 * cs.max_stable_dt(cs.Scene(soft))
     return {
         "pins inside a sphere": HardCase(

@@ -23,10 +23,12 @@ def geometry() -> dict[str, HardCase]:
     collapsed = cs.Scene(cloth, position=at_once)
     fine = 0.005 * cs.max_stable_dt(noisy)
     half = 0.5 * cs.max_stable_dt(cs.Scene(cloth))
-    here = cs.Scene(cloth, cs.Sphere((0.5, -0.4, 0.5), 0.25, offset="none"))
+    here = cs.Scene(cloth, cs.Sphere((0.5, -0.4, 0.5), 0.25, offset="none", response="ray"))
     far = np.array([1e6, 1e6, 1e6])
     there = cs.Scene(
-        cloth, cs.Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none"), position=cloth.rest_positions + far
+        cloth,
+        cs.Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none", response="ray"),
+        position=cloth.rest_positions + far,
     )
     return {
         "zero rest length": HardCase(

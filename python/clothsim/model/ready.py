@@ -39,11 +39,11 @@ def paper_static(
 
     Parameters
     ----------
-    response : {"ray", "reflect"}, default "ray"
-        The paper's response: "ray" is its method 2, "reflect" its method 1.
+    response : {"ray", "reflect", "continuous"}, default "ray"
+        "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each.
     bend : bool, default False
         True adds the 1,920 bend springs.
-    offset : {"edge", "none"} or float, default "edge"
+    offset : {"edge", "cell", "none", "face"} or float, default "edge"
         See `Sphere`.
     as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.
@@ -61,7 +61,7 @@ def paper_static(
     >>> cs.scenes.paper_static(bend=True).cloth.spring_count()
     5826
     """
-    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, as_printed=as_printed)
+    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, restitution=1.0, as_printed=as_printed)
     return Scene(_paper_cloth(bend), (sphere,))
 
 
@@ -85,11 +85,11 @@ def paper_moving(
 
     Parameters
     ----------
-    response : {"ray", "reflect"}, default "ray"
-        The paper's response: "ray" is its method 2, "reflect" its method 1.
+    response : {"ray", "reflect", "continuous"}, default "ray"
+        "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each.
     bend : bool, default False
         True adds the 1,920 bend springs.
-    offset : {"edge", "none"} or float, default "edge"
+    offset : {"edge", "cell", "none", "face"} or float, default "edge"
         See `Sphere`.
     as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.
@@ -112,7 +112,7 @@ def paper_moving(
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
-    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, as_printed=as_printed)
+    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, 1.0, as_printed=as_printed)
     return Scene(_paper_cloth(bend), (sphere,))
 
 

@@ -45,20 +45,24 @@ class Sphere(Record):
         True radius [m], > 0.
     motion : Linear, Reciprocate or Keyframes, optional
         Default: the sphere stands still.
-    response : {"ray", "reflect", "continuous"}, default "ray"
-        "reflect" (method 1, eq 7) reflects the velocity and keeps the position. "ray" (method 2, eq
-        8-12) moves the point back along its velocity to the contact radius, then reflects the
-        velocity. "continuous" responds at the time of impact.
-    offset : {"edge", "none", "face"} or float, default "edge"
-        Length that the contact radius adds to `radius`. "edge" is the length of eq 13, which keeps
-        the middle of an unstretched structural spring outside. "none" is 0, and a number is that
-        length [m], >= 0. "face" keeps out every triangle at its present size, also from spheres
-        smaller than a cell. It needs the response "continuous" and the CPU. Where it touches, a step
-        costs 8 to 26 times a step without spheres on average, up to 58 in folds (docs/contact.md).
-    restitution : float, default 1.0
-        Normal velocity after a contact over that before it, 0 <= restitution <= 1. With "continuous", a bounce that
-        would end within the step is not computed. The point then stays at the surface and keeps the speed of the
-        bounce.
+    response : {"continuous", "ray", "reflect"}, default "continuous"
+        "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the velocity
+        and keeps the position. "ray" (method 2, eq 8-12) moves the point back along its velocity to
+        the contact radius, then reflects the velocity.
+    offset : {"cell", "edge", "none", "face"} or float, default "cell"
+        Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
+        of each point as they are now, so that no triangle dips in. It costs a part of a step where
+        the cloth touches. A cell must be smaller than the sphere; else a `ContactWarning` says so.
+        With "ray" and "reflect" the cells are those at rest.
+        "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
+        outside. "none" is 0, and a number is that length [m], >= 0. "face" lets triangles touch the
+        sphere itself, also spheres smaller than a cell. It needs the response "continuous" and the
+        CPU. A step that touches costs 8 to 26 times a step without spheres, up to 58 (docs/contact.md).
+    restitution : float, optional
+        Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
+        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
+        has this number. With "continuous", a bounce that would end within the step is not computed.
+        The point then stays at the surface and keeps the speed of the bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     as_printed : bool, default False
@@ -80,11 +84,11 @@ class Sphere(Record):
     >>> ball.center_at(0.25).tolist()
     [0.5, -0.25, 0.5]
     >>> round(ball.contact_radius(cs.Cloth()), 6)
-    0.25052
+    0.251039
 
-    Nothing gets through this one, triangles included:
+    Nothing gets through it, triangles included:
 
-    >>> fast = cs.Sphere((0.5, -2, 0.5), 0.05, cs.Linear((0, 300, 0)), "continuous", "face")
+    >>> fast = cs.Sphere((0.5, -2, 0.5), 0.05, cs.Linear((0, 300, 0)))
     >>> scene = cs.Scene(cs.Cloth(), fast)
     >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, 70, t=0.0)
     >>> cs.penetration(x, fast, t=0.007)["triangles"], bool(x[..., 1].max() > 0.1)
@@ -94,9 +98,9 @@ class Sphere(Record):
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.25
     motion: Motion | None = None
-    response: Response = "ray"
-    offset: Offset | float = "edge"
-    restitution: float = 1.0
+    response: Response = "continuous"
+    offset: Offset | float = "cell"
+    restitution: float = None  # type: ignore[assignment]  # a number once the response is known
     friction: float = 0.0
     as_printed: bool = False
     push_out_speed: float = 1.0
@@ -108,9 +112,9 @@ class Sphere(Record):
             center: Numbers = (0.0, 0.0, 0.0),
             radius: float = 0.25,
             motion: Motion | None = None,
-            response: Response = "ray",
-            offset: Offset | float = "edge",
-            restitution: float = 1.0,
+            response: Response = "continuous",
+            offset: Offset | float = "cell",
+            restitution: float | None = None,
             friction: float = 0.0,
             as_printed: bool = False,
             push_out_speed: float = 1.0,
@@ -124,7 +128,9 @@ class Sphere(Record):
             radius=check.number("radius", self.radius, minimum=0, exclusive=True),
             response=check.choice("response", self.response, RESPONSES),
             offset=_offset(self.offset),
-            restitution=check.number("restitution", self.restitution, minimum=0, maximum=1),
+            restitution=(0.0 if self.response == "continuous" else 1.0)
+            if self.restitution is None
+            else check.number("restitution", self.restitution, minimum=0, maximum=1),
             friction=check.number("friction", self.friction, minimum=0),
             as_printed=check.boolean("as_printed", self.as_printed),
             push_out_speed=check.number("push_out_speed", self.push_out_speed, minimum=0, exclusive=True),
@@ -219,9 +225,9 @@ class Sphere(Record):
         largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
         small D.
 
-        With "face" there is no fixed length. The value is then the most that a corner of an
-        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell,
-        the radius of the smallest circle around its triangles.
+        With "cell" and "face" there is no fixed length. The value is then the most that a corner of
+        an unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell,
+        the radius of the smallest circle around its triangles, and with "cell" at most R.
 
         Parameters
         ----------
@@ -243,7 +249,7 @@ class Sphere(Record):
         >>> import clothsim as cs
         >>> cs.Sphere(offset=0.01).offset_length(cs.Cloth())
         0.01
-        >>> cs.Sphere(radius=1.5).offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
+        >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
         1.0
         """
         if not isinstance(cloth, Cloth):
@@ -252,15 +258,18 @@ class Sphere(Record):
             return self.offset
         if self.offset == "none":
             return 0.0
+        diagonal = math.hypot(*cloth.spacing)
+        if self.offset == "cell":
+            return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
         if self.offset == "face":
-            return float(_core.edge_offset(self.radius, math.hypot(*cloth.spacing)))
+            return float(_core.edge_offset(self.radius, diagonal))
         return float(_core.edge_offset(self.radius, max(cloth.spacing)))
 
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact.
 
-        With `offset` "face" the core takes the true radius for mass points. The value is then the
-        distance of a corner of an unstretched cell when the middle of the longest side touches.
+        With `offset` "cell" or "face" points have no fixed distance. The value is then the distance of
+        a corner of an unstretched cell when the middle of the longest side touches.
 
         Parameters
         ----------

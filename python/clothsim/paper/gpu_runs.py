@@ -151,7 +151,7 @@ def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
     are in contact from the first step on, at any size.
     """
     radius, below = 0.25, 0.2
-    sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method][0])
+    sphere = cs.Sphere((0.5, -below, 0.5), radius, response=METHODS[method][0], offset="edge", restitution=1.0)
     cloth = cs.Cloth((size, size), springs=("structural", "shear"))
     x = np.array(cloth.rest_positions)
     horizontal = np.hypot(x[..., 0] - 0.5, x[..., 2] - 0.5)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.sphere import RESPONSES
+from ..model.sphere import OFFSETS, RESPONSES
 from .playground import Playground
 
 CURVES = 200  # entries of a curve
@@ -130,12 +130,12 @@ class Controls:
         def first() -> Any:
             return play.scene.spheres[0]
 
-        offsets = ["none", "edge", "face"]
+        offsets: list[str] = list(OFFSETS)
         if first().offset not in offsets:
             offsets.append(f"{first().offset:g} m")
 
         def offset_of(text: str) -> str | float:
-            return text if text in ("none", "edge", "face") else float(text.removesuffix(" m"))
+            return text if text in OFFSETS else float(text.removesuffix(" m"))
 
         def text_of(offset: str | float) -> str:
             return offset if isinstance(offset, str) else f"{offset:g} m"

@@ -1,0 +1,175 @@
+"""Offset "cell": no triangle dips in, each point stands off by what its cells need."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from cell_oracle import circle_radius, point_radii, respond
+
+
+def sheet(n=12, **changes):
+    return cs.Cloth(shape=(n, n), **{"mass": 0.3, "stiffness": 60.0, "damping": 0.02, "pins": (), **changes})
+
+
+def falling(speed=5.0, **changes):
+    cloth = sheet()
+    sphere = cs.Sphere((0.5, -0.26, 0.5), 0.25, **changes)
+    velocity = np.broadcast_to((0.0, -speed, 0.0), (*cloth.shape, 3))
+    return cs.Scene(cloth, sphere, velocity=velocity)
+
+
+def test_circles_of_known_triangles():
+    triangles = np.array(
+        [[[0, 0, 0], [3, 0, 0], [0, 4, 0]], [[0, 0, 0], [2, 0, 0], [1, 0, 3**0.5]], [[0, 0, 0], [4, 0, 0], [1, 0, 0.1]]]
+    )
+    assert circle_radius(*np.moveaxis(triangles, 1, 0)) == pytest.approx([2.5, 2 / 3**0.5, 2.0], rel=1e-12)
+
+
+def test_cell_is_the_default():
+    sphere = cs.Sphere()
+    assert (sphere.response, sphere.offset, sphere.restitution) == ("continuous", "cell", 0.0)
+    assert cs.Sphere(response="ray").restitution == cs.Sphere(response="reflect").restitution == 1.0
+    assert cs.Sphere(restitution=0.5).restitution == 0.5
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_core_follows_the_oracle(friction):
+    scene = falling(friction=friction)
+    sphere, dt = scene.spheres[0], 2e-4
+    free = scene.replace(spheres=())
+    x, v = expected_x, expected_v = scene.initial_position, scene.initial_velocity
+    for k in range(150):
+        x, v = cs.step(scene, x, v, dt, t=k * dt)
+        y, w = cs.step(free, expected_x, expected_v, dt)
+        expected_x, expected_v = respond(sphere, expected_x, expected_v, y, w, dt, k * dt, ~scene.cloth.pinned)
+    lying = np.linalg.norm(x - sphere.center_at(0), axis=-1) < 0.27
+    assert lying.sum() > 20
+    assert abs(x - expected_x).max() < 2e-6  # the stand-off is 8 mm
+    assert abs(v - expected_v).max() < 2e-3  # of 5 m/s
+
+
+@pytest.mark.parametrize("kernel, strict", [("edge", False), ("gather", False), ("gather", True)])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_points_stand_off_by_their_cells(kernel, strict, precision):
+    scene = falling(friction=0.3)
+    sphere = scene.spheres[0]
+    stepper = cs.Stepper(scene, precision=precision, kernel=kernel, strict=strict)
+    touching = 0
+    for _ in range(200):
+        stepper.advance(1, 2e-4)
+        x = stepper.positions
+        assert cs.penetration(x, sphere)["triangles"] == 0
+        needed = np.sqrt(sphere.radius**2 + np.minimum(point_radii(x), sphere.radius) ** 2)
+        distance = np.linalg.norm(x - sphere.center_at(0), axis=-1)
+        assert (distance > needed * (1 - 1e-13)).all()
+        touching = max(touching, int((distance < needed * (1 + 2e-5)).sum()))
+    assert touching > 15
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
+@pytest.mark.parametrize("integrator", cs.integrators())
+def test_no_triangle_inside_with_any_integrator(integrator):
+    scene = falling()
+    stepper = cs.Stepper(scene, integrator=integrator)
+    for _ in range(60):
+        stepper.advance(2, 1e-4)
+        assert cs.penetration(stepper.positions, scene.spheres[0])["triangles"] == 0
+
+
+@pytest.mark.parametrize(
+    "scene", [cs.scenes.paper_static("continuous", offset="cell"), cs.scenes.paper_moving("continuous", offset="cell")]
+)
+def test_no_triangle_inside_in_the_papers_scenes(scene):
+    stepper = cs.Stepper(scene)
+    stepper.advance(2000 if scene.spheres[0].motion is None else 1000, 1e-4)
+    for _ in range(1200):
+        stepper.advance(1, 1e-4)
+        assert cs.penetration(stepper.positions, scene.spheres[0], stepper.time) == {"points": 0.0, "triangles": 0.0}
+
+
+def test_same_bits_for_threads_batches_and_in_several_calls():
+    cloth = sheet(160, stiffness=2000.0)
+    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.251, 0.5), 0.25, friction=0.2))
+    x, v = scene.initial_position, scene.initial_velocity + (0, -3.0, 0)
+    one = cs.step(scene, x, v, 5e-5, 60, threads=1)
+    two = cs.step(scene, x, v, 5e-5, 60, threads=2)
+    assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
+    assert np.linalg.norm(one[0] - scene.spheres[0].center_at(0), axis=-1).min() < 0.2501
+    y, w = cs.step(scene, x, v, 5e-5, 30)
+    again = cs.step(scene, y, w, 5e-5, 30)
+    assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
+    small = falling()
+    y, w = small.initial_position, small.initial_velocity
+    alone = cs.step(small, y, w, 2e-4, 100)
+    both = cs.step(small, np.stack([y, y + (0.01, 0, 0)]), np.stack([w, w]), 2e-4, 100)
+    assert np.array_equal(both[0][0], alone[0]) and not np.array_equal(both[0][1], alone[0])
+
+
+def test_a_snapshot_goes_on_bit_for_bit():
+    stepper = cs.Stepper(falling(friction=0.2))
+    stepper.advance(100, 2e-4)
+    other = cs.Stepper.restore(stepper.snapshot())
+    for s in (stepper, other):
+        s.advance(50, 2e-4)
+    assert np.array_equal(stepper.positions, other.positions)
+
+
+def test_between_several_spheres():
+    spheres = [cs.Sphere((x, -0.16, 0.5), 0.15, friction=0.2) for x in (0.3, 0.65)]
+    scene = cs.Scene(
+        sheet(), [*spheres, cs.Sphere((0.5, -0.3, 0.2), 0.2, offset="edge")], velocity=np.full((12, 12, 3), (0, -5.0, 0))
+    )
+    stepper = cs.Stepper(scene)
+    for _ in range(300):
+        stepper.advance(1, 2e-4)
+        for sphere in spheres:
+            assert cs.penetration(stepper.positions, sphere)["triangles"] == 0
+
+
+def test_a_shrinking_step_of_growth_gives_no_velocity():
+    # A cell at rest on the sphere is stretched along the tangent plane: it goes outwards and keeps its velocity.
+    cloth = cs.Cloth(shape=(2, 2), size=(0.2, 0.2), mass=1.0, springs={"structural"}, stiffness=1e-9, damping=0.0, pins=())
+    sphere = cs.Sphere((0.1, -0.25, 0.1), 0.25)
+    x = cs.Scene(cloth).initial_position + (0, 1e-9, 0)
+    v = 0.5 * (x - (0.1, 0, 0.1)) * (1, 0, 1)
+    scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
+    for _ in range(100):
+        x, w = cs.step(scene, x, v, 1e-3)
+        assert np.linalg.norm(w[..., 1]) == 0 or (w[..., 1] >= 0).all()
+        v = w
+    distance = np.linalg.norm(x - sphere.center_at(0), axis=-1)
+    assert (distance >= np.sqrt(0.25**2 + point_radii(x) ** 2) * (1 - 1e-13)).all()
+
+
+def test_cells_larger_than_the_sphere_warn_once_and_report_the_depth():
+    scene = cs.Scene(sheet(5), cs.Sphere((0.5, -0.06, 0.5), 0.05))
+    with pytest.warns(cs.ContactWarning, match="diagonal below 0.1 m, where this cloth has 0.354 m") as caught:
+        cs.simulate(scene, 0.2, dt=1e-3)
+    assert len(caught) == 1
+
+
+def test_stretched_cells_warn_of_the_stretch():
+    cloth = sheet(3, size=(0.1, 0.1), stiffness=1.0)
+    x = cloth.rest_positions * 4 + (0, 0.003, 0)
+    scene = cs.Scene(cloth, cs.Sphere((0.2, -0.07, 0.2), 0.07), position=x)
+    with pytest.warns(cs.ContactWarning, match="a stretch of its cells below 1.98"):
+        cs.simulate(scene, 0.03, dt=1e-4)
+
+
+def test_the_papers_responses_take_the_cells_at_rest():
+    cloth = cs.Cloth()
+    for response in ("ray", "reflect"):
+        assert cs.Sphere(response=response).contact_radius(cloth) == pytest.approx(np.hypot(0.25, 0.5**0.5 / 31), rel=1e-12)
+
+
+def test_a_chain_keeps_its_links_out():
+    cloth = cs.Cloth(shape=(1, 12), size=(1.0, 1.0), mass=0.1, stiffness=100.0, damping=0.01, pins=())
+    sphere = cs.Sphere((0.5, -0.11, 0.0), 0.1)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere))
+    nearest = 1.0
+    for _ in range(400):
+        stepper.advance(1, 5e-4)
+        p = stepper.positions[0] - sphere.center_at(0)
+        a, d = p[:-1], p[1:] - p[:-1]
+        s = np.clip(-(a * d).sum(-1) / (d * d).sum(-1), 0, 1)
+        nearest = min(nearest, np.linalg.norm(a + s[:, None] * d, axis=-1).min())
+    assert 0.1 <= nearest < 0.1005
