@@ -7,6 +7,8 @@ from bench.plots import ALL
 
 pytest.importorskip("matplotlib")
 
+from colors import check_lines
+
 COUNTS = (1, 2, 8)
 
 
@@ -95,3 +97,8 @@ def test_grids_have_the_limits_of_one_thread_and_of_the_most():
 def test_nothing_is_drawn_of_what_was_not_measured():
     report = {**made_up(), "figures": []}
     assert [draw(report) for draw in ALL.values()] == [None, None, None]
+
+
+def test_readers_of_any_colour_vision_can_tell_the_lines_apart():
+    drawn = [draw(made_up()) for draw in ALL.values()]
+    assert sum(len(check_lines(axes)) for figure in drawn if figure for axes in figure.axes) > 10

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import check
+from ..base.extras import needed
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
 from ..base.table import aligned
@@ -21,6 +22,10 @@ from ..run.simulate import simulate
 from ..typing import Integrator, Precision
 from .methods import extent
 from .solution import Reference, reference
+from .work_plot import draw_convergence
+
+if TYPE_CHECKING:
+    import xarray
 
 Floats = npt.NDArray[np.float64]
 
@@ -86,6 +91,59 @@ class Convergence(EqualByValue):
     def local_orders(self) -> Floats:
         """Slope between each step and the next smaller one, shape (steps - 1,)."""
         return _slopes(self.dt, self.rms)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw errors over time steps, with the fitted order and the floor of the comparison.
+
+        Hollow circles are not fitted; crosses at the top are unstable steps.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Default: the axes of a new figure of pyplot.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        ImportError
+            Without matplotlib (extra "plot").
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> from matplotlib.figure import Figure
+        >>> found = cs.convergence(cs.scenes.oscillator(), 1.0, dts=[2e-3, 1e-3])
+        >>> found.plot(Figure().subplots()).get_xlabel()
+        'time step dt [s]'
+        """
+        return draw_convergence(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays as an `xarray.Dataset` with the dimension "dt"; method, precision, order and duration are attributes.
+
+        Raises
+        ------
+        ImportError
+            Without xarray, naming the extra that brings it.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> found = cs.convergence(cs.scenes.oscillator(), 1.0, dts=[2e-3, 1e-3])
+        >>> list(found.to_xarray().data_vars)
+        ['rms', 'max', 'floor', 'fitted', 'steps', 'force_evaluations']
+        """
+        units = {"rms": "m", "max": "m", "floor": "m", "fitted": "", "steps": "1", "force_evaluations": "1"}
+        about = {name: getattr(self, name) for name in ("integrator", "precision", "order")}
+        dataset: xarray.Dataset = needed("xarray", "to_xarray").Dataset(
+            {name: ("dt", getattr(self, name), {"units": unit}) for name, unit in units.items()},
+            {"dt": ("dt", self.dt, {"units": "s"})},
+            {**about, "duration": float(self.reference.t[-1])},
+        )
+        return dataset
 
     def __str__(self) -> str:
         fitted = f"order {self.order:.2f} (* fitted)"

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..base import check
-from ..base.extras import needed
-from ..base.plots import BLACK, GREY, figure, save
+from ..base.plots import BLACK, BLUE, GREY, figure, save, shown_axes, style
 from .methods import OWN
 
-_STYLES = {"double": "-", "single": ":"}
-_MARKERS = {"dt": "o", "rtol": "s"}
+if TYPE_CHECKING:
+    from .order import Convergence
+
+_DASHES = {"double": "-", "single": ":"}
+_SIZE = 13.0, 6.4
 
 
 def plot_work_precision(data: Any, path: str | Path) -> Path:
@@ -35,39 +37,37 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     ImportError
         Without matplotlib, naming the extra that brings it.
     """
-    colormaps = needed("matplotlib", "a picture", "plot").colormaps
     path = check.path("path", path)
-    drawn, (panels,) = figure(13, 6.4, 1, 2, sharey=True)
-    names = list(dict.fromkeys(map(str, data["integrator"].values)))
-    colors = {name: colormaps["tab20"](k % 20) for k, name in enumerate(names)}
+    drawn, axes = figure(*_SIZE, 1, 2, sharey=True)
+    draw_work_precision(data, axes)
+    save(drawn, path)
+    return path
+
+
+def draw_work_precision(data: Any, ax: Any = None) -> Any:
+    """Draw on two matplotlib axes, or on those of a new figure: error against wall time, and against force evaluations.
+
+    A method has a colour and a marker, hollow where it runs at tolerances; "single" is dotted, other libraries dashed.
+    """
+    panels = shown_axes(ax, 2, *_SIZE, sharey=True)
+    bases = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
+    places = {name: k for k, name in enumerate(dict.fromkeys(bases))}
     for m, label in enumerate(map(str, data["solver"].values)):
         one = data.isel(solver=m)
         own = str(one["library"].values) == OWN
-        style = {
-            "color": colors[str(one["integrator"].values)],
-            "ls": _STYLES[str(one["precision"].values)] if own else "--",
-            "marker": _MARKERS[str(one["control"].values)] if own else "x",
-            "ms": 4,
-            "lw": 1.2,
-        }
+        look = {**style(places[bases[m]]), "lw": 1.2}
+        look["ls"] = _DASHES[str(one["precision"].values)] if own else "--"
+        if str(one["control"].values) == "rtol":
+            look["mfc"] = "white"
         rms = np.where(np.isfinite(one["rms_error"]), one["rms_error"], np.nan)
         if np.isfinite(rms).any():
-            panels[0].plot(one["wall_time"], rms, label=label, **style)
-            panels[1].plot(one["force_evaluations"], rms, **style)
+            panels[0].plot(one["wall_time"], rms, label=label, **look)
+            panels[1].plot(one["force_evaluations"], rms, **look)
     front = data["pareto"].values
     order = np.argsort(data["wall_time"].values[front])
-    panels[0].plot(
-        data["wall_time"].values[front][order],
-        data["rms_error"].values[front][order],
-        color=BLACK,
-        lw=5,
-        alpha=0.15,
-        marker="o",
-        ms=11,
-        label="front of clothsim",
-        zorder=0,
-        drawstyle="steps-post",
-    )
+    times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
+    wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
+    panels[0].plot(times, errors, label="front of clothsim", drawstyle="steps-post", **wide)
     texts = ("wall time per simulated second [s/s]", "force evaluations")
     for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
@@ -75,16 +75,28 @@ def plot_work_precision(data: Any, path: str | Path) -> Path:
     if floor > 0:
         for panel in panels:
             panel.axhline(floor, color=GREY, lw=0.8)
-        panels[1].annotate(
-            "error of the reference",
-            (1, floor),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            va="bottom",
-            fontsize=8,
-            color=GREY,
-        )
+        where = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 8}
+        panels[1].annotate("error of the reference", (1, floor), color=GREY, **where)
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
-    drawn.legend(loc="outside right upper", fontsize=8, frameon=False)
-    save(drawn, path)
-    return path
+    panels[0].figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    return np.array(panels)
+
+
+def draw_convergence(found: Convergence, ax: Any = None) -> Any:
+    """`Convergence.plot`."""
+    (axes,) = shown_axes(ax)
+    good = np.isfinite(found.rms) & (found.rms > 0)
+    axes.loglog(found.dt[good], found.rms[good], color=BLUE, marker="o", label=f"{found.integrator}, {found.precision}")
+    outside = good & ~found.fitted
+    axes.loglog(found.dt[outside], found.rms[outside], "o", color=BLUE, mfc="white", label="not fitted", zorder=3)
+    if found.fitted.sum() > 1:
+        dt, middle = found.dt[found.fitted], np.log(found.rms[found.fitted] / found.dt[found.fitted] ** found.order).mean()
+        axes.loglog(dt, np.exp(middle) * dt**found.order, color=BLACK, ls="--", label=f"order {found.order:.2f}", zorder=1)
+    axes.loglog(found.dt, found.floor, color=BLACK, ls=":", label="floor of the comparison", zorder=1)
+    unstable = found.dt[np.isinf(found.rms)]
+    if unstable.size:
+        top = axes.get_xaxis_transform()
+        axes.plot(unstable, np.full(unstable.size, 0.97), "x", color=BLUE, transform=top, label="unstable")
+    axes.set(xlabel="time step dt [s]", ylabel=f"rms error after {found.reference.t[-1]:g} s [m]")
+    axes.legend(fontsize="small", frameon=False)
+    return axes

@@ -5,12 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .extras import needed
 from .files import replacing
 
-# Okabe and Ito's palette: readers with any colour vision tell these colours apart.
+# Okabe and Ito's palette: readers with any colour vision tell these colours apart. The least Lab distance of two of them
+# is 16 in simulations of the three deficiencies, and grey would have 9 to pink and green.
 BLACK, BLUE, GREEN, RED, YELLOW = "#000000", "#0072B2", "#009E73", "#D55E00", "#F0E442"
+COLORS = (BLUE, RED, GREEN, BLACK, "#CC79A7", "#E69F00", "#56B4E9", YELLOW)
 GREY, LIGHT_GREY = "0.5", "0.85"
+
+# Of lengths without a common factor to the colours: a further round of colours has other markers.
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+DASHES = ("-", "--", ":", "-.", (0, (7, 2, 1, 2, 1, 2)))
 
 DPI = 120
 """Pixels per inch of a picture file."""
@@ -44,6 +52,59 @@ def figure(
     for one in axes.ravel():
         tidy(one)
     return made, axes
+
+
+def style(k: int) -> dict[str, Any]:
+    """Colour, marker and dash of the line number `k` of a figure; lines of one colour differ in marker and dash."""
+    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)], "ls": DASHES[k % len(DASHES)], "ms": 4}
+
+
+def shown_axes(ax: Any = None, columns: int = 1, width: float = 6.4, height: float = 4.6, **options: Any) -> list[Any]:
+    """The axes that a caller gave, `columns` of them, or the axes of a new figure that pyplot shows."""
+    given = [] if ax is None else list(np.ravel(ax))
+    if not given:
+        pyplot = needed("matplotlib.pyplot", "plot", "plot")
+        given = list(np.ravel(pyplot.subplots(1, columns, figsize=(width, height), layout="constrained", **options)[1]))
+        for one in given:
+            tidy(one)
+    if len(given) != columns or not all(hasattr(one, "plot") for one in given):
+        raise ValueError(f"ax must be None or axes of matplotlib, {columns} of them, got {ax!r}")
+    return given
+
+
+def name_lines(axes: Any) -> None:
+    """Write the label of each labelled line beside the end of the line, in place of a legend; limits are final."""
+    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+    axes.autoscale_view()  # limits of lines since the last one
+    to_part = axes.transData + axes.transAxes.inverted()
+    ends = []
+    for line in lines:
+        x, y = line.get_data()
+        good = np.flatnonzero(np.isfinite(y))
+        ends.append(to_part.transform((x[good[-1]], y[good[-1]])) if good.size else np.array([1.0, 0.0]))
+    # A line of text needs 0.16 inches. Texts that overlap move up, and a leader joins text and line.
+    gap = 0.16 * axes.figure.dpi / axes.bbox.height
+    height = -np.inf
+    for k in sorted(range(len(lines)), key=lambda k: ends[k][1]):
+        height = max(ends[k][1], height + gap)
+        leader = {
+            "arrowstyle": "-",
+            "color": lines[k].get_color(),
+            "ls": lines[k].get_linestyle(),
+            "shrinkA": 2,
+            "shrinkB": 0,
+        }
+        axes.annotate(
+            lines[k].get_label(),
+            ends[k],
+            (1.04, height),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            fontsize="small",
+            va="center",
+            arrowprops={**leader, "color": lines[k].get_color(), "ls": lines[k].get_linestyle()},
+            annotation_clip=False,
+        )
 
 
 def save(drawn: Any, path: Path) -> None:

@@ -12,7 +12,7 @@ from clothsim.base import check
 from clothsim.engine.options import PRECISIONS
 from clothsim.hard_cases.case_table import hard_case_table, run_hard_cases
 from clothsim.stability.map import measure_map
-from clothsim.stability.map_report import draw_map, map_table, write_csv
+from clothsim.stability.map_report import map_table, plot_map, write_csv
 
 from ..base.extras import check_installed
 from ..base.plain_json import as_json
@@ -111,7 +111,7 @@ def _map(args: argparse.Namespace) -> None:
     )
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-        draw_map(found, folder / "stability.png")
+        plot_map(found, folder / "stability.png")
         write_csv(found, folder / "stability.csv")
     if args.json:
         data = {name: getattr(found, name) for name in (*found.__dataclass_fields__, "predicted")}

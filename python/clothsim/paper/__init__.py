@@ -196,7 +196,10 @@ def _performance(number: str, settings: Settings, threads: int, progress: bool, 
             **result,
         }
         entry["plot"] = plots.methods(entry, folder)
-        entry["plot_caption"] = "As Figure 9: every window of frames, median and quartiles of runs."
+        entry["plot_caption"] = (
+            "As Figure 9: every window of frames, median and quartiles of runs. "
+            f"The paper has {paper.FRAMES_PER_SECOND} frames/s, each of one step."
+        )
     else:
         adapters, missing = gpu_runs.available()
         variants = 1 + 2 * len({1, threads}) + sum(1 + a.float64 for a in adapters)

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.plots import BLUE, GREY, RED, figure, save
-from . import published as paper
+from ..base.plots import BLUE, GREY, RED, figure, name_lines, save, style
 from .responses import Case, Experiment
 
 COLORS = {1: RED, 2: BLUE}
@@ -45,38 +44,26 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
 def methods(result: dict[str, Any], folder: Path) -> str:
     """Experiment 3 as Figure 9: frames/s of each window, the spread over runs as bars."""
     drawn, ((panel,),) = figure(8, 3.8)
-    for row in result["rows"]:
+    for k, row in enumerate(result["rows"]):
         windows = row["windows"]
         middle, low, high = (
             np.array([w[name] for w in windows]) / result["frame_steps"]
             for name in ("steps_per_second", "lower_quartile", "upper_quartile")
         )
-        panel.errorbar(
-            np.arange(1, len(windows) + 1) + 0.04 * (row["method"] - 1.5),
-            middle,
-            yerr=[middle - low, high - middle],
-            marker="o",
-            capsize=4,
-            color=COLORS[row["method"]],
-            label=f"method {row['method']}",
-        )
+        places = np.arange(1, len(windows) + 1) + 0.04 * (row["method"] - 1.5)
+        look = {**style(k), "color": COLORS[row["method"]]}
+        panel.plot(places, middle, **look, label=f"method {row['method']}")
+        panel.errorbar(places, middle, [middle - low, high - middle], fmt="none", capsize=4, color=look["color"])
     panel.set(
         xlabel=f"window of {result['window_frames']} frames",
         ylabel=f"frames/s\n(a frame is {result['frame_steps']} steps)",
         xticks=range(1, len(windows) + 1),
-        yscale="log",
     )
     steps = panel.secondary_yaxis(
         "right", functions=(lambda f: f * result["frame_steps"], lambda s: s / result["frame_steps"])
     )
     steps.set_ylabel("steps/s")
-    panel.axhline(
-        paper.FRAMES_PER_SECOND / result["frame_steps"],
-        color=GREY,
-        ls=":",
-        label=f"{paper.FRAMES_PER_SECOND} steps/s: the paper's frames/s, one step each",
-    )
-    panel.legend(fontsize="small", loc="center")
+    panel.legend(ncols=2, fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     save(drawn, folder / "figure9.png")
     return "figure9.png"
 
@@ -84,12 +71,12 @@ def methods(result: dict[str, Any], folder: Path) -> str:
 def speedup(result: dict[str, Any], folder: Path) -> str:
     """Experiment 4 as the CPU side of Figure 10: steps/s of each run."""
     drawn, ((panel,),) = figure(8, 3.8)
-    for row in result["rows"]:
+    for k, row in enumerate(result["rows"]):
         runs = range(1, len(row["runs"]) + 1)
         threads = f"{row['threads']} thread{'s' if row['threads'] > 1 else ''}"
         label = f"{row['kind']}, {row['precision']}, {threads} ({row['speedup']:.1f}x)"
-        panel.plot(runs, row["runs"], marker="o", ms=4, label=label)
+        panel.plot(runs, row["runs"], **style(k), label=label)
     panel.set(xlabel="run", ylabel="steps/s", yscale="log", xticks=runs)
-    panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    name_lines(panel)
     save(drawn, folder / "figure10.png")
     return "figure10.png"

@@ -76,7 +76,7 @@ class DisplayedRun:
             perspective=perspective,
         )
 
-    def plot(self, path: str | Path | None = None) -> Any:
+    def plot(self, path: str | Path | None = None, *, log: bool = False) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
 
         Penetration and contacts are drawn where the scene has a sphere. A contact is a mass point
@@ -86,6 +86,8 @@ class DisplayedRun:
         ----------
         path : path-like, optional
             File to write as well, of a format that matplotlib knows.
+        log : bool, default False
+            Logarithmic axes of values, of four decades. An axis with smaller values is linear below them.
 
         Returns
         -------
@@ -96,8 +98,8 @@ class DisplayedRun:
         ------
         ImportError
             Without matplotlib (extra "plot").
-        ValueError
-            If the folder of `path` is missing.
+        ValueError, TypeError
+            If the folder of `path` is missing, or `log` is not as above.
 
         Examples
         --------
@@ -108,7 +110,7 @@ class DisplayedRun:
         """
         from ..viewing.chart import plot
 
-        return plot(self, path)
+        return plot(self, path, log=log)
 
     def animate(
         self,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +58,13 @@ class StabilityMap:
     def predicted(self) -> npt.NDArray[np.bool_]:
         """Whether dt is within the predicted limit, shape (K, D)."""
         return self.dt <= self.limit[:, None]
+
+    @classmethod
+    def from_xarray(cls, data: xarray.Dataset) -> StabilityMap:
+        """The map that `to_xarray` turned into `data`."""
+        names = (one.name for one in fields(cls))
+        values: dict[str, Any] = {name: data[name].values if name in data else data.attrs[name] for name in names}
+        return cls(**values)
 
     def to_xarray(self) -> xarray.Dataset:
         """See `clothsim.stability_map`.

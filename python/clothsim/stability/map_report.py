@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..base import files
-from ..base.plots import BLACK, BLUE, RED, figure, save
+from ..base.plots import BLACK, BLUE, RED, figure, save, shown_axes
 from ..base.table import aligned
 from .map import StabilityMap
 
@@ -44,9 +45,16 @@ def write_csv(found: StabilityMap, path: Path) -> None:
                 writer.writerow([float(k), float(dt), *cells, found.limit[i], found.guarantee[i]])
 
 
-def draw_map(found: StabilityMap, path: Path) -> None:
-    """Plot stable and unstable runs, with lines of the predicted limit and the guarantee."""
-    drawn, ((axes,),) = figure(7, 5)
+def plot_map(found: StabilityMap, path: Path) -> None:
+    """Write the picture of `draw_map`."""
+    drawn, axes = figure(7, 5)
+    draw_map(found, axes)
+    save(drawn, path)
+
+
+def draw_map(found: StabilityMap, ax: Any = None) -> Any:
+    """Draw stable and unstable runs, with lines of the predicted limit and the guarantee, and return the axes."""
+    (axes,) = shown_axes(ax, width=7, height=5)
     k, dt = np.meshgrid(found.stiffness, found.dt, indexing="ij")
     for mask, color, marker, label in ((found.stable, BLUE, "o", "stable"), (~found.stable, RED, "x", "unstable")):
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
@@ -64,5 +72,5 @@ def draw_map(found: StabilityMap, path: Path) -> None:
         ylabel="time step dt [s]",
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
     )
-    drawn.legend(loc="outside lower center", ncols=4, frameon=False)
-    save(drawn, path)
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return axes

@@ -1,4 +1,4 @@
-"""`Dataset.clothsim`: plots, provenance and members of a sweep."""
+"""`Dataset.clothsim`: plots of all results, provenance and members of a sweep."""
 
 from __future__ import annotations
 
@@ -29,7 +29,11 @@ class Plots:
         self._dataset = dataset
 
     def __call__(self, kind: str | None = None, **options: Any) -> Any:
-        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap"."""
+        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap".
+
+        A Dataset of `stability_map` or `work_precision` has one plot, that of the command. `ax` may be given: axes of
+        matplotlib, two of them for `work_precision`. The axes are returned.
+        """
         from ..viewing.sweep_plots import plot
 
         return plot(self._dataset, kind, **options)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base import check
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, DPI, GREEN, RED, figure, save
+from ..base.plots import BLACK, BLUE, DPI, GREEN, RED, figure, name_lines, save
 from ..base.progress import ProgressBar
 from .curves import PARTS, curves
 from .picture import file_path
@@ -31,15 +32,16 @@ PANELS = (
     ("penetration [mm]", 1000.0, ("points", "triangles")),
     ("points in contact", 1.0, ("contacts",)),
 )
+DECADES = 1e-4  # part of the largest value below which a logarithmic axis is linear
 LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 
-def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> Any:
+def plot(run: Any, path: str | Path | None = None, progress: bool = False, log: bool = False) -> Any:
     """`Run.plot`: the figure, for a notebook. It is also written to `path` if a path is given.
 
     With `progress`, a bar counts frames.
     """
-    what = "run.plot"
+    what, log = "run.plot", check.boolean("log", log)
     base = needed("matplotlib.figure", what, "plot").Figure
     path = None if path is None else file_path("path", path)
     formats = base().canvas.get_supported_filetypes()
@@ -65,12 +67,27 @@ def plot(run: Any, path: str | Path | None = None, progress: bool = False) -> An
             axis.plot(run.t, scale * found[name], clip_on=False, **style)
         axis.set_ylabel(label)
         axis.margins(x=0)
+        _scale(axis, scale * np.concatenate([found[name] for name in names]), log)
         if len(names) > 1:
-            axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        if not np.any(found[names[0]] < 0):
-            axis.set_ylim(bottom=0)
+            name_lines(axis)
     axes[-1, 0].set_xlabel("time [s]")
     drawn.align_ylabels()
     if path is not None:
         save(drawn, path)
     return drawn
+
+
+def _scale(axis: Any, values: Any, log: bool) -> None:
+    """Limits from 0, or a logarithmic axis, which is linear around 0 where values are not all positive."""
+    sizes = np.abs(values[np.isfinite(values)])
+    if log and sizes.any():
+        # Linear below four decades: smaller values are of the first frames, or rounding.
+        least = DECADES * float(sizes.max())
+        if np.nanmin(values) >= least:
+            axis.set_yscale("log")
+        else:
+            axis.set_yscale("symlog", linthresh=least)
+            axis.yaxis.get_major_locator().set_params(numticks=5)
+            axis.set_ylim(bottom=None if np.nanmin(values) < 0 else 0)
+    elif not np.any(values < 0):
+        axis.set_ylim(bottom=0)

@@ -21,6 +21,7 @@ import numpy as np
 from ..base import check
 from ..base.files import write_bytes
 from ..base.keywords import suggests
+from ..base.plots import COLORS
 from ..base.progress import ProgressBar
 from ..run.result import Run
 from . import raster
@@ -48,6 +49,7 @@ LOOK = {
     "leastRed": raster.LEAST_RED,
     "fullRedDepth": raster.FULL_RED_DEPTH,
     "key": raster.KEY.tolist(),
+    "colors": COLORS,
     "light": raster.LIGHT,
 }
 """Colours and lights of pictures, which the page draws with."""

@@ -1,4 +1,4 @@
-"""Pictures of a sweep: convergence fan, stability map, heat map.
+"""Pictures of Datasets: of a sweep convergence fan, stability map and heat map; of `stability_map`; of `work_precision`.
 
 Each function draws on the matplotlib axes `ax`, or on those of a new figure, and returns the axes.
 """
@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ..accuracy.work_plot import draw_work_precision
 from ..base import check
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, GREY, LIGHT_GREY, RED, YELLOW, tidy
+from ..base.plots import BLACK, BLUE, GREY, LIGHT_GREY, RED, YELLOW, shown_axes, style
+from ..stability.map import StabilityMap
+from ..stability.map_report import draw_map
 from ..sweeps.member import STATUS
 
 KINDS = ("convergence", "stability", "heatmap")
@@ -21,7 +24,14 @@ _UNSTABLE = STATUS.index("unstable")
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
-    """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best."""
+    """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best. Other Datasets have one plot."""
+    if "solver" in dataset.dims or "predicted" in dataset:
+        if kind is not None:
+            raise ValueError(f"kind must be None for a Dataset that is of no sweep, got {kind!r}")
+        work = "solver" in dataset.dims
+        return draw_work_precision(dataset, **options) if work else draw_map(StabilityMap.from_xarray(dataset), **options)
+    if "status" not in dataset:
+        raise ValueError("dataset must be of sweep, stability_map or work_precision, got one without their variables")
     draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
     return draw[check.choice("kind", kind or suggested(dataset), KINDS)](dataset, **options)
 
@@ -51,18 +61,19 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     others = [d for d in _long(dataset) if d != by]
     along = _other(dataset, along, others)
     dataset = dataset.squeeze([d for d in dataset.dims if d not in (by, along)]).sortby(by)
-    ax = _axes(ax, tidied=True)
+    (ax,) = shown_axes(ax)
     x = dataset[by].values
     lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
-    colors = _pyplot().colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
     crosses = np.zeros(len(x))  # per place; they are put below each other
     hollow = False
-    for line, color in zip(lines, colors, strict=True):
+    for k, line in enumerate(lines):
+        look = style(k)
+        color = look["color"]
         label = None if along is None else _tick(line[along])
         error = line["error"].values
-        ax.loglog(x, np.where(error > 0, error, np.nan), "o-", ms=4, color=color, label=label)
+        ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **look)
         unsure = error < line["reference_error"].values
-        ax.loglog(x[unsure], error[unsure], "o", ms=4, mec=color, mfc="white", zorder=3)
+        ax.loglog(x[unsure], error[unsure], look["marker"], ms=4, mec=color, mfc="white", zorder=3)
         hollow |= bool(unsure.any())
         diverged = line["status"].values == _UNSTABLE
         height = 0.97 - 0.03 * crosses[diverged]
@@ -87,7 +98,7 @@ def _slope(ax: Any, dt: np.ndarray, error: np.ndarray) -> None:
         low, high = ax.get_ylim()
         # Through the middle of the points, which neither rounding nor a runaway moves.
         scale = np.median((error / dt**4)[good])
-        ax.plot(dt, scale * dt**4, ":", color=GREY, label="order 4", zorder=1)
+        ax.plot(dt, scale * dt**4, ":", color=BLACK, label="order 4", zorder=1)
         ax.set_ylim(low, high)
 
 
@@ -102,7 +113,8 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
         raise ValueError("y must be a dimension beside dt, this sweep has none")
     dataset = dataset.squeeze([d for d in dataset.dims if d not in ("dt", y)])
     status = dataset["status"].transpose("dt", y).values
-    ax = _axes(ax)
+    (ax,) = shown_axes(ax)
+    ax.grid(False)
     colors = _pyplot().matplotlib.colors.ListedColormap([LIGHT_GREY, BLUE, RED, YELLOW])
     edges = _edges(dataset[y].values), _edges(dataset["dt"].values)
     ax.pcolormesh(*edges, status, cmap=colors, vmin=-0.5, vmax=3.5, edgecolors="w", linewidth=0.5)
@@ -138,7 +150,7 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
             f"each, as in ds.isel({free[0]}=0)"
         )
     data = dataset.squeeze([d for d in dataset.dims if d not in (x, y)])
-    ax = _axes(ax)
+    (ax,) = shown_axes(ax)
     if y is None:
         ax.plot(_places(data[x].values), data[variable].values, "o-", ms=4)
         ax.set_ylabel(_title(data[variable], variable))
@@ -147,6 +159,7 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
     values = data[variable].transpose(y, x).values.astype(float)
     positive = values[np.isfinite(values)]
     logarithmic = len(positive) and positive.min() > 0 and positive.max() > 100 * positive.min()
+    ax.grid(False)
     colors = _pyplot().matplotlib.colors
     norm = colors.LogNorm() if logarithmic else colors.Normalize()
     mesh = ax.pcolormesh(_edges(data[x].values), _edges(data[y].values), values, norm=norm)
@@ -161,15 +174,6 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
 
 def _pyplot() -> Any:
     return needed("matplotlib.pyplot", "plot", extra="plot")
-
-
-def _axes(ax: Any, tidied: bool = False) -> Any:
-    """The given axes, or axes of a new figure that pyplot shows."""
-    if ax is None:
-        ax = _pyplot().subplots(figsize=(6.4, 4.6), layout="constrained")[1]
-        if tidied:
-            tidy(ax)
-    return ax
 
 
 def _grid_dimensions(dataset: Any) -> list[str]:

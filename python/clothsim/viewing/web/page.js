@@ -2,7 +2,7 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9", "#8a8a8a"];
+const COLORS = LOOK.colors;
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
 const MODES = {
   faces: { label: "faces" },
