@@ -7,8 +7,13 @@ from dataclasses import dataclass
 import clothsim as cs
 import numpy as np
 import pytest
+import tables
 from clothsim.engine.options import PRECISIONS
 from variants import NAMED_KERNELS, NATIVE_VARIANTS
+
+
+def pytest_configure(config):
+    tables.alone = bool(config.getoption("keyword"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,14 +5,18 @@ import inspect
 
 import pytest
 
+alone = False  # rows as cases of their own: set by conftest.py under -k
+
 
 def each(names, rows):
-    """Run the test for every row of values of the arguments `names`, and tell every row that fails.
+    """Run the test for every row of values of the arguments `names`, and name every row that fails.
 
     As `pytest.mark.parametrize`, but as one case: for tables of which a row takes next to no time.
-    Fixtures are made once for all rows.
+    Fixtures are made once for all rows. Under ``-k`` each row is a case of its own, so that ``-k`` can choose a row.
     """
     names = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
+    if alone:
+        return pytest.mark.parametrize(",".join(names), list(rows))
     rows = [row if len(names) > 1 else (row,) for row in rows]
 
     def decorate(test):

@@ -1,7 +1,13 @@
 """`each` runs every row of a table and names the rows that fail."""
 
 import pytest
+import tables
 from tables import each
+
+
+@pytest.fixture(autouse=True)
+def whole(monkeypatch):
+    monkeypatch.setattr(tables, "alone", False)
 
 
 def test_every_row_is_run_and_the_failing_ones_are_named(tmp_path):
@@ -29,3 +35,15 @@ def test_an_error_that_is_not_raised_fails():
 
     with pytest.raises(AssertionError, match="'value': '1'"):
         refused()
+
+
+def test_a_row_is_a_case_of_its_own_under_k(monkeypatch):
+    monkeypatch.setattr(tables, "alone", True)
+    for names, rows in (("a, b", [(1, 1), (2, 3)]), ("a", iter([1, 2]))):
+
+        @each(names, rows)
+        def test(a, b=0):
+            pass
+
+        [mark] = test.pytestmark
+        assert mark.args[0] == names.replace(" ", "") and len(mark.args[1]) == 2

@@ -1,22 +1,28 @@
-"""Check the English of the documentation: length of sentences, refused terms, pronouns as openings.
+"""Check the English of pages, docstrings, comments and names: length of sentences, refused terms, pronouns as openings.
 
 Usage: python tools/check_english.py [FILE...]
 
-Reads README.md, the other pages of the root, docs/, and the docstrings of the package. Code, tables and headings are left
-out. A sentence has at most 25 words; inline code counts as one word.
+Reads README.md, the other pages of the root, docs/, docstrings and comments of the package, comments of the core, of the
+shaders and of CMake, identifiers of both, and the names of the tests. Code, tables, drawings and headings are left out.
+A sentence has at most 25 words; inline code counts as one word. Names are split at `_` and at capitals.
 """
 
 from __future__ import annotations
 
 import ast
+import io
 import re
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-MODULES = sorted((ROOT / "python" / "clothsim").rglob("*.py"))
+PACKAGE = ROOT / "python" / "clothsim"
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "gpu" and path.stem not in {"page", "raster"})
+SOURCES = [ROOT / "CMakeLists.txt"]
+TESTS = sorted(path for path in (ROOT / "tests").rglob("test_*.py") if path.parent.name != "gpu")
 
 WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer limits pass sentences with two ideas
 
@@ -24,16 +30,44 @@ WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer 
 TERMS = {
     r"mended": "corrected",
     r"row-lifted|lifted rows?": "lane-transposed",
-    r"mailbox(?:es)?": "halo exchange",
-    r"companions?|twins?": "step doubling, or a better run",
+    r"mailbox(?:es)?|hands? (?:rows? )?on to": "halo exchange",
+    r"companions?|twins?|of twice the step": "step doubling, or a better run",
     r"carried errors?": "global error estimate",
-    r"shut (?:it )?in": "trapped between spheres",
+    r"shut(?:s|ting)? (?:it |them |a point )?in": "trapped between spheres",
     r"stiffest": "largest eigenvalue",
-    r"looked for": "checked, sampled",
-    r"answers? of (?:the|its) spheres?|answered (?:by|for)": "response",
+    r"magnif(?:y|ies|ied|ication)": "error amplification",
+    r"look(?:s|ed|ing)? (?:for|along|at)|(?<!the )looks?(?= (?:whether|if|which))": "check, inspect, sample",
+    r"answers? of (?:the|its) spheres?|answer(?:s|ed|ing)? (?:by|for|to (?:a|the) sphere)": "response",
+    r"(?:is|are|be|was|were) (?:told|answered|met)|(?:cannot|to) (?:tell|be told)|tells|untold": "report, signal, respond",
+    r"shares? (?:of a thread|of the work)|a thread's share": "block, part",
+    r"lasting contacts?|contacts? that lasts?": "persistent contact",
+    r"dear|dearer|dearest|worth": "cost, expensive",
+    r"literal(?:ly)?": "as printed",
     r"whoever|nobody": "the subject",
 }
+# Refused parts of names: part to write.
+PARTS = {
+    r"look(?:s|ed|ing)?": "inspect, check, sample",
+    r"(?:un)?answer(?:s|ed|ing)?|meets?|met|meeting": "response, respond, contact",
+    r"(?:un)?told|tells?": "report, record, signal",
+    r"shut|shutin": "trapped",
+    r"mailbox": "halo",
+    r"shares?": "block, part, member",
+    r"lasting|recall|remember": "persistent contact, memory",
+    r"dear(?:er)?|worth": "cost",
+    r"literal": "as printed",
+    r"mended": "corrected",
+    r"lifted": "transposed, projected",
+    r"stiffest": "largest eigenvalue",
+    r"twins?|companions?": "better run, step doubling",
+    r"carry|carried|carries": "global error, propagate",
+    r"magnif(?:y|ied|ies)": "amplify",
+    r"whoever|nobody": "the subject",
+}
+# Names of the standard library and of other packages.
+OTHERS = {"Literal", "literal_eval", "look_at", "shares_memory", "may_share_memory", "show_share_button", "sharex", "sharey"}
 REFUSED = {re.compile(rf"\b(?:{term})\b", re.IGNORECASE): instead for term, instead in TERMS.items()}
+PART = {re.compile(part): instead for part, instead in PARTS.items()}
 OPENING = re.compile(r"(?:What|Who|Whose|Whoever|Those|Ones|That which|The same (?:as|for|is|holds|goes))\b")
 ABBREVIATION = re.compile(r"\b(?:(?:e\.g|i\.e|etc|vs|cf|eqs?|Eqs?|Fig|No|approx|incl)\.|et al\.(?! [A-Z]))")
 END = re.compile(r"(?<=[.!?])[)\"'*]*\s+(?=[\"'(*]*[A-Z0-9]|\"\w)")
@@ -124,6 +158,70 @@ def _paragraphs(lines: list[str], first: int) -> Iterator[tuple[int, str]]:
     yield from _blocks([line.strip() and line for line in kept], first, indent=99)
 
 
+def blocks_of_source(text: str, mark: str) -> Iterator[tuple[int, str]]:
+    """Paragraphs of comments. Lines with two spaces inside are drawings; a comment behind code is a paragraph of its own."""
+    start, found = 0, [""]
+    for number, line in enumerate([*text.splitlines(), ""], 1):
+        code, sign, comment = line.partition(mark)
+        alone = not code.strip() and bool(sign)
+        if sign and (_in_string(code) or comment.startswith(("!", ":"))):
+            sign = comment = ""
+            alone = False
+        if not alone or not comment.strip() or ITEM.match(comment):
+            if found[0]:
+                yield start, " ".join(found)
+            start, found = 0, [""]
+        if alone and comment.strip():
+            drawing = "  " in comment.strip() or comment.startswith("  ") and not found[0]
+            if drawing or re.search(r"^ ?[-=+|/]{2,}|NOLINT|noqa|clang-format|type: ignore|mypy:", comment):
+                if found[0]:
+                    yield start, " ".join(found)
+                start, found = 0, [""]
+                continue
+            start = start or number
+            found = [*filter(None, found), ITEM.sub("", comment).strip()]
+        elif sign and comment.strip() and not re.search(r"NOLINT|noqa|type: ignore|pragma", comment):
+            yield number, comment.strip()
+
+
+def _in_string(code: str) -> bool:
+    code = re.sub(r"\\.|'\"'", "", code)
+    return code.count('"') % 2 == 1 or code.rstrip().endswith(":") and "http" in code
+
+
+def comments_of_module(text: str) -> Iterator[tuple[int, str]]:
+    """Paragraphs of the `#` comments of a module: strings that hold a `#` are no comments."""
+    lines = [""] * (text.count("\n") + 2)
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = ("" if not token.line[:column].strip() else "code ") + token.string
+    yield from blocks_of_source("\n".join(lines), "#")
+
+
+def names_of(path: Path, text: str) -> Iterator[tuple[int, str]]:
+    """Identifiers with the line of their first use; of a test module the names of tests."""
+    lines: dict[str, int] = {}
+    if path.suffix in {".py", ".pyi"}:
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type == tokenize.NAME and (path not in TESTS or token.string.startswith("test_")):
+                lines.setdefault(token.string, token.start[0])
+    else:
+        for number, line in enumerate(text.splitlines(), 1):
+            for name in re.findall(r"[A-Za-z_]\w*", re.sub(r'//.*|"(?:\\.|[^"\\])*"', "", line)):
+                lines.setdefault(name, number)
+    yield from ((line, name) for name, line in lines.items())
+
+
+def faults_of_name(name: str) -> Iterator[str]:
+    if name in OTHERS:
+        return
+    for part in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name):
+        for refused, instead in PART.items():
+            if refused.fullmatch(part.lower()):
+                yield f'"{part.lower()}" in a name: write {instead}'
+
+
 def faults(sentence: str) -> Iterator[str]:
     # A list of keys with their meanings is no sentence: each of its parts counts alone.
     parts = sentence.split(";") if sentence.startswith('"') or sentence.count(";") > 1 else [sentence]
@@ -137,17 +235,37 @@ def faults(sentence: str) -> Iterator[str]:
         yield f'opens with "{sentence.split()[0]}": name the thing'
 
 
+def blocks_of(path: Path, text: str) -> Iterator[tuple[int, str]]:
+    if path in TESTS:
+        return
+    if path.suffix == ".py":
+        yield from blocks_of_module(text)
+    if path.suffix in {".py", ".pyi"}:
+        yield from comments_of_module(text)
+    elif path.suffix in {".cpp", ".hpp", ".wgsl"}:
+        yield from blocks_of_source(text, "//")
+    elif path.name == "CMakeLists.txt":
+        yield from blocks_of_source(text, "#")
+    else:
+        yield from blocks_of_page(text)
+
+
 def main(arguments: list[str]) -> int:
-    files = [Path(name).resolve() for name in arguments] or [*PAGES, *MODULES]
+    files = [Path(name).resolve() for name in arguments] or [*PAGES, *MODULES, *SOURCES, *TESTS]
     failed = 0
     for path in files:
         text = path.read_text(encoding="utf8")
-        blocks = blocks_of_module(text) if path.suffix == ".py" else blocks_of_page(text)
-        for line, block in blocks:
-            for sentence in sentences(block):
-                for fault in faults(sentence):
-                    print(f"{path.relative_to(ROOT)}:{line}: {fault}\n    {sentence}")
-                    failed += 1
+        found = [
+            (line, fault, sentence)
+            for line, block in blocks_of(path, text)
+            for sentence in sentences(block)
+            for fault in faults(sentence)
+        ]
+        if path.suffix in {".py", ".pyi", ".cpp", ".hpp", ".wgsl"}:
+            found += [(line, fault, name) for line, name in names_of(path, text) for fault in faults_of_name(name)]
+        for line, fault, where in found:
+            print(f"{path.relative_to(ROOT)}:{line}: {fault}\n    {where}")
+        failed += len(found)
     print(f"{failed} faults in {len(files)} files")
     return bool(failed)
 

@@ -44,7 +44,7 @@ UNITS = {
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
-    "faces": ("deepest triangle, every step", {"look": 4}, {"look": 1}),
+    "faces": ("deepest triangle, every step", {"every": 4}, {"every": 1}),
     "drop": ("energy made by an elastic drop", {"dt": 2e-5}, {"dt": 5e-6}),
     "under": ("energy made under the whole cloth", {}, {}),
     "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
@@ -62,8 +62,8 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 
 def _functions() -> dict[str, Callable[..., Any]]:
     return {
-        "faces": lambda look: [
-            follow(name, response, look=look)
+        "faces": lambda every: [
+            follow(name, response, every=every)
             for name in SCENES
             for response in ("reflect, corrected", "ray, corrected", "continuous, face")
         ],

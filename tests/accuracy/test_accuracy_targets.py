@@ -18,7 +18,7 @@ def solution(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_reference_is_better_than_what_it_judges(solution):
+def test_the_reference_is_more_accurate_than_the_runs_it_judges(solution):
     """What it is likely wrong by is far below the targets; its bound, which is the rounding of the
     second method in double, is below them too."""
     bound = dict(zip(solution.t.tolist(), solution.error_bound["max"], strict=True))

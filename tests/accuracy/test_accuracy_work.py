@@ -109,7 +109,7 @@ def test_the_energy_drift_of_an_undamped_scene_is_the_change_of_energy():
     assert float(found["energy_drift"][0, 0]) == pytest.approx(change, rel=1e-6, abs=0)
 
 
-def test_a_method_of_ones_own_and_the_least_of_its_times(scene, solution):
+def test_a_users_method_and_the_least_of_its_times(scene, solution):
     known = Known(solution)
     found = cs.work_precision(scene, DURATION, [known], windows=3, reference=solution)
     assert sorted(known.calls) == [0.25] * 4 + [0.5] * 4

@@ -63,7 +63,7 @@ def test_text_is_printed_above_the_bar(monkeypatch, capsys):
     assert "0/2" in terminal.getvalue()
 
 
-def test_what_is_not_there_is_named(monkeypatch):
+def test_a_missing_key_is_named(monkeypatch):
     stderr(monkeypatch, Terminal)
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     with pytest.raises(ImportError, match=r"progress=True needs tqdm.*\[demo\]"):

@@ -90,7 +90,7 @@ def test_report_prints_every_figure(report):
             assert any(f"{figure['error']:.1e}" in line for line in found)
 
 
-def test_what_a_call_adds_is_printed(report):
+def test_the_cost_of_a_call_is_printed(report):
     result, _ = report
     assert {f["threads"] for f in result["figures"] if f["work"] == "32 x 32, cs.step"} == {
         1,
@@ -175,7 +175,7 @@ def test_a_run_is_compared_with_the_file_that_was_there(report, tmp_path):
         (replace(FULL, windows=3), SECTIONS, "-custom"),
     ],
 )
-def test_files_say_what_a_run_lacks(settings, sections, lacks):
+def test_a_file_of_an_incomplete_run_names_the_missing_parts(settings, sections, lacks):
     about = machine_facts.describe()
     run = {"machine": about, "settings": asdict(settings), "sections": list(sections)}
     assert saved.name(run) == machine_facts.slug(about) + lacks

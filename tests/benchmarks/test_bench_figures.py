@@ -135,7 +135,7 @@ def test_traffic_of_the_gather_kernel_is_that_of_its_four_sweeps():
 
 
 @pytest.mark.parametrize("what", ["structural", "shear", "bend", "damping"])
-def test_what_is_left_out_saves_its_share(what):
+def test_a_disabled_feature_saves_its_traffic(what):
     every = figure(work=measured_run.ALL_SPRINGS, threads=1, minimum=10e-6, flops=1000)
     less = figure(work=f"feature: no {what}", threads=1, minimum=8.5e-6, flops=800)
     saved = f"time saved without {what} / its share of the flops, single"

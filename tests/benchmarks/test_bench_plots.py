@@ -67,7 +67,7 @@ def look(line):
     return line.get_marker(), line.get_linestyle()
 
 
-def test_grids_have_their_times_and_a_look_for_each_thread_count():
+def test_grids_have_their_times_and_a_style_for_each_thread_count():
     single, double = ALL["grids"](made_up()).axes
     for panel in (single, double):
         lines = {line.get_label(): line for line in panel.get_lines()}
@@ -94,7 +94,7 @@ def test_grids_have_the_limits_of_one_thread_and_of_the_most():
         assert len(colors) == 2
 
 
-def test_nothing_is_drawn_of_what_was_not_measured():
+def test_figures_without_measurement_are_not_drawn():
     report = {**made_up(), "figures": []}
     assert [draw(report) for draw in ALL.values()] == [None, None, None]
 

@@ -15,7 +15,7 @@ def solution():
     return cs.reference(SCENE, DURATION, cache=False)
 
 
-def test_peers_refuse_what_they_do_not_know():
+def test_peers_refuse_unknown_features():
     cloth = SCENE.cloth
     heavy = SCENE.replace(cloth=cloth.replace(mass=np.linspace(1, 2, 42).reshape(6, 7)))
     assert peers.refused(SCENE) is None

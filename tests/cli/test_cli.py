@@ -54,7 +54,7 @@ def test_an_unknown_number_is_null_beside_its_reason(capsys):
     assert report["error_estimate"]["rms"] is None
 
 
-def test_the_text_of_a_run_has_what_was_examined(capsys):
+def test_the_text_of_a_run_has_the_examined_measures(capsys):
     """And the energies where a sphere responded."""
     options = ("--duration", "0.3")
     _, out, _ = run(capsys, "run", "paper_static", *options, "--dt", "1e-3")
@@ -160,7 +160,7 @@ def test_info(capsys):
         assert line.endswith(str(config[name]))
 
 
-def test_run_saves_what_simulate_gives(capsys, tmp_path):
+def test_run_saves_the_result_of_simulate(capsys, tmp_path):
     path = tmp_path / "swing.npz"
     code, out, err = run(capsys, "run paper_swing --duration 0.01 --dt 1e-3 --every 2 --threads 1 --json --out", path)
     assert (code, err) == (0, "")
@@ -229,9 +229,7 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
     "command", [("reproduce", "--quick"), ("work-precision", "paper_swing"), ("stability",)], ids=lambda command: command[0]
 )
 @pytest.mark.parametrize("below", ["", "made/by/it"])
-def test_a_file_where_the_folder_should_be_is_told_before_anything_is_measured(
-    capsys, monkeypatch, tmp_path, command, below
-):
+def test_a_file_in_place_of_the_folder_is_refused_before_any_measurement(capsys, monkeypatch, tmp_path, command, below):
     for measures in ("simulate", "work_precision", "stability_map", "Stepper"):
         monkeypatch.delattr(cs, measures)
     file = tmp_path / "file"

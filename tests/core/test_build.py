@@ -58,7 +58,7 @@ def test_import_loads_numpy_and_light_parts_of_the_standard_library():
     assert not roots & heavy
 
 
-def test_what_is_loaded_on_demand_is_there():
+def test_names_loaded_on_demand_exist():
     code = """
 import clothsim
 print(callable(clothsim.reference), callable(clothsim.stability_map), "reference" in dir(clothsim))
@@ -150,7 +150,7 @@ def _objects():
 
 
 @pytest.mark.skipif(not _objects() or not shutil.which("nm"), reason="no build tree or no nm here")
-def test_kernel_objects_share_no_function():
+def test_kernel_objects_have_no_function_in_common():
     """A weak symbol compiled with AVX-512 could be picked by the linker for every processor."""
     for path in _objects():
         check_symbols(path)

@@ -59,7 +59,7 @@ def test_short_calls_end_where_a_long_one_does(variant, same_bits):
             assert (raised.value.step, stepper.time) == (1, whole.time)
 
 
-def test_what_changes_between_calls_is_not_undone(kernel, precision, same_bits):
+def test_changes_between_calls_are_not_undone(kernel, precision, same_bits):
     """Time step and frozen members change while the core still keeps an older state."""
     scene, x, dt = stiff()
     soft = scene.replace(cloth=scene.cloth.replace(stiffness=1.0))
@@ -137,7 +137,7 @@ def test_a_time_step_is_refused_where_any_is_stable(dt):
 
 
 @pytest.mark.parametrize("steps, dt", [(True, 1e-3), (2**63, 1e-3), (1, True), (1, "1"), (-1, 1e-3)])
-def test_what_is_no_plain_number_is_checked_in_full(steps, dt):
+def test_values_that_are_no_plain_number_get_the_full_check(steps, dt):
     stepper = cs.Stepper(cs.scenes.oscillator())
     with pytest.raises((TypeError, ValueError), match="(steps|dt) must be"):
         stepper.advance(steps, dt)

@@ -89,7 +89,7 @@ def check_response(variant, response, moving, as_printed, restitution, friction)
 
 
 @pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 2], axis=[0, 1, 2], side=[-1, 1])
-def test_a_cloth_on_one_side_of_a_sphere_meets_it(integrator, kernel, threads, axis, side):
+def test_a_cloth_on_one_side_of_a_sphere_touches_it(integrator, kernel, threads, axis, side):
     """Here rows lie beside the centre, at times beside the sphere: which of their points are looked at, is asked first."""
     sphere = ball()
     x, v = cloud(shape=(18, 16 if threads == 1 else 19))  # without padding and with some
@@ -141,7 +141,7 @@ def test_friction_takes_at_most_the_tangential_speed(friction, left):
 
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_a_leaving_point_is_left_alone_unless_literal(response):
+def test_a_leaving_point_gets_a_response_only_as_printed(response):
     out = (0.0, 0.4, 0.0), (0.3, 1.0, 0.0)
     x, v = one_point(*out, ball(response=response))
     np.testing.assert_allclose(v, out[1], atol=1e-15)
@@ -209,7 +209,7 @@ def test_pinned_points_never_move(variant, response):
 
 
 @cases(precision=["double"], response=["reflect", "ray"])
-def test_several_spheres_are_met_in_their_order(variant, response):
+def test_several_spheres_respond_in_their_order(variant, response):
     spheres = [
         ball(response=response, restitution=0.5),
         cs.Sphere(CENTER + (0.3, 0.1, 0), 0.4, response=response, offset=0.02, restitution=1.0),

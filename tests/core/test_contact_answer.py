@@ -119,7 +119,7 @@ def case(rng, stiffness, spheres):
 
 @pytest.mark.parametrize("spheres, precision", [(1, "double"), (1, "single"), (2, "double")])
 @pytest.mark.parametrize("stiffness", [0.0, 400.0])
-def test_points_are_answered_by_the_rules(stiffness, spheres, precision):
+def test_responses_of_points_follow_the_formulas(stiffness, spheres, precision):
     rng = np.random.default_rng(21)
     compared = several = flown = 0
     bound = {"double": 1e-11, "single": 2e-5}[precision]

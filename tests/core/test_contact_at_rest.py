@@ -49,7 +49,7 @@ def length(p):
 
 
 @pytest.mark.parametrize("edge", [-1, 1])
-def test_the_rim_of_rest_is_told_apart_in_double(edge):
+def test_the_boundary_of_rest_is_decided_in_double(edge):
     """Who lies within a quarter of the slop stays; above it falls on, below it is lifted.
 
     The rim is looked at closer than a float32 can see: to 1e-11 of the radius.

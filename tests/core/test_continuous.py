@@ -125,7 +125,7 @@ def test_bits_do_not_depend_on_threads_batch_or_cuts(same_bits, precision, offse
     assert same_bits((stepper.positions, stepper.velocities), expected)
 
 
-def test_bits_do_not_depend_on_threads_in_a_cloth_worth_several(same_bits):
+def test_bits_do_not_depend_on_threads_in_a_large_cloth(same_bits):
     """Contact has a second thread from 2 x 8,192 points on."""
     cloth = cs.Cloth((129, 131), stiffness=300.0, pins=())
     sphere = cs.Sphere((0.5, -0.6, 0.5), 0.6, cs.Linear((0, 4.0, 0)), "continuous", "none", 0.2, 0.3)
@@ -223,7 +223,7 @@ def test_contact_under_the_whole_cloth_makes_no_energy():
     assert abs(result["part"]) < 1e-3
 
 
-def test_contact_energy_is_what_the_total_changes_by():
+def test_contact_energy_is_the_change_of_total_energy():
     """Lost at restitution 0.5: the tracked sum is the loss of the total energy."""
     cloth = cs.Cloth(damping=0.0, pins=())
     sphere = cs.Sphere((0.5, -0.26, 0.5), 0.25, response="continuous", restitution=0.5, offset="edge")
@@ -239,7 +239,7 @@ def test_contact_energy_is_what_the_total_changes_by():
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_what_rests_stays_at_rest(precision):
+def test_a_state_at_rest_stays_at_rest(precision):
     """`python benchmarks/contact --full` and the test marked slow watch 1e6 steps."""
     result = resting(20_000, precision=precision)
     assert result["touching"] == 64
@@ -247,7 +247,7 @@ def test_what_rests_stays_at_rest(precision):
 
 
 @pytest.mark.slow
-def test_what_rests_stays_at_rest_for_1e6_steps():
+def test_a_sheet_at_rest_stays_at_rest_for_1e6_steps():
     result = resting(10**6)
     assert result["touching"] == 64
     assert result["depth"] == 0 and result["normal_jitter"] < 1e-6

@@ -76,7 +76,7 @@ def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_the_earliest_of_two_spheres_on_the_way_is_met(order):
+def test_the_earliest_of_two_contacts_on_a_path_comes_first(order):
     """Both stand in the way: back from the first, whatever the order in the scene."""
     spheres = [ball((2.0, 0, 0)), ball((4.0, 0, 0))][::order]
     stepper = cs.Stepper(lone((0, 0, 0), spheres, (10.0, 0, 0)))
@@ -97,7 +97,7 @@ def test_a_pinned_point_that_lies_on_a_sphere_is_not_moved():
 
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("which", [0, 7, 8, 10])
-def test_every_one_of_eleven_spheres_is_met(which, kernel):
+def test_each_of_eleven_spheres_gets_its_contact(which, kernel):
     """They are looked at eight by eight; the point is fired at one, the others stand aside."""
     spheres = [ball((3.0 * k, 0, 0)) for k in range(11)]
     stepper = cs.Stepper(lone((3.0 * which, 1.0, 0), spheres, (0, -4.0, 0)), kernel=kernel)

@@ -25,7 +25,7 @@ def test_an_elastic_impact_keeps_the_energy(dt, speed, precision):
 
 
 @pytest.mark.parametrize(("speed", "dt"), [(1e-3, 1e-6), (1.0, 1e-4), (300.0, 2e-5)])
-def test_an_impact_takes_what_the_restitution_says(speed, dt):
+def test_an_impact_loses_the_energy_of_its_restitution(speed, dt):
     assert impact(speed, dt, 0.5, phases=10)["worst"] < 1e-9
 
 
@@ -46,7 +46,7 @@ def test_a_bouncing_sheet_keeps_its_energy(dt, bound):
     assert result["gained"] < bound and result["lost"] < bound
 
 
-def test_impacts_within_a_step_take_what_they_take_in_small_steps():
+def test_impacts_within_a_step_lose_as_much_as_in_small_steps():
     """The cell at 300 m/s tilts and hits the sphere three times in 1e-4 s, as 1,000 small steps show."""
     cloth = cs.Cloth((2, 2), (0.1, 0.1), 0.04, 1e-9, 0.0, pins=())
     sphere = cs.Sphere((0, -0.25, 0), 0.25, None, "continuous", "face", 0.5)
@@ -66,7 +66,7 @@ def test_no_shot_passes():
     assert result["hits"] > 20 and result["passed"] == 0
 
 
-def test_what_a_search_moves_reaches_the_state():
+def test_moves_by_a_search_reach_the_state():
     """The search for a place drops the contacts of its earlier rounds, but not where they moved points."""
     assert shots(6, seed=204)["passed"] == 0
 

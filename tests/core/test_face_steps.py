@@ -12,7 +12,7 @@ DT = 0.01
 
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_sphere_that_passes_a_triangle_within_a_step_is_met_from_either_side(kernel, way):
+def test_a_sphere_that_crosses_a_triangle_within_a_step_is_stopped_from_either_side(kernel, way):
     """Between the corners, from far off to far off: a triangle is looked at along the whole way.
 
     What is known of a triangle from the step before may not hide it: the first step is far away.
@@ -106,7 +106,7 @@ def test_a_link_turns_between_two_spheres(way):
         assert distance(x[[0, 1, 1]] - sphere.center_at(DT)) >= sphere.radius
 
 
-def test_a_sphere_that_touches_early_and_is_far_off_at_the_end_is_met():
+def test_an_early_touch_by_a_sphere_far_off_at_the_end_of_the_step_is_found():
     """It strokes the cell near its last corner from below and goes on 4 m aside in the same step."""
     cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
     radius, gap, way = 0.05, 0.01, np.array((4.0, 0.5, 0.0))

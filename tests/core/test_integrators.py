@@ -164,7 +164,7 @@ def test_single_does_not_stall(integrator):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_every_integrator_meets_the_sphere(integrator):
+def test_every_integrator_responds_to_the_sphere(integrator):
     scene, dt, steps = cs.scenes.paper_static(bend=True), 2e-4, 1500
     if integrator == "implicit_midpoint":  # at the price of its steps: fewer, of fewer points
         scene, dt, steps = scene.replace(cloth=scene.cloth.replace(shape=(12, 12))), 1e-3, 300

@@ -80,7 +80,7 @@ def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, sp
 # The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
 @cases()
 @each("shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)])
-def test_damping_that_all_families_share(variant, crumpled, relative, shape):
+def test_equal_damping_of_all_families(variant, crumpled, relative, shape):
     """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""
     for mass, damping in itertools.product(MASS, (0.4, 1e-30)):
         (scene, x, v, dt), expected = _shared_damping(crumpled, shape, mass, damping)

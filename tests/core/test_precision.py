@@ -25,7 +25,7 @@ def test_single_follows_double_at_the_papers_time_step(kernel, swing):
     assert error(x, expected) < 2e-7
 
 
-def test_so_it_does_with_float32_arrays(swing, kernel):
+def test_single_follows_double_with_float32_arrays(swing, kernel):
     """The state is compensated inside a call, whatever the arrays hold."""
     scene, (x, v), expected = swing
     x, v = x.astype(np.float32), v.astype(np.float32)
@@ -74,7 +74,7 @@ def test_acceleration_in_single_is_rounded_like_float32(variant, crumpled):
 
 
 @pytest.mark.parametrize("value", [1e39, -4e38])
-def test_what_float32_cannot_hold_is_no_finite_state(crumpled, value):
+def test_a_state_beyond_float32_is_not_finite(crumpled, value):
     """Finite in the float64 given, infinite in single: an error, not an infinity handed back."""
     scene, x, v, dt = crumpled()
     x[2, 3, 1] = value

@@ -60,7 +60,7 @@ def test_dense_mantissas_of_double(instruction_set):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_what_keeps_coincident_points_finite_changes_no_length(instruction_set, dtype):
+def test_the_guard_of_coincident_points_changes_no_length(instruction_set, dtype):
     """From a tenth of a nanometre on it is below rounding, and two coincident points have a finite 1/l."""
     lengths = np.concatenate([np.logspace(-10, 15, 20_001), 1e-10 * np.linspace(1, 2, 2001)]).astype(dtype)
     _, got = _core.fused_lengths(instruction_set, lengths, np.zeros_like(lengths))

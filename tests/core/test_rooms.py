@@ -118,7 +118,7 @@ def test_the_gather_kernel_and_the_measures_follow_the_list_of_springs(tmp_path)
         ("reference/springs.cpp", "a list of springs of its own"),
     ],
 )
-def test_what_a_further_family_must_be_written_into_does_not_compile_without(tmp_path, source, says):
+def test_a_new_spring_family_does_not_compile_until_every_table_has_it(tmp_path, source, says):
     assert compiled(CORE, Path(source), tmp_path) == ""
     errors = compiled(with_a_further_family(tmp_path), Path(source), tmp_path)
     assert re.search(rf"static assertion failed:.*{says}", errors), errors

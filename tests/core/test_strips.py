@@ -66,7 +66,7 @@ def test_accelerations_after_steps(options, crumpled, oracle):
 
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_points_in_halos_are_answered_once(options, crumpled, relative, response):
+def test_points_in_halos_get_one_response(options, crumpled, relative, response):
     """A sphere that is wider than a strip."""
     ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response=response, offset="edge", restitution=1.0)
     scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
@@ -108,7 +108,7 @@ def test_counting_energy_changes_nothing_else(options, crumpled, same_bits, z):
     assert same_bits(*ends)
 
 
-def test_a_state_put_back_goes_on_the_same(options, crumpled, same_bits):
+def test_a_restored_state_continues_with_the_same_bits(options, crumpled, same_bits):
     """What is kept at the borders is of the state in memory."""
     scene, x, v, dt = crumpled(shape=SHAPES[0])
     stepper = cs.Stepper(scene, x, v, **options, threads=2)

@@ -62,7 +62,7 @@ def test_refuses_other_groups(group):
         ("ab", TypeError),
     ],
 )
-def test_refuses_what_is_no_shape(shape, error):
+def test_a_bad_shape_is_refused(shape, error):
     with pytest.raises(error, match="shape"):
         cs.thread_grid(shape)
 

@@ -37,7 +37,7 @@ FEATURES = [
 
 
 @cases()
-def test_threads_exchange_what_every_set_of_springs_needs(variant, crumpled, same_bits):
+def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumpled, same_bits):
     for feature in FEATURES:
         scene, x, v, dt = crumpled(shape=(32, 32), **feature)
         one = cs.step(scene, x, v, dt, 6, **variant.options)
@@ -59,7 +59,7 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
 
 
 @each("members", [3, 5, 7])
-def test_members_left_over_for_a_team_have_the_same_bits(variant, crumpled, same_bits, members):
+def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
     assert x[..., 0].size >= 4 * cs._core.least_points_per_thread
     xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
@@ -69,7 +69,7 @@ def test_members_left_over_for_a_team_have_the_same_bits(variant, crumpled, same
         assert same_bits(several, expected), threads
 
 
-def test_a_member_left_over_for_a_team_is_named_when_it_becomes_unstable(crumpled):
+def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
     scene, x, v, dt = crumpled(shape=(33, 70))
     vs = np.stack([v, v, v])
     vs[2, 20, 30] = 1e200  # its springs overflow
@@ -125,7 +125,7 @@ def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bit
         ("2", TypeError),
     ],
 )
-def test_refuses_what_is_no_number_of_threads(crumpled, threads, error):
+def test_a_bad_number_of_threads_is_refused(crumpled, threads, error):
     scene, x, v, dt = crumpled()
     calls = [
         lambda: cs.step(scene, x, v, dt, threads=threads),
@@ -229,7 +229,7 @@ print("same")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for processors")
-def test_threads_may_go_where_they_might_before(kernel):
+def test_threads_keep_their_allowed_processors(kernel):
     """A team spreads over the processors; which ones its threads may use stays as it was, one for all of them included."""
     run = subprocess.run(
         [sys.executable, "-c", _PROCESSORS.format(kernel=kernel)], capture_output=True, text=True, timeout=60

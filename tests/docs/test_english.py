@@ -45,3 +45,25 @@ def test_docstrings_are_read_without_names_and_sessions():
     module += '    x : float, What\n        Length [m].\n\n    Examples\n    --------\n    >>> What\n    3\n    """\n'
     blocks = [block for _, block in CHECKER["blocks_of_module"](module)]
     assert blocks == ["Title.", "Notes of the module.", "Return.", "Length [m]."]
+
+
+@pytest.mark.parametrize(
+    "source, mark, expected",
+    [
+        ("// One sentence\n// goes on.\nint x = 3;  // metres\n", "//", ["One sentence goes on.", "metres"]),
+        ("// First.\n//\n// Second.\n//   x = a + b   (drawing)\n", "//", ["First.", "Second."]),
+        ('const char* url = "http://host";\n', "//", []),
+        ("set(x 1)  # a flag\n# One idea.\n", "#", ["a flag", "One idea."]),
+    ],
+)
+def test_comments_are_read_by_paragraph(source, mark, expected):
+    assert [block for _, block in CHECKER["blocks_of_source"](source, mark)] == expected
+
+
+def test_a_sharp_in_a_string_is_no_comment():
+    assert [b for _, b in CHECKER["comments_of_module"]('x = "# What"  # metres\n')] == ["metres"]
+
+
+@pytest.mark.parametrize("name, fault", [("look_along", True), ("LookTable", True), ("outlook", False), ("Literal", False)])
+def test_names_are_split_at_underscores_and_capitals(name, fault):
+    assert bool(list(CHECKER["faults_of_name"](name))) == fault

@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "start.md").read_text(encoding="utf8")
 BLOCK = re.compile(r"```python\n(.*?)```\n(?:\n```output\n(.*?)```)?", re.DOTALL)
 
 
-def test_the_page_prints_what_it_says(tmp_path, monkeypatch):
+def test_the_page_prints_the_stated_output(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     for code, expected in BLOCK.findall(PAGE):
@@ -27,7 +27,7 @@ def test_the_page_prints_what_it_says(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"cloth.png", "cloth.html", "cloth.npz"}
 
 
-def test_the_readme_prints_what_it_says(tmp_path, monkeypatch):
+def test_the_readme_prints_the_stated_output(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "README.md").read_text(encoding="utf8")
     code, expected = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", page, re.DOTALL).groups()

@@ -157,7 +157,7 @@ def test_offsets_move_a_sphere_from_its_centre():
     assert np.abs(ends[0] - ends[1]).max() < 1e-12 and ends[0][..., 1].max() > 0
 
 
-def test_a_sphere_meets_a_cloth_that_its_pins_pull_along():
+def test_a_sphere_touches_a_cloth_pulled_by_its_pins():
     """Two pins pull the sheet over a sphere; triangles at them move too."""
     pull = cs.Linear((0.0, -1.0, 0.0))
     cloth = cs.Cloth((10, 10), (0.5, 0.5), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): pull, (-1, 0): pull})
@@ -202,7 +202,7 @@ def test_explain_names_them(crumpled):
         (lambda: cs.reference_step(PULLED, *STATE, 1e-3, t=0.0, as_printed=True), "as_printed must be False where a pin"),
     ],
 )
-def test_what_cannot_be_is_refused(make, message):
+def test_impossible_values_are_refused(make, message):
     with pytest.raises((ValueError, TypeError), match=message):
         make()
 

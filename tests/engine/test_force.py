@@ -152,7 +152,7 @@ def test_explain_names_it(crumpled):
     assert forced["flops"]["forces on points"] > 0
 
 
-def test_what_is_no_force_is_refused(crumpled):
+def test_values_that_are_no_force_are_refused(crumpled):
     scene, x, v, _ = crumpled()
     with pytest.raises(ValueError, match=r"force must be an array of shape \(9, 20, 3\).*got shape \(3,\)"):
         scene.replace(force=(0, 1, 0))

@@ -24,7 +24,7 @@ def end(run):
 
 @pytest.mark.parametrize("integrator", integrators())
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_a_resumed_run_is_the_one_that_would_have_gone_on(integrator, precision, same_bits, tmp_path):
+def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
     whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
     first = cs.simulate(SMALL, 0.3, t=0.25, fps=50, **options)
@@ -241,7 +241,7 @@ def test_a_file_of_another_schema_is_refused(tmp_path):
 # Steppers
 
 
-def test_what_a_stepper_gives_is_read_only():
+def test_arrays_of_a_stepper_are_read_only():
     stepper = cs.Stepper(SMALL)
     for array in (stepper.positions, stepper.velocities):
         with pytest.raises(ValueError, match="read-only"):
@@ -359,7 +359,7 @@ def test_set_scene_of_a_batch_keeps_frozen_members_and_contact_energy(same_bits)
         (lambda s: cs.step(s.scene, s.positions, s.velocities, 10, 1e-3, t=0.0), TypeError, "swapped"),
     ],
 )
-def test_what_is_refused_changes_nothing(call, error, message, same_bits):
+def test_a_refused_call_changes_nothing(call, error, message, same_bits):
     stepper = cs.Stepper(SMALL)
     stepper.advance(50, 1e-3)
     twin = cs.Stepper.restore(stepper.snapshot())

@@ -56,7 +56,7 @@ def test_a_step_that_fails_leaves_the_sphere_on_its_way():
     assert stepper.scene.spheres[0].center == pytest.approx((0, -9 + stepper.time / 80, 0))
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_values_are_refused():
     stepper = cs.Stepper(scene_of("ray"))
     for centers, error, message in (
         ({1: PLACE}, ValueError, "centers must be an integer"),

@@ -33,7 +33,7 @@ def test_it_starts_from_the_scene(crumpled, same_bits):
     assert same_bits(arrays(still), (x, np.zeros_like(v)))
 
 
-def test_what_it_gives_are_copies(crumpled, same_bits):
+def test_returned_arrays_are_copies(crumpled, same_bits):
     scene, x, v, _ = crumpled()
     stepper = cs.Stepper(scene, x, v)
     kept = stepper.positions
@@ -90,7 +90,7 @@ def test_single_would_not_continue_from_float32_arrays(crumpled, same_bits):
     assert not same_bits(arrays(other), arrays(stepper))
 
 
-def test_restore_refuses_what_is_no_snapshot():
+def test_restore_refuses_values_that_are_no_snapshot():
     with pytest.raises(TypeError, match="snapshot must be a Snapshot"):
         cs.Stepper.restore({"scene": 1})
 
@@ -106,7 +106,7 @@ def test_the_clock_does_not_drift():
 
 
 @each("response", ["reflect", "ray"])
-def test_contact_energy_is_what_the_collision_passes_add(variant, crumpled, response):
+def test_contact_energy_is_the_energy_added_by_collision_passes(variant, crumpled, response):
     """Total energy after a step, less that after the same step without spheres, step by step."""
     spheres = [
         cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1, 0)), response, friction=0.1, offset="edge", restitution=1.0),
@@ -163,7 +163,7 @@ def disturbed(scene, size=1e-3):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_an_unstable_run_tells_where_and_stands_at_the_last_finite_state(variant, same_bits):
+def test_an_unstable_run_names_the_point_and_keeps_the_last_finite_state(variant, same_bits):
     scene = stiff()
     x = disturbed(scene)
     dt = 1.4 * cs.max_stable_dt(scene)

@@ -113,7 +113,7 @@ def test_another_instruction_set_is_another_engine(scene, monkeypatch):
         cs.step(scene, x, v, DT)
 
 
-def test_threads_share_a_scene(scene):
+def test_one_scene_serves_several_threads(scene):
     x, v = state(scene)
     wanted = fresh(scene, x, v, 50)[0]
     wrong = []

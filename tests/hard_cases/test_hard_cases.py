@@ -34,7 +34,7 @@ def test_hard_case(name, precision, kernel):
     assert not failed and result.passed
 
 
-def test_a_case_is_what_its_name_says():
+def test_a_case_matches_its_name():
     """A case may keep to its figures because it has become a mild one."""
     mass = {name: case.scene.cloth.mass_per_point for name, case in CASES.items()}
     for name, case in CASES.items():

@@ -37,7 +37,7 @@ UNKNOWN = {"family": None, "model": None, "stepping": None}
         ("model name : A\nstepping : unknown\n", {"cpu": "A", **UNKNOWN}),
     ],
 )
-def test_processors_of_one_name_are_told_apart(monkeypatch, told, expected):
+def test_processors_of_one_name_are_distinguished(monkeypatch, told, expected):
     monkeypatch.setattr(Path, "read_text", lambda self: told)
     assert processor() == expected
 

@@ -88,7 +88,7 @@ def test_explain_counts_the_integrator_that_it_is_asked_about():
 
 @pytest.mark.parametrize("damping", [0.0, 0.5])
 @pytest.mark.parametrize("method", ["semi_implicit_euler", "velocity_verlet", "pefrl", "rk4"])
-def test_the_order_is_the_one_that_is_measured(method, damping):
+def test_the_stated_order_is_the_measured_order(method, damping):
     """A spring in line: x'' = -100 x - damping x', from x = 0.1, for one second."""
     scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1, damping=damping)
     omega = np.sqrt(100.0 - damping**2 / 4)
@@ -101,8 +101,8 @@ def test_the_order_is_the_one_that_is_measured(method, damping):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(expected, abs=0.15)
 
 
-test_the_order_is_the_one_that_is_measured = pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")(
-    test_the_order_is_the_one_that_is_measured
+test_the_stated_order_is_the_measured_order = pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")(
+    test_the_stated_order_is_the_measured_order
 )
 
 
@@ -178,7 +178,7 @@ def test_masked_arrays_are_refused(call):
         call(masked, scene)
 
 
-def test_a_measure_that_overflows_or_is_told_of_nan_names_the_point():
+def test_a_measure_of_overflow_or_nan_names_the_point():
     scene = cs.Scene(cs.Cloth((4, 5)))
     x, v = scene.initial_position.copy(), scene.initial_velocity.copy()
     x[2, 3, 1] = 1e200

@@ -143,7 +143,7 @@ def test_refused(call, error, message):
         call()
 
 
-def test_unstable_error_carries_its_state_and_survives_pickling():
+def test_unstable_error_keeps_its_state_through_pickling():
     x, v = state()
     error = UnstableError(step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3)
     assert isinstance(error, ArithmeticError)

@@ -24,7 +24,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_what_is_saved_is_loaded(tmp_path, name):
+def test_a_saved_file_loads_to_the_same_values(tmp_path, name):
     path = cs.save_scene(SCENES[name], tmp_path / "scene.toml")
     again = cs.load_scene(path)
     assert again == SCENES[name]
@@ -48,7 +48,7 @@ def test_the_layout(tmp_path):
     assert "stiffness = { structural = 900.0, shear = 350.5, bend = 0.1 }" in text
 
 
-def test_what_is_left_out_takes_its_default(tmp_path):
+def test_omitted_fields_take_their_defaults(tmp_path):
     (tmp_path / "scene.toml").write_text("schema = 2\n[cloth]\nshape = [4, 4]\n")
     assert cs.load_scene(tmp_path / "scene.toml") == cs.Scene(cs.Cloth((4, 4)))
 
@@ -76,7 +76,7 @@ def test_what_is_left_out_takes_its_default(tmp_path):
         ("\xff\xfe", ValueError, "no TOML file"),
     ],
 )
-def test_what_is_wrong_is_said_with_the_file(tmp_path, text, error, message):
+def test_a_bad_file_is_named_with_its_fault(tmp_path, text, error, message):
     path = tmp_path / "wrong.toml"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(error, match=message) as caught:

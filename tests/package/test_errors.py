@@ -125,7 +125,7 @@ def test_options(name, value, error):
             call(**{name: value})
 
 
-def test_a_misspelt_option_is_answered_with_the_nearest():
+def test_a_misspelt_option_gets_an_error_with_the_nearest_name():
     with pytest.raises(ValueError, match="did you mean 'gather'"):
         cs.step(SCENE, X, V, 1e-3, kernel="gahter")
 
@@ -354,7 +354,7 @@ def test_a_state_of_none_is_refused():
                 call(x, v)
 
 
-def test_out_says_what_an_array_is_not():
+def test_an_unfit_out_array_is_named_with_its_fault():
     for out, lacks in [(OUTS["read-only"][0], "writeable"), (OUTS["Fortran"][0], "C-contiguous")]:
         with pytest.raises(ValueError, match=f"got an array that is not {lacks}$"):
             cs.step(SCENE, X, V, 1e-3, out=(out, V.copy()))

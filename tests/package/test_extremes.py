@@ -83,7 +83,7 @@ def test_an_exception_of_a_callback_has_the_frames_so_far(how, error, same_bits)
         assert same_bits([run.resume(0.005).x[-1]], [stopped.resume(0.005).x[-1]])
 
 
-def test_a_wrong_answer_of_a_callback_has_the_frames_too():
+def test_an_error_for_a_callbacks_wrong_result_holds_the_frames():
     with pytest.raises(TypeError, match="callback must return True") as caught:
         cs.simulate(SCENE, 0.02, dt=1e-3, callback=lambda t, x, v: "no")
     assert len(caught.value.run.t) == 1
@@ -172,7 +172,7 @@ def test_a_wrong_name_in_the_environment_is_shown_short(variable, name, shown):
     assert last.startswith(f"ValueError: {variable} is {shown}; ") and len(last) < 150
 
 
-def test_explain_says_what_fuses():
+def test_explain_names_the_fused_operations():
     config = cs.build_config()
     code = "import clothsim as cs; print(cs.scenes.paper_static().explain(strict={})['arithmetic'])"
     for name in config["instruction_sets_supported"]:

@@ -32,7 +32,7 @@ def message_of(function, *args, **keywords):
 
 
 @each("name", [*PUBLIC, *(f"scenes.{name}" for name in SCENES)])
-def test_every_public_name_says_what_it_takes(name):
+def test_every_public_name_documents_its_arguments(name):
     function = cs
     for part in name.split("."):
         function = getattr(function, part)
@@ -59,7 +59,7 @@ def test_every_public_name_says_what_it_takes(name):
         (cs.sweep, "workers", "; clothsim calls it 'threads'"),
     ],
 )
-def test_what_was_meant_is_suggested(function, unknown, ours):
+def test_the_nearest_name_is_suggested(function, unknown, ours):
     assert f"got an unknown argument {unknown!r}{ours}; it takes" in message_of(function, **{unknown: 1})
 
 
@@ -71,7 +71,7 @@ def test_replace_suggests_as_the_constructor_does():
     assert "did you mean 'stiffness'?" in message_of(cs.Cloth().replace, stifness=1)
 
 
-def test_what_goes_through_to_simulate_is_refused_there():
+def test_options_for_simulate_are_checked_by_simulate():
     scene = cs.scenes.oscillator()
     assert "simulate() got an unknown argument 'device'; clothsim calls it 'backend'" in message_of(
         cs.convergence, scene, 0.1, [0.01], device="cpu"

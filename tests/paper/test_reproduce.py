@@ -81,7 +81,7 @@ def test_cells_are_those_of_the_papers_tables(report):
             assert c["penetration"]["triangles"] <= c["deepest_so_far"]["triangles"] <= 0.25
 
 
-def test_cell_is_what_stepping_the_scene_gives(report):
+def test_a_cell_equals_the_stepped_scene(report):
     scene = cs.scenes.paper_static("ray")
     stepper = cs.Stepper(scene, threads=1)
     stepper.advance(150 * 8, 2e-4)

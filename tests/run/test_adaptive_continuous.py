@@ -33,7 +33,7 @@ def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
 
 
 @pytest.mark.parametrize("integrator", ADAPTIVE)
-def test_a_grazing_contact_within_a_step_is_answered(integrator):
+def test_a_grazing_contact_within_a_step_gets_a_response(integrator):
     """Both ends of the step are outside; the chord dips in by a hair: the response at the end of a
     step alone would not see it."""
     cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())

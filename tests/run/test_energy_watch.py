@@ -97,7 +97,7 @@ def test_energy_that_swings_is_no_growth(integrator):
         assert report["energy"]["gained"] >= 0 and report["energy"]["reason"] == ""
 
 
-def test_what_is_gained_is_the_most_at_the_watched_states():
+def test_the_energy_gained_is_the_largest_of_the_watched_states():
     scene, dt = thrown(0, 1.0), cs.max_stable_dt(thrown(0, 1.0), "velocity_verlet")
     made = []
     stepper = cs.Stepper(scene, integrator="velocity_verlet", threads=1)
@@ -116,7 +116,7 @@ def test_what_is_gained_is_the_most_at_the_watched_states():
     assert 0 <= adaptive["gained"] < 1e-6 * start
 
 
-def test_after_a_response_nothing_is_told():
+def test_no_growth_of_energy_is_reported_after_a_response():
     scene = cs.scenes.paper_static("reflect")
     before, after = (cs.simulate(scene, t, 1e-3).report["energy"] for t in (0.2, 0.3))
     assert before["gained"] >= 0 and before["reason"] == ""

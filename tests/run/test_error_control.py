@@ -55,7 +55,7 @@ def true_within(run, error, least=0.5, most=3.0):
 
 @pytest.mark.parametrize("exponent", [3, 6, 9])
 @pytest.mark.parametrize("name", DURATIONS)
-def test_the_error_asked_for_is_had(name, exponent):
+def test_error_control_reaches_the_requested_error(name, exponent):
     scene, asked = scene_of(name), 10.0**-exponent
     run = cs.simulate(scene, DURATIONS[name], rtol=asked)
     assert run.t[-1] == DURATIONS[name]
@@ -131,7 +131,7 @@ def test_the_estimate_of_a_given_step(precision):
     assert math.isnan(run.report["tolerance"]["asked"])
 
 
-def test_what_cannot_be_reached_ends():
+def test_an_unreachable_tolerance_ends_the_run():
     """... with the best solution, its estimate and the reason, in less than three plain runs.
 
     Rounding grows along one direction here. Two runs are close by chance once in ten, the median of five scenes is not.

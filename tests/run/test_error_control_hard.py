@@ -55,7 +55,7 @@ def rms(difference):
     ],
     ids=str,
 )
-def test_the_error_asked_for_is_had_and_told(number, options):
+def test_error_control_reaches_and_reports_the_requested_error(number, options):
     case = case_of(number)
     size = max(case.scene.cloth.size)
     run = cs.simulate(case.scene, case.duration, threads=1, **options)

@@ -244,7 +244,7 @@ def interrupted(*arguments, **options):
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_ctrl_c_hands_over_what_is_done(precision, same_bits):
+def test_ctrl_c_returns_the_finished_members(precision, same_bits):
     dt = 5e-5
     error, late = interrupted(SCENE, 40.0, dt=dt, every=50.0, threads=1, precision=precision)
     assert isinstance(error, cs.RunInterrupted) and late < 0.1
@@ -368,7 +368,7 @@ def test_a_bar_moves_ten_times_a_second(monkeypatch, cost, steps):
     assert abs(run._chunk - steps) <= 1
 
 
-def test_a_run_that_nobody_observes_shows_its_bar_too():
+def test_a_run_without_observers_shows_its_bar():
     """With error control, steps are single only where the error is observed."""
     from clothsim.run.fixed_steps import RunOptions, integrate
     from clothsim.run.recording import Watch

@@ -154,7 +154,7 @@ def test_a_run_is_six_short_lines(run):
     assert "stopped early (callback)" in repr(cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True))
 
 
-def test_a_run_whose_report_tells_little_can_be_shown(run):
+def test_a_run_with_an_incomplete_report_can_be_shown(run):
     told = {"penetration": {"points": math.nan, "triangles": math.nan, "reason": "not watched"}}
     for report in ({}, told, {"energy": {"start": None}, "wall_time": 0.1}):
         lines = printed(cs.Run(run.scene, run.t[:1], run.x[:1], run.v[:1], report))
@@ -162,7 +162,7 @@ def test_a_run_whose_report_tells_little_can_be_shown(run):
     assert any("not known: not watched" in line for line in printed(cs.Run(run.scene, run.t, run.x, run.v, told)))
 
 
-def test_runs_are_equal_by_what_they_computed(run, tmp_path):
+def test_runs_are_equal_if_their_results_are(run, tmp_path):
     again = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
     assert run == run and run == again and hash(run) == hash(again)
     assert run == cs.load_run(run.save(tmp_path / "run")) and len({run, again}) == 1

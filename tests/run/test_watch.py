@@ -73,7 +73,7 @@ def extremes(report):
     + [(name, "rk4", "single") for name in ("reflect", "continuous", "three of them")]
     + [(name, other, "double") for name in ("three of them", "face") for other in ("velocity_verlet", "pefrl")],
 )
-def test_they_are_those_of_every_state(name, integrator, precision):
+def test_measures_over_steps_equal_measures_of_every_state(name, integrator, precision):
     scene = SCENES[name]
     options = {"integrator": integrator, "precision": precision}
     found, stretches, first = step_by_step(scene, **options)

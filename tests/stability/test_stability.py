@@ -55,7 +55,7 @@ def test_with_a_state_it_is_at_most_a_tenth_below_the_measured_limit(shape, damp
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])
-def test_so_it_is_for_a_stretched_state(damping):
+def test_the_limit_holds_for_a_stretched_state(damping):
     """Two rows of points are clamped all round, so that stretching is in balance."""
     clamped = np.ones((9, 10), bool)
     clamped[2:-2, 2:-2] = False
@@ -68,7 +68,7 @@ def test_so_it_is_for_a_stretched_state(damping):
 
 @pytest.mark.parametrize("integrator", [name for name in BOUNDED if name != "rk4"])
 @pytest.mark.parametrize("damping", [0.0, 0.3])
-def test_so_it_is_for_every_integrator(integrator, damping):
+def test_the_limit_holds_for_every_integrator(integrator, damping):
     scene = sheet((6, 7), 1e4, damping)
     x, v = scene.initial_position, scene.initial_velocity
     predicted = cs.max_stable_dt(scene, integrator, x)
@@ -178,6 +178,6 @@ def test_the_limits_on_the_axes_are_those_of_the_table(integrator):
         (None, np.zeros((4, 4, 3)), ValueError, "v must be None"),
     ],
 )
-def test_states_that_are_none(x, v, error, named):
+def test_values_that_are_no_state_are_refused(x, v, error, named):
     with pytest.raises(error, match=named):
         cs.max_stable_dt(cs.Scene(cs.Cloth((4, 4))), "rk4", x, v)

@@ -23,7 +23,7 @@ SLOW = [pytest.param(method, marks=pytest.mark.slow) for method in ("semi_implic
 
 
 @pytest.mark.parametrize("method", ["velocity_verlet", *SLOW])
-def test_of_a_sheet_whose_stiffness_and_damping_do_not_commute(method):
+def test_limit_of_a_sheet_whose_stiffness_and_damping_do_not_commute(method):
     stiffness = {"structural": 1e4, "shear": 6e5, "bend": 3e3}
     cloth = cs.Cloth((3, 7), mass=21 * 0.5, stiffness=stiffness, damping=32.0)
     scene = cs.Scene(cloth)

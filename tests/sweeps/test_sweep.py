@@ -133,7 +133,7 @@ def test_energy_stretch_and_penetration_are_those_of_the_run():
         assert float(mine.largest_stretch) == pytest.approx(expected, rel=1e-13, abs=0)
 
 
-def test_sampling_looks_at_so_many_states():
+def test_sampling_inspects_the_requested_number_of_states():
     fine, coarse = (
         float(sweep(BALL, duration=0.4, dt=1e-3, metrics="largest_stretch", sampling=n).largest_stretch) for n in (400, 4)
     )
@@ -212,7 +212,7 @@ def test_with_tolerances_too():
     assert np.isnan(result.error).all() and "chaotic" in result.message.values.ravel()[0]
 
 
-def test_members_that_differ_in_numerics_share_a_reference(monkeypatch):
+def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
     from clothsim.sweeps import reference
 
     solved = []
@@ -250,7 +250,7 @@ def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precisi
     assert float(found.first_contact) == pytest.approx(first, rel=1e-12, abs=0)
 
 
-def test_first_contact_of_what_never_meets_is_missing():
+def test_first_contact_is_missing_without_any_contact():
     far = BALL.replace(spheres=BALL.spheres[0].replace(center=(0.5, -9.0, 0.5)))
     for scene in (far, BALL.replace(spheres=())):
         result = sweep(scene, duration=0.3, dt=1e-3, metrics="first_contact")
@@ -295,7 +295,7 @@ def test_a_function_that_fails_harms_its_member_alone():
 # Which members there are, and their labels
 
 
-def test_coordinates_carry_their_units():
+def test_coordinates_have_units():
     result = sweep(SMALL, {"stiffness": np.array([1e3, 2e3]), "dt": (1e-3,)}, duration=0.01)
     assert result.stable.dims == ("stiffness", "dt") and result.sizes == {"stiffness": 2, "dt": 1}
     assert result.stiffness.attrs == {"long_name": "stiffness", "units": "N/m"}

@@ -122,7 +122,7 @@ def test_zip_and_set(capsys):
         (["paper_swing", "--strict", "yes,no"], "true or false"),
     ],
 )
-def test_what_is_refused(capsys, arguments, message):
+def test_bad_input_is_refused(capsys, arguments, message):
     code, _, err = run(capsys, "sweep", *arguments, "--duration", "0.01")
     assert code in (1, 2) and message in err and err.count("\n") == 1
 
@@ -140,7 +140,7 @@ def terminal_of(monkeypatch):
     return shown
 
 
-def test_the_bar_tells_members_rate_and_time_left(monkeypatch):
+def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
     terminal = terminal_of(monkeypatch)
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = terminal.getvalue().split("\r")[-1]
@@ -194,7 +194,7 @@ def _close():
     plt.close("all")
 
 
-def test_zipped_tolerances_and_steps_are_told_by_their_values(capsys, scene):
+def test_zipped_tolerances_and_steps_are_shown_by_their_values(capsys, scene):
     options = "--zip dt,rtol --dt 1e-3,none --rtol none,1e-6 --duration 0.05 --metric stable"
     command = ["sweep", str(scene), *options.split()]
     assert main(command) == 0

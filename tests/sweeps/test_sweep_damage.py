@@ -129,7 +129,7 @@ def test_frames_that_are_not_read_at_opening_are_refused_at_their_use(sound, tmp
         cs.open_sweep(path)
 
 
-def test_a_kill_while_damage_is_mended_hands_nothing_on(sound, tmp_path, monkeypatch):
+def test_a_kill_during_repair_passes_no_damage_on(sound, tmp_path, monkeypatch):
     """The members are pending on the disk before anything of them is replaced."""
     from tests.sweeps.test_sweep_store import killed
 
@@ -149,7 +149,7 @@ def test_a_kill_while_damage_is_mended_hands_nothing_on(sound, tmp_path, monkeyp
             after += 7
 
 
-def test_the_store_of_a_single_run_is_mended(tmp_path):
+def test_the_store_of_a_single_run_is_repaired(tmp_path):
     def run():
         return cs.sweep(SCENE, duration=0.02, dt=1e-3, store=tmp_path / "s.zarr", progress=False).load()
 

@@ -149,7 +149,7 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
     assert sorted([*pending, *recorded]) == list(range(24)) and 0 < len(pending) < 24
 
 
-def test_what_runs_at_an_interrupt_is_kept(small_tasks, recorded, monkeypatch):
+def test_running_members_are_kept_at_an_interrupt(small_tasks, recorded, monkeypatch):
     begun, go = threading.Event(), threading.Event()
     calls, started = itertools.count(), []
 
@@ -184,7 +184,7 @@ def stopping(calls):
     return pause
 
 
-def test_a_task_that_is_stopped_hands_over_what_it_has():
+def test_a_stopped_task_returns_its_finished_members():
     values = {k: {"dt": dt} for k, dt in enumerate((1e-3, 5e-4, 2e-4))}
     task = Task(SCENE, SweepOptions(0.05), values)
     result = run_task(task, stopping(2))
@@ -307,7 +307,7 @@ def test_tasks_learn_from_how_long_they_took():
     assert made.rate == 3.5
 
 
-def test_members_that_share_a_reference_share_a_task():
+def test_members_of_one_reference_come_in_one_task():
     made = planner({"dt": [1e-3, 5e-4, 2e-4], "mass": np.linspace(1, 2, 30)}, "error", 1e-7)
     for task in made.tasks():
         assert len(task.values) == 3 * len({made.members.grid.physics[index] for index in task.values})

@@ -39,7 +39,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "value", "read", "expected"), CASES)
-def test_a_name_changes_what_it_says(name, value, read, expected):
+def test_a_changed_name_changes_the_result(name, value, read, expected):
     fields.check_name(name)
     assert read(change_scene(SCENE, {name: value})) == expected
     assert read(SCENE) != expected or name == "damping_bend"

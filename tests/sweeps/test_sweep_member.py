@@ -53,7 +53,7 @@ def test_an_unstable_member_is_the_run_up_to_its_last_good_state():
     assert run.report["stopped"] == "unstable" and np.isfinite(run.x).all()
 
 
-def test_what_is_no_single_member_is_named():
+def test_a_selection_of_several_members_is_refused_by_name():
     ds = sweep({"dt": [1e-3, 5e-4]}, metrics="stable")
     with pytest.raises(ValueError, match=r"one value of 'dt', got 2: give member\(dt=\.\.\.\)"):
         ds.clothsim.member()
@@ -66,7 +66,7 @@ def test_what_is_no_single_member_is_named():
         large.isel(position=0).clothsim.member()
 
 
-def test_a_wrong_label_is_told_with_the_labels_of_the_sweep():
+def test_a_wrong_label_is_an_error_that_lists_the_labels_of_the_sweep():
     ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1, dt=0.01, progress=False)
     with pytest.raises(KeyError, match="stiffness must be one of its 2 labels, from 1.0 to 4.0, got 3.0; .*nearest"):
         ds.clothsim.member(stiffness=3.0)

@@ -56,13 +56,13 @@ def sweep(*args, **options):
         ({"store": __file__}, ValueError, "store"),
     ],
 )
-def test_what_is_refused(arguments, error, message, tmp_path):
+def test_bad_input_is_refused(arguments, error, message, tmp_path):
     given = {"duration": 0.01, "progress": False, **arguments}
     with pytest.raises(error, match=message):
         cs.sweep(SMALL, **given)
 
 
-def test_what_no_member_can_be_is_found_in_a_large_grid():
+def test_an_impossible_member_of_a_large_grid_is_found():
     over = {"stiffness": np.linspace(1, 2, 100), "mass": [*np.linspace(1, 2, 99), -1.0]}
     with pytest.raises(ValueError, match="mass=-1.0"):
         sweep(SMALL, over, duration=1.0)

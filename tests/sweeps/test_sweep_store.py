@@ -51,7 +51,7 @@ def counted(monkeypatch):
     return indices
 
 
-def test_a_store_has_what_memory_has(tmp_path):
+def test_a_store_holds_the_results_of_memory(tmp_path):
     options = {"every": 0.07, "frames": True, "metrics": [*METRICS, "first_contact"]}
     stored = sweep(tmp_path / "s.zarr", **options)
     same(stored, cs.sweep(SCENE, OVER, duration=0.3, progress=False, **options))
@@ -82,7 +82,7 @@ def test_provenance(tmp_path):
 
 
 @pytest.mark.parametrize("stop_after", [1, 4, 11])
-def test_what_is_missing_is_done_and_nothing_twice(tmp_path, counted, monkeypatch, stop_after):
+def test_missing_members_are_computed_once(tmp_path, counted, monkeypatch, stop_after):
     path = tmp_path / "s.zarr"
     record = store.Store.record
     done = []
@@ -249,7 +249,7 @@ def test_a_large_array_that_differs_is_seen(tmp_path):
         sweep(tmp_path / "s.zarr", {"mass": {"even": masses}}, dt=1e-3)
 
 
-def test_what_is_no_store_is_refused_and_left_alone(tmp_path):
+def test_a_folder_that_is_no_store_is_refused_and_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match="no store of a sweep"):
         sweep(tmp_path)
@@ -260,7 +260,7 @@ def test_what_is_no_store_is_refused_and_left_alone(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_resume_false_refuses_what_exists(tmp_path):
+def test_resume_false_refuses_an_existing_store(tmp_path):
     sweep(tmp_path / "s.zarr", resume=False)
     with pytest.raises(ValueError, match="resume=True continues it"):
         sweep(tmp_path / "s.zarr", resume=False)

@@ -64,7 +64,7 @@ def test_energy_and_frames_are_those_of_simulate(scene, options):
             assert mine.position.values.tobytes() == run.x.tobytes()
 
 
-def test_the_error_is_what_was_asked_for():
+def test_the_error_is_within_the_request():
     asked = [1e-4, 1e-6, 1e-8]
     result = sweep(SCENE, {"atol": asked}, metrics="error", integrator="dop853")
     assert result.atol.attrs["units"] == "m"
@@ -74,7 +74,7 @@ def test_the_error_is_what_was_asked_for():
     assert relative.rtol.attrs["units"] == "1"
 
 
-def test_what_is_watched_is_that_of_the_run():
+def test_watched_measures_equal_measures_of_the_run():
     undamped = BALL.replace(cloth=BALL.cloth.replace(damping=0.0))
     for scene, rtol in ((BALL, 1e-6), (undamped, 3e-4)):
         result = sweep(scene, rtol=rtol, metrics=WATCHED, sampling=300)
@@ -109,7 +109,7 @@ def test_tolerances_beside_steps():
     assert np.array_equal(zipped.error, result.error)
 
 
-def test_automatic_without_a_tolerance_is_that_of_simulate():
+def test_automatic_without_a_tolerance_equals_simulate():
     result = sweep(SCENE, integrator="auto", metrics="energy_drift")
     energy = cs.simulate(SCENE, 0.3, integrator="auto").report["energy"]
     assert float(result.energy_drift) == energy["end"]["total"] - energy["start"]["total"]
@@ -133,7 +133,7 @@ def test_a_store_of_another_tolerance_is_refused(tmp_path):
         ({"over": {"rtol": [1e-3]}, "integrator": "dop835"}, "integrator must be one of"),
     ],
 )
-def test_what_is_refused(options, message):
+def test_bad_input_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
         sweep(SCENE, **options)
 

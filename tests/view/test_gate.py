@@ -278,7 +278,7 @@ IGNORED = {
 }
 
 
-def test_what_no_control_needs_is_ignored(viewer, monkeypatch):
+def test_messages_for_no_control_are_ignored(viewer, monkeypatch):
     play, asked, changes, change = viewer.playground, [], [], viewer.playground.change
     monkeypatch.setattr(viewer.server, "request_share_url", lambda *_: asked.append(1))
     monkeypatch.setattr(play, "change", lambda **values: (changes.append(values), change(**values)))

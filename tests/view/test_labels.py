@@ -39,7 +39,7 @@ def test_a_value_that_is_unknown_is_grey():
 
 
 @pytest.mark.parametrize("name", ["stretch", "speed", "depth"])
-def test_named_colours_follow_the_measure_and_share_one_scale(run, name):
+def test_named_colours_follow_the_measure_on_one_scale(run, name):
     measure = {
         "stretch": lambda k: cs.largest_stretch(run.scene, run.x[k]),
         "speed": lambda k: np.linalg.norm(run.v[k], axis=-1).max(),
@@ -188,6 +188,6 @@ def test_in_perspective_a_nearer_ball_is_larger_by_the_ratio_of_distances():
         ({"v": np.zeros(3)}, ValueError, r"v must be an array of shape \(32, 32, 3\)"),
     ],
 )
-def test_bad_looks_are_named(arguments, error, words):
+def test_bad_options_of_a_picture_are_named(arguments, error, words):
     with pytest.raises(error, match=words):
         cs.picture(cs.scenes.paper_static(), **arguments)

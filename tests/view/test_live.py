@@ -138,7 +138,7 @@ def test_pause_and_single_step(viewer, tab):
     assert play.time == pytest.approx(t + play.dt)
 
 
-def test_a_refused_change_is_told_and_taken_back(viewer, tab):
+def test_a_refused_change_is_reported_and_undone(viewer, tab):
     play = viewer.playground
     offset = next(handle for handle, _ in viewer.controls.entries if handle.label == "offset")
     tab.get_by_role("combobox", name="offset").click()
@@ -286,7 +286,7 @@ def protocol():
     return f"viser-v{viser.__version__}"
 
 
-def test_it_serves_this_machine_alone_unless_told_otherwise(viewer):
+def test_the_viewer_serves_only_this_machine_by_default(viewer):
     assert viewer.server.get_host() == "127.0.0.1"
     with socket.socket() as other:
         other.settimeout(2)

@@ -126,7 +126,7 @@ def test_packed_values_are_right_where_differences_overflow():
     assert np.abs(levels / 255 - values.clip(0, 1)).max() < 0.5001 / 255
 
 
-def test_stretch_of_a_point_is_that_of_its_most_stretched_spring():
+def test_stretch_of_a_point_is_the_largest_of_its_springs():
     cloth = cs.Cloth((3, 3), springs=("structural",), pins=())
     x = cloth.rest_positions.copy()
     x[0, 0] -= (0.25, 0, 0)  # its spring along the row has 0.75 m instead of 0.5
@@ -362,7 +362,7 @@ def test_a_cell_that_is_shown_late_is_drawn_then(runs, tmp_path, opened):
         ({3: None}, TypeError, "got 3: NoneType"),
     ],
 )
-def test_what_cannot_be_compared_is_named(given, error, words):
+def test_runs_that_cannot_be_compared_are_named(given, error, words):
     with pytest.raises(error, match=words):
         cs.compare(given)
 

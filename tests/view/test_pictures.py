@@ -93,7 +93,7 @@ def seen_by(colors, deficiency):
 
 
 @pytest.mark.parametrize("deficiency", ["none", "protan", "deutan", "tritan"])
-def test_colours_are_told_apart_with_any_colour_vision(deficiency):
+def test_colours_are_distinct_for_any_colour_vision(deficiency):
     colors = np.array([raster.CLOTH_FRONT, raster.CLOTH_BACK, raster.SPHERE, raster.PENETRATION])
     lab = seen_by(colors, deficiency)
     distance = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(4, 1)]
@@ -310,7 +310,7 @@ def test_a_picture_of_a_moving_sphere_needs_the_time_of_its_positions():
     assert (cs.picture(scene, scene.initial_position, 0.0, width=32).pixels == first).all()
 
 
-def test_what_is_refused_is_shown_in_one_line_and_named(tmp_path):
+def test_a_refused_value_is_shown_in_one_line_with_its_name(tmp_path):
     with pytest.raises(TypeError, match="^scene must be a Scene, got an array of shape"):
         cs.picture(np.zeros((4, 5, 3)), cs.scenes.paper_static())
     with pytest.raises(ValueError, match="^path must end in .png or in another suffix"):

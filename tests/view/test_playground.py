@@ -28,7 +28,7 @@ def test_ticks_follow_the_clock_and_lose_no_part_of_a_step():
     assert playground.tick(60.0) * 3e-4 == pytest.approx(0.1, abs=3e-4)  # a pause is not made up for
 
 
-def test_a_budget_ends_a_tick_and_the_real_time_factor_tells():
+def test_a_time_budget_ends_a_tick_and_lowers_the_real_time_factor():
     playground = Playground(cs.scenes.paper_static(), dt=5e-6)
     for _ in range(3):
         done = playground.tick(0.1, budget=0.0)

@@ -138,7 +138,7 @@ def test_colours_of_mass_points_are_interpolated():
     assert differing(render(x, balls, camera, 90, colors=colors), traced(x, balls, camera, 90, colors)) == 0
 
 
-def test_what_is_behind_the_eye_is_not_drawn():
+def test_points_behind_the_eye_are_not_drawn():
     x = cs.Cloth((7, 9), pins=()).rest_positions
     balls = [Ball((0.5, 3.0, 0.5), 0.3, raster.SPHERE)]
     camera = Camera((0, 1, 0), (0.5, 0.0, 0.5), 1.2, 1.2, distance=2.0)

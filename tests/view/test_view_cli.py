@@ -50,7 +50,7 @@ def test_pictures_and_curves_differ(saved, tmp_path):
         (["--kind", "curves", "--out", "a.html"], "does not go with .html"),
     ],
 )
-def test_what_does_not_go_with_a_run_is_refused(saved, capsys, monkeypatch, tmp_path, options, words):
+def test_options_that_do_not_fit_a_run_are_refused(saved, capsys, monkeypatch, tmp_path, options, words):
     monkeypatch.chdir(tmp_path)
     assert main(["plot", saved, *options]) == 2
     assert words in capsys.readouterr().err
@@ -61,7 +61,7 @@ def test_kinds_of_a_run_are_refused_for_a_sweep(tmp_path, capsys):
     assert "is for a run" in capsys.readouterr().err
 
 
-def test_a_run_that_is_none_is_named(tmp_path, capsys):
+def test_an_argument_that_is_no_run_is_named(tmp_path, capsys):
     assert main(["plot", str(tmp_path / "none.npz")]) == 1
     assert "none.npz" in capsys.readouterr().err
 

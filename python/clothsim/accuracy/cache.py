@@ -105,10 +105,10 @@ def load(key: str) -> tuple[dict[str, np.ndarray], str] | None:
         return None
     if str(arrays.pop("key")) != key:
         return None
-    return _remember(key, arrays), "disk"
+    return _keep(key, arrays), "disk"
 
 
-def _remember(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _keep(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     for array in arrays.values():
         array.flags.writeable = False
     with _lock:
@@ -131,7 +131,7 @@ def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             RuntimeWarning,
             stacklevel=4,
         )
-    return _remember(key, arrays)
+    return _keep(key, arrays)
 
 
 def forget() -> None:

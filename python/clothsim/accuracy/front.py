@@ -261,7 +261,7 @@ def _search(bench: Bench, method: Method, errors: list[float], longest: float, b
             coarser = [one for one in seen.values() if one.setting > setting and one.stable]
             last = min(coarser, key=lambda one: one.setting, default=None)
             if last is not None:
-                # What a smaller step will take is known before it is made.
+                # The outcome of a smaller step is known before the step is made.
                 more = last.setting / setting if method.control == "dt" else 1.0
                 if more * last.once > longest or more * last.force_evaluations > most:
                     return math.inf

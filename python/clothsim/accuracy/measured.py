@@ -85,7 +85,7 @@ class Bench:
     def _solve(self, one: Measured) -> Outcome | None:
         try:
             with warnings.catch_warnings():
-                # The run tells whether a step above the guarantee is stable here, and what an order does to the error.
+                # The run shows whether a step above the guarantee is stable here, and what an order does to the error.
                 warnings.simplefilter("ignore", StabilityWarning)
                 warnings.simplefilter("ignore", OrderWarning)
                 return one.method.solve(self.scene, self.duration, one.setting)

@@ -32,7 +32,7 @@ def seconds_per_step(advance: Callable[[int], object], window: float, rounds: in
         try:
             with Stopwatch() as watch:
                 advance(steps)
-        except ArithmeticError:  # a run with these steps tells of it
+        except ArithmeticError:  # a run with these steps reports it
             break
         best = min(best, watch.seconds / steps)
         steps = min(max(8, int(min(window / best, most))), most)

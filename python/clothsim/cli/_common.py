@@ -150,12 +150,12 @@ def _rows(data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: 
                 {e: reason if e in unknown else number for e, number in entries.items()}, units, own, f"{name}, "
             )
             continue
-        told = [
+        texts = [
             f"{entry.replace('_', ' ')} {short(number, units.get(entry, own))}"
             for entry, number in entries.items()
             if entry not in unknown
         ]
-        yield name, ", ".join(told) + (f" ({reason})" if told and reason else "") or str(reason or "none")
+        yield name, ", ".join(texts) + (f" ({reason})" if texts and reason else "") or str(reason or "none")
 
 
 def short(value: Any, unit: str = "") -> str:

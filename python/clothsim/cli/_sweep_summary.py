@@ -34,8 +34,8 @@ def _table(dataset: Any, name: str) -> list[str]:
     variable = dataset[name]
     unit = variable.attrs.get("units", "1")
     title = name + (f" [{unit}]" if unit != "1" else "")
-    companion = name not in METRICS and any(name in m.variables for m in METRICS.values())
-    if companion or variable.ndim not in (1, 2) or max(variable.shape) > 24 or min(variable.shape) > 8:
+    secondary = name not in METRICS and any(name in m.variables for m in METRICS.values())
+    if secondary or variable.ndim not in (1, 2) or max(variable.shape) > 24 or min(variable.shape) > 8:
         values = variable.values[dataset["status"].values == 1]
         if not values.size:
             return [f"{title}: no member came to its end"]

@@ -96,9 +96,9 @@ def _map(args: argparse.Namespace) -> None:
     if folder:
         check_installed("matplotlib", "a picture", "plot")
     scene = scene_of(args.scene, "--scene")
-    softest, stiffest = args.stiffness
+    softest, hardest = args.stiffness
     shortest, longest = args.dt or _range(args, scene)
-    stiffness = np.geomspace(softest, stiffest, args.cells[0])
+    stiffness = np.geomspace(softest, hardest, args.cells[0])
     found = measure_map(
         scene,
         stiffness,

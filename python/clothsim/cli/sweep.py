@@ -26,7 +26,7 @@ _SPEC = (
     "value is a setting, several make a dimension of the result."
 )
 
-# What an option cannot say.
+# Names that an option cannot express.
 _NOT_OPTIONS = ("scene", "position", "velocity", "force", "pins", "sphere_motion", "sphere_times", "sphere_centers")
 
 

@@ -19,8 +19,8 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-# Mass points for each further thread of one cloth. With fewer, the threads wait for each other in each stage of a step
-# for longer than they save: found on cloths of 8 x 8 to 32 x 32; half or twice costs up to a fifth of a step there.
+# Mass points for each further thread of one cloth. With fewer, threads wait longer in each stage than they save. Found on
+# cloths of 8 x 8 to 32 x 32; half or twice costs up to a fifth of a step there.
 _POINTS_PER_THREAD = 128
 
 

@@ -28,8 +28,8 @@ from .start import Start, warn_of_start
 MANY_STEPS = 1_000_000
 """A run of more steps is announced, with the time that it will take."""
 
-# Copies of the state are stepped for so long to tell the time of a step, four times, of which the first warms
-# caches and threads. Half as long is noisy on a busy machine; twice as long is felt.
+# The time of a step is measured four times, each on copies of the state that are stepped for this long. The first
+# measurement warms caches and threads. Half as long is noisy on a busy machine; twice as long is felt.
 _SECONDS_TIMED = 0.02
 _TIMINGS = 4
 _MOST_STEPS_TIMED = 20_000
@@ -191,7 +191,7 @@ class State:
 
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`: time of the state [s]."""
-        # What nearly every call is, told apart in a tenth of the time that the checks take.
+        # The form of nearly every call, recognised in a tenth of the time that the checks take.
         if type(steps) is int and type(dt) is float and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self.judge.least_stable_dt:
             if t + dt != t:
                 return steps, dt

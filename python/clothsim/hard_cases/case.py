@@ -203,7 +203,7 @@ def blows_up(within: int) -> Judge:
         if error is None:
             return []
         assert error.x is not None and error.v is not None
-        told = (
+        reported = (
             error.dt == case.dt
             and error.max_stable_dt is not None
             and error.max_stable_dt < case.dt
@@ -213,7 +213,7 @@ def blows_up(within: int) -> Judge:
         )
         return [
             Figure("at step", error.step, 1, within),
-            Figure("tells point, limit, last good state", float(told), 1, 1),
+            Figure("names point, limit, last good state", float(reported), 1, 1),
             Figure("size of the last good state [m]", float(np.abs(error.x).max()), 0, 2.0),
         ]
 

@@ -51,15 +51,15 @@ def processor() -> dict[str, Any]:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
-    told: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for key, _, value in (line.partition(":") for line in lines):
-        told.setdefault(key.strip(), value.strip())
+        entries.setdefault(key.strip(), value.strip())
 
     def number(key: str) -> int | None:
-        return int(told[key]) if told.get(key, "").isdecimal() else None
+        return int(entries[key]) if entries.get(key, "").isdecimal() else None
 
     return {
-        "cpu": told.get("model name") or platform.processor() or platform.machine(),
+        "cpu": entries.get("model name") or platform.processor() or platform.machine(),
         "family": number("cpu family"),
         "model": number("model"),
         "stepping": number("stepping"),

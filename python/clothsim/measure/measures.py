@@ -16,7 +16,7 @@ from ..model.sphere import Sphere
 Value = float | npt.NDArray[np.float64]
 
 
-def _told(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
+def _refuse_overflow(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
     """Raise a ValueError that names the point whose size makes a measure overflow.
 
     `values` is the measure, with the members along its first axis. `states` are positions or velocities by name, shape
@@ -78,7 +78,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     parts = np.array([_core.energy(cloth, scene.gravity, scene.force, *one) for one in zip(*batch)])
     with np.errstate(over="ignore", invalid="ignore"):
         total = parts.sum(axis=1)
-    _told("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
+    _refuse_overflow("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
     values = dict(zip(("kinetic", "elastic", "gravity", "force"), parts.T))
     values["total"] = total
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
@@ -143,7 +143,7 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
             for one, center in zip(batch, np.broadcast_to(centers, (len(batch), 3)))
         ]
     )
-    _told("the depth", depths, x=x.reshape(-1, rows, columns, 3))
+    _refuse_overflow("the depth", depths, x=x.reshape(-1, rows, columns, 3))
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
@@ -205,5 +205,5 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
     batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
     values = np.array([_core.largest_stretch(cloth, one) for one in batch])
-    _told("the largest stretch", values, x=batch)
+    _refuse_overflow("the largest stretch", values, x=batch)
     return values if x.ndim == 4 else float(values[0])

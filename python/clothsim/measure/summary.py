@@ -91,5 +91,5 @@ def _range(values: Sequence[float], unit: str) -> str:
 
 def _rounding(scene: Scene) -> float:
     """Energy [J] of one spring of the cloth's length that a strain of 1e-10 stretches."""
-    stiffest = max(scene.cloth.family_stiffness.values(), default=0.0)
-    return 1e-20 * stiffest * max(scene.cloth.size) ** 2
+    largest = max(scene.cloth.family_stiffness.values(), default=0.0)
+    return 1e-20 * largest * max(scene.cloth.size) ** 2

@@ -28,7 +28,7 @@ _BISECTIONS = 30
 # as the growth does that Euler's method gives an undamped oscillator.
 _ROUNDING = 1e-9
 _FARTHEST = 10.0  # the first radius up to which a region is searched; then twice as far, until it ends on every ray
-_NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: double cannot tell
+_NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: double resolves no less
 
 
 def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> npt.NDArray[np.bool_]:

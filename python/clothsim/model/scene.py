@@ -22,8 +22,8 @@ from .sphere import Sphere
 SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
 
-# A motion may begin this part of the cloth's size, and of its distance from the origin, off the pin. Half of it is far above
-# the rounding of float64; twice as much would hide a displacement of 2 nm on a sheet of a metre.
+# A motion may begin this part of the cloth's size, and of its distance from the origin, off the pin. Half is far above the
+# rounding of float64. Twice would hide a displacement of 2 nm on a sheet of a metre.
 _PLACE_ROUNDING = 1e-9
 
 _CHANGES = {

@@ -243,7 +243,7 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
         mine = [m for m in group if m.target.name == name]
         kind = mine[0].target.kind
         place = styles[kind] = styles.get(kind, -1) + 1
-        look = {"color": _COLORS[kind], "ls": _STYLES[place % len(_STYLES)], "ms": 4}
+        style = {"color": _COLORS[kind], "ls": _STYLES[place % len(_STYLES)], "ms": 4}
         for batch, marker in ((False, "o"), (True, "s")):
             part = sorted((m for m in mine if (m.members > 1) == batch), key=lambda m: m.points)
             panel.plot(
@@ -251,7 +251,7 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
                 [m.rate * m.points for m in part],
                 marker=marker,
                 mfc="white" if batch else _COLORS[kind],
-                **look,
+                **style,
                 label=None if batch else name,
             )
         if kind == GPU:

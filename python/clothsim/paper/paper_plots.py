@@ -21,11 +21,11 @@ def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
     """Deepest triangle and cumulated contact energy, frame by frame."""
     drawn, ((depth,), (energy,)) = figure(8, 5.2, 2, sharex=True)
     for case in cases:
-        look = {"color": COLORS[case.method], "ls": STYLES[case.variant]}
+        style = {"color": COLORS[case.method], "ls": STYLES[case.variant]}
         frames = case.history["frame"]
         triangles = np.maximum(1e3 * np.array(case.history["triangles"]), SHALLOWEST)
-        depth.plot(frames, triangles, **look, label=f"method {case.method}, {case.variant}")
-        energy.plot(frames, case.history["contact_energy"], **look)
+        depth.plot(frames, triangles, **style, label=f"method {case.method}, {case.variant}")
+        energy.plot(frames, case.history["contact_energy"], **style)
     for panel in (depth, energy):
         for frame in experiment.frames:
             panel.axvline(frame, color=GREY, lw=0.8, zorder=0)

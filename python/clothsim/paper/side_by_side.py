@@ -34,7 +34,7 @@ SCENES: dict[str, tuple[Callable[[], cs.Scene], float, float]] = {
     "moving": (cs.scenes.paper_moving, 1e-4, 0.9),
     "fast": (_fast, 1e-4, 0.012),
 }
-LOOK = 4  # steps between two looks at the triangles
+INSPECTION = 4  # steps between two inspections of the triangles
 
 
 def scene_of(name: str, response: str) -> cs.Scene:
@@ -55,7 +55,9 @@ def passes(x0: np.ndarray, x1: np.ndarray, sphere: cs.Sphere, t0: float, t1: flo
     return int((outside & (nearest < r * (1 - 1e-9))).sum())
 
 
-def follow(name: str, response: str, end: float | None = None, look: int = LOOK, dt: float | None = None) -> dict[str, Any]:
+def follow(
+    name: str, response: str, end: float | None = None, every: int = INSPECTION, dt: float | None = None
+) -> dict[str, Any]:
     """One row of the table: run a scene with a response and watch every step.
 
     Returns
@@ -89,7 +91,7 @@ def follow(name: str, response: str, end: float | None = None, look: int = LOOK,
         row["crossings"] += passes(before, x, sphere, t0, t)
         depth = sphere.radius - np.linalg.norm(x - sphere.center_at(t), axis=-1).min()
         row["points"] = max(row["points"], float(depth))
-        if k % look == 0:
+        if k % every == 0:
             depths = cs.penetration(x, sphere, t)
             row["triangles"] = max(row["triangles"], float(depths["triangles"]))
     row["triangles"] = max(row["triangles"], row["points"])

@@ -28,8 +28,8 @@ def of_nothing(reason: str = NOT_ASKED) -> Account:
 def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
     """The entries of a run whose error was estimated, with or without a tolerance."""
     outcomes = {}
-    if found.companion or found.solution.contacts:
-        outcomes = compared(scene, found.solution, found.companion)
+    if found.better or found.solution.contacts:
+        outcomes = compared(scene, found.solution, found.better)
     return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
 
 
@@ -44,10 +44,10 @@ def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluation
     }
 
 
-def compared(scene: Scene, solution: Solution, companion: Solution | None) -> dict[str, Any]:
+def compared(scene: Scene, solution: Solution, better: Solution | None) -> dict[str, Any]:
     """Outcomes after a contact, with their differences from the better run; NaN without a better run."""
     ours = _outcomes(scene, solution)
-    theirs = _outcomes(scene, companion) if companion else dict.fromkeys(ours, math.nan)
+    theirs = _outcomes(scene, better) if better else dict.fromkeys(ours, math.nan)
     return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
 
 
@@ -104,13 +104,13 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
 
 def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
     """Measures of the core, in the form of the report."""
-    untold = watched.get("reason", "")
+    missing = watched.get("reason", "")
     none = "" if watched["in_contact"] else "no sphere responded"
     time = watched["first_contact"]
     return {
-        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": untold},
-        "stretch": {"largest": watched["stretch"], "reason": untold},
-        "first_contact": {"time": time, "reason": (none or untold) if math.isnan(time) else ""},
+        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": missing},
+        "stretch": {"largest": watched["stretch"], "reason": missing},
+        "first_contact": {"time": time, "reason": (none or missing) if math.isnan(time) else ""},
     }
 
 

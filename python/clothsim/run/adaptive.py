@@ -9,7 +9,7 @@ other steps, so it rounds otherwise, and the distance holds what rounding adds.
 `refined` is the algorithm for dop853 in double, which "auto" takes. `named` is the algorithm for all
 other methods.
 
-After a contact no error can be told. Then the difference of two runs shows how far outcomes agree.
+After a contact no error is estimated. Then the difference of two runs shows how far outcomes agree.
 """
 
 from __future__ import annotations

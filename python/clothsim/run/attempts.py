@@ -17,18 +17,18 @@ from .recording import Recording, Watch
 
 # Tolerance of a step of a short run over the error that is asked for.
 TOLERANCE = 1.5
-# Radians, or so, of the fastest motion above which tolerances fall with their cube: each step adds an
-# error, and an error of frequency moves positions apart with the square of time.
+# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each step adds an error, and an
+# error of frequency moves positions apart with the square of time.
 GROWTH = 12.0
-# Part of the run that tells how many steps there will be.
+# Part of the run from which the number of steps is estimated.
 PILOT = 0.05
 # Steps of a run over those of the run before it, at least.
 REFINEMENT = 1.25
 # Estimates are taken times this, and proportional is what differs by less.
 MARGIN = 1.4
-# What is this part of an error does not matter beside it: the local errors of a better run.
+# Local errors of a better run are neglected below this part of an error.
 SMALL = 0.1
-# Steps below which no error is extrapolated: the sum of few local errors tells little of the error.
+# Steps below which no error is extrapolated: the sum of few local errors is a poor estimate.
 FEW = 60
 # Runs of one method at most.
 RUNS = 8
@@ -155,10 +155,10 @@ class Attempts:
         if self._finished is not None:
             self._watch.recording = self._finished
 
-    def close(self, solution: Solution, error: Estimate, companion: Solution | None = None) -> Controlled:
+    def close(self, solution: Solution, error: Estimate, better: Solution | None = None) -> Controlled:
         others = [run for run in self._done if run is not solution]
         return Controlled(
-            solution, error, companion, sum(run.evaluations for run in others), sum(run.wall_time for run in others)
+            solution, error, better, sum(run.evaluations for run in others), sum(run.wall_time for run in others)
         )
 
     def exhausted(self) -> str:

@@ -1,4 +1,4 @@
-"""The error of a run, as error control tells it, and what it cost."""
+"""The error of a run, as error control estimates it, and what it cost."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ NOT_ASKED = "no estimate was asked for"
 
 @dataclass
 class Estimate:
-    """An error of the last positions [m], over the mass points; NaN if it cannot be told.
+    """An error of the last positions [m], over the mass points; NaN if it is unknown.
 
-    `reason`: why it cannot be told, or why it is larger than what was asked for.
+    `reason`: why it is unknown, or why it is larger than what was asked for.
     """
 
     max: float
@@ -45,6 +45,6 @@ class Controlled:
 
     solution: Solution
     error: Estimate
-    companion: Solution | None  # after a contact
+    better: Solution | None  # after a contact
     evaluations: int
     wall_time: float  # [s]

@@ -45,10 +45,10 @@ def _energy_line(energy: Mapping[str, Any]) -> str:
 def _penetration_line(scene: Scene, depths: Mapping[str, Any]) -> str:
     if not scene.spheres:
         return "penetration: no sphere"
-    told = {name: depths.get(name, math.nan) for name in ("points", "triangles")}
-    if all(map(math.isnan, told.values())):
+    known = {name: depths.get(name, math.nan) for name in ("points", "triangles")}
+    if all(map(math.isnan, known.values())):
         return f"deepest penetration not known: {depths.get('reason') or 'not measured'}"
-    parts = [f"{name} {quantity(depth, 'm')}" for name, depth in told.items() if depth == depth]
+    parts = [f"{name} {quantity(depth, 'm')}" for name, depth in known.items() if depth == depth]
     return f"deepest penetration: {', '.join(parts)}"
 
 

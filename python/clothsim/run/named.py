@@ -35,7 +35,7 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             run = method.run(setting)
             if best is None:
                 best = run
-            if better.met(run):
+            if better.touched(run):
                 return runs.close(run, Estimate.unknown(CONTACT), better.run)
             found = better.error_of(run)
             if found.rms >= error.rms / 2 and better.tightened(asked / found.rms):
@@ -64,7 +64,7 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             return runs.close(best, error.because(LEAST))
         if setting <= method.least:
             return runs.close(best, error.because(NO_FINER))
-        # The order tells what to expect only where the phase of the motion is not lost.
+        # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / method.order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), method.least)
         if stalls >= 2 and not known and runs.spent + run.evaluations * setting / finer > better.most:
@@ -78,7 +78,7 @@ def estimated(runs: Attempts, run: Solution) -> Controlled:
     """The error of a run that is done."""
     runs.add(run)
     better = _Better(runs, SMALL**6 * size_of(runs.scene))
-    if better.met(run):
+    if better.touched(run):
         return runs.close(run, Estimate.unknown(CONTACT), better.run)
     return runs.close(run, better.error_of(run))
 
@@ -106,11 +106,11 @@ class _Better:
 
     @property
     def most(self) -> float:
-        """Force evaluations that are worth while where errors do not fall."""
+        """Force evaluations that are affordable where errors do not fall."""
         left = self._tolerance / self._smallest
         return float(MOST * self.run.evaluations * left ** (1 / ORDER))
 
-    def met(self, run: Solution) -> bool:
+    def touched(self, run: Solution) -> bool:
         """Whether a sphere responded in one of the two runs."""
         return bool(run.contacts or self.run.contacts)
 

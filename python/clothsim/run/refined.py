@@ -46,7 +46,7 @@ from .estimate import CONTACT, Controlled, Estimate
 from .fixed_steps import Solution, size_of
 from .frames import Schedule
 
-# What a refinement leaves of the local errors, at most and at least.
+# Part of the local errors that a refinement leaves, at most and at least.
 _FALL = REFINEMENT**-ORDER
 _LEAST_FALL = SMALL**4
 

@@ -135,7 +135,7 @@ def simulate(
 
         "error_estimate"
             "max" and "rms" [m] of the last positions, over the mass points, and "reason". The
-            estimate is the distance from a better run (docs/integrators.md). If it cannot be told,
+            estimate is the distance from a better run (docs/integrators.md). If it is unknown,
             both are NaN, and the reason is not empty. If it is larger than asked for, the reason says why error control
             could not reduce it.
         "estimate_evaluations", "estimate_wall_time"

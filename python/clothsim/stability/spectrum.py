@@ -164,12 +164,12 @@ def _limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.
     """Step limits, eigenvalues and eigenvectors of projected modes, the most limiting first."""
     m = len(k)
     speed = max(np.sqrt(np.abs(k).max()), np.abs(c).max(), 1e-300)  # balances the two halves
-    companion = np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]])
-    mu, z = np.linalg.eig(companion)
+    linear = np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]])
+    mu, z = np.linalg.eig(linear)
     z = z[:m].T
     wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
-    # A wave has omega^2 = |mu|^2 and delta = -2 Re mu; what decays without waves its own damping.
-    # What grows in the exact motion too is no matter of the time step.
+    # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own damping. Growth of the
+    # exact motion is no matter of the time step.
     omega = np.where(wave, np.abs(mu), 0.0)
     delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
     limits = mode_limit(integrator, omega, delta)

@@ -28,8 +28,8 @@ Floats = npt.NDArray[np.float64]
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
-# Of a run with error control and its companion, beside one of RK4 at its guaranteed step; that of a
-# large tolerance is less, of a small one more.
+# Cost of a run with error control and its better run, over that of RK4 at its guaranteed step. It is less at a large
+# tolerance and more at a small tolerance.
 _COST_OF_CONTROL = 3.0
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)

@@ -18,7 +18,7 @@ from ..base.progress import ProgressBar
 from .drawing import Drawing
 from .picture import file_path
 
-# Effort of WebP, 0 to 6, by films of 181 pictures: at 4 a film is 2 % smaller and takes 1.5 times as long, at 6 it is 6 %
+# Effort of WebP, 0 to 6, by films of 181 pictures. At 4 a film is 2 % smaller and takes 1.5 times as long. At 6 it is 6 %
 # smaller and takes 15 times as long. At 1 it is as large and as quick.
 WEBP_METHOD = 2
 GIF_FPS = 50.0  # frames/s; browsers slow down a GIF whose frames are shorter than 0.02 s
@@ -59,7 +59,7 @@ def animate(
     camera: Any = None,
     width: int = 640,
     progress: bool = False,
-    **look: Any,
+    **style: Any,
 ) -> Path:
     """`Run.animate`; with `progress`, a bar counts pictures."""
     path = film_path("path", path)
@@ -71,7 +71,7 @@ def animate(
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "
             "simulate with every= (seconds or steps between frames)"
         )
-    drawing = Drawing(run.scene, run.x, run.v, run.t, camera, width, **look)
+    drawing = Drawing(run.scene, run.x, run.v, run.t, camera, width, **style)
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)

@@ -12,7 +12,7 @@ from .palette import Scale
 
 Pixels = npt.NDArray[np.uint8]
 
-# Strokes on a grid 4 wide: each pair of digits is x and y, the base line at y = 2, small letters to 6, digits to 8.
+# Strokes on a grid 4 wide. Each pair of digits is x and y, the base line at y = 2. Small letters reach 6, digits 8.
 STROKES = {
     "0": "123243473818070312", "1": "1728 2822 1232", "2": "07183847460242", "3": "07183847463544433212 35 1203 3515",
     "4": "32380444", "5": "480805354443321203", "6": "4738180703123243443505", "7": "084812",

@@ -23,7 +23,7 @@ from .playground import Playground
 from .stage import Stage
 
 FPS = 30.0  # pictures a second
-SHARE = 0.7  # part of the time between two pictures that stepping may take; drawing needs the rest
+STEPPING = 0.7  # part of the time between two pictures that stepping may take; drawing needs the rest
 CURVE_RATE = 10.0  # entries of a curve in a second of wall time
 STATUS_RATE = 5.0  # texts in a second of wall time
 
@@ -80,7 +80,7 @@ class Viewer:
         while not self._over.is_set():
             now = perf_counter()
             try:
-                self.playground.tick(now - last, SHARE / FPS)
+                self.playground.tick(now - last, STEPPING / FPS)
                 self.controls.settle()
                 self.stage.draw()
                 if now - sampled >= 1 / CURVE_RATE:

@@ -230,12 +230,12 @@ def frame_index(run: Any, frame: int | None, t: float | None) -> int:
 
 
 def picture_of_run(
-    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int, **look: Any
+    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int, **style: Any
 ) -> Picture:
     """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
     k = frame_index(run, frame, t)
     path = None if path is None else file_path("path", path)
-    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, camera, width, **look).pixels(k))
+    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, camera, width, **style).pixels(k))
     if path is not None:
         drawn.save(path)
     return drawn

@@ -31,7 +31,7 @@ from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from ..typing import Report
 
-SHARE = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
+STEPPING = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
 DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a jerk tears the cloth apart
 PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time
 LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause is not followed by a rush
@@ -104,11 +104,11 @@ class Playground:
         for dt in steps:
             if dt > ceiling:
                 break
-            if self.cost <= SHARE * dt:
+            if self.cost <= STEPPING * dt:
                 return dt
         return min(ceiling, steps[-1])
 
-    # What is shown.
+    # Readings of the state.
 
     def positions(self) -> Floats:
         """A copy of the positions now [m], shape (rows, columns, 3)."""
@@ -134,7 +134,7 @@ class Playground:
             depths = [penetration(x, sphere, t)["triangles"] for sphere in self.scene.spheres]
             return float(total), float(max(depths, default=0.0))
 
-    # What is changed.
+    # Changes by controls.
 
     def change(
         self,
@@ -193,7 +193,7 @@ class Playground:
         with self.lock:
             self._pin_targets[row, column] = position
 
-    # What passes.
+    # Time that passes.
 
     def tick(self, wall: float, budget: float = math.inf, *, single: bool = False) -> int:
         """Advance by `wall` seconds, but compute for at most `budget` [s]. Return the number of steps.
@@ -290,7 +290,7 @@ class Playground:
                 del self._pin_targets[point]
         self.stepper._state.replace_state(x, pins_stay=False)
 
-    # What is kept.
+    # Recordings.
 
     def record(self, on: bool) -> None:
         """Begin or end a recording."""

@@ -22,8 +22,8 @@ _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 CLOTH_COLOR, BALL_COLOR = linear(CLOTH_FRONT), linear(SPHERE)
-# Radians by which the normals of the first frame are off. Where they are those of the triangles, as on a flat sheet,
-# Blender shades flat in all frames; its limit is 4.5e-4. At twice, nobody sees it either.
+# Radians by which the normals of the first frame are off. With the normals of the triangles, as on a flat sheet, Blender
+# shades flat in all frames. Its limit is 4.5e-4. At twice, no change is visible either.
 TILT = 2e-3
 
 
