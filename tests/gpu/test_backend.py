@@ -250,6 +250,8 @@ except ImportError as error:
 def test_a_response_that_the_shader_lacks_is_refused():
     """And not taken for "reflect"."""
     sphere = SimpleNamespace(response="stick", offset="none")
-    block = SimpleNamespace(scenes=[SimpleNamespace(spheres=[sphere], force=None)], wide=np.float64)
+    block = SimpleNamespace(
+        scenes=[SimpleNamespace(cloth=SimpleNamespace(driven={}), spheres=[sphere], force=None)], wide=np.float64
+    )
     with pytest.raises(ValueError, match=r"response of spheres\[0\] must be one of .* got 'stick'"):
         Block._check_responses(block)

@@ -110,4 +110,5 @@ def test_a_response_errs_by_units_in_the_last_place(narrow, response):
         moved = np.abs(x_gpu - x).max(axis=-1) > 1e-3
         distance = np.linalg.norm(x_gpu - ball.center_at(dt), axis=-1)[moved]
         assert moved.sum() > 500
-        assert np.abs(distance - ball.contact_radius(cloth)).max() < 4 * eps * ball.radius
+        # With friction a point travels on from the surface for the rest of the step.
+        assert (distance - ball.contact_radius(cloth)).min() > -4 * eps * ball.radius
