@@ -99,6 +99,6 @@ def test_figures_without_measurement_are_not_drawn():
     assert [draw(report) for draw in ALL.values()] == [None, None, None]
 
 
-def test_readers_of_any_colour_vision_can_tell_the_lines_apart():
+def test_readers_of_any_colour_vision_can_distinguish_the_lines():
     drawn = [draw(made_up()) for draw in ALL.values()]
     assert sum(len(check_lines(axes)) for figure in drawn if figure for axes in figure.axes) > 10

@@ -55,14 +55,14 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     for m, label in enumerate(map(str, data["solver"].values)):
         one = data.isel(solver=m)
         own = str(one["library"].values) == OWN
-        look = {**style(places[bases[m]]), "lw": 1.2}
-        look["ls"] = _DASHES[str(one["precision"].values)] if own else "--"
+        style_of_line = {**style(places[bases[m]]), "lw": 1.2}
+        style_of_line["ls"] = _DASHES[str(one["precision"].values)] if own else "--"
         if str(one["control"].values) == "rtol":
-            look["mfc"] = "white"
+            style_of_line["mfc"] = "white"
         rms = np.where(np.isfinite(one["rms_error"]), one["rms_error"], np.nan)
         if np.isfinite(rms).any():
-            panels[0].plot(one["wall_time"], rms, label=label, **look)
-            panels[1].plot(one["force_evaluations"], rms, **look)
+            panels[0].plot(one["wall_time"], rms, label=label, **style_of_line)
+            panels[1].plot(one["force_evaluations"], rms, **style_of_line)
     front = data["pareto"].values
     order = np.argsort(data["wall_time"].values[front])
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))

@@ -51,9 +51,9 @@ def methods(result: dict[str, Any], folder: Path) -> str:
             for name in ("steps_per_second", "lower_quartile", "upper_quartile")
         )
         places = np.arange(1, len(windows) + 1) + 0.04 * (row["method"] - 1.5)
-        look = {**style(k), "color": COLORS[row["method"]]}
-        panel.plot(places, middle, **look, label=f"method {row['method']}")
-        panel.errorbar(places, middle, [middle - low, high - middle], fmt="none", capsize=4, color=look["color"])
+        style_of_line = {**style(k), "color": COLORS[row["method"]]}
+        panel.plot(places, middle, **style_of_line, label=f"method {row['method']}")
+        panel.errorbar(places, middle, [middle - low, high - middle], fmt="none", capsize=4, color=style_of_line["color"])
     panel.set(
         xlabel=f"window of {result['window_frames']} frames",
         ylabel=f"frames/s\n(a frame is {result['frame_steps']} steps)",

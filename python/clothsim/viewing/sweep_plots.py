@@ -67,13 +67,13 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     crosses = np.zeros(len(x))  # per place; they are put below each other
     hollow = False
     for k, line in enumerate(lines):
-        look = style(k)
-        color = look["color"]
+        style_of_line = style(k)
+        color = style_of_line["color"]
         label = None if along is None else _tick(line[along])
         error = line["error"].values
-        ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **look)
+        ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **style_of_line)
         unsure = error < line["reference_error"].values
-        ax.loglog(x[unsure], error[unsure], look["marker"], ms=4, mec=color, mfc="white", zorder=3)
+        ax.loglog(x[unsure], error[unsure], style_of_line["marker"], ms=4, mec=color, mfc="white", zorder=3)
         hollow |= bool(unsure.any())
         diverged = line["status"].values == _UNSTABLE
         height = 0.97 - 0.03 * crosses[diverged]
