@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
+#include "bindings/unlocked.hpp"
 #include "contact/offset.hpp"
 #include "contact/triangle.hpp"
 #include "engines/engine.hpp"
@@ -295,7 +296,7 @@ py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>&
     Points position = PointsView(x.data(), plan.cloth.points(), 3);
     Points velocity = PointsView(v.data(), plan.cloth.points(), 3);
     {
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         step(plan, position, velocity, dt, steps, t);
     }
     const auto array = [&](const Points& p) {
@@ -303,11 +304,6 @@ py::tuple advance(const Plan& plan, const Array<double>& x, const Array<double>&
             {py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)}, p.data());
     };
     return py::make_tuple(array(position), array(velocity));
-}
-
-bool signal_pending() {
-    py::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
 }
 
 // The springs come as the columns of Cloth.spring_table: the core's own table of neighbours is not asked.
@@ -331,10 +327,12 @@ py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
     system.driven_pins = pins_of(driven_pins);
     std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
     const std::size_t size = xs.size();
+    threads = granted(threads);
     reference::Extrapolation done;
     {
-        py::gil_scoped_release release;
-        done = reference::extrapolate(system, times, {columns, tolerance, threads}, xs, vs, signal_pending);
+        Unlocked unlocked;
+        done = reference::extrapolate(system, times, {columns, tolerance, threads}, xs, vs,
+                                      [&] { return unlocked.signal_pending(); });
     }
     if (done.end == reference::ExtrapolationEnd::interrupted) throw py::error_already_set();
     py::dict result;

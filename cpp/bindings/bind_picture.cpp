@@ -3,17 +3,13 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
+#include "bindings/unlocked.hpp"
 #include "picture/frame.hpp"
 
 namespace clothsim {
 namespace {
 
 using picture::Triple;
-
-bool signal_pending() {
-    py::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
 
 picture::View make_view(int width, int height, int samples, const std::array<Triple, 3>& axes,
                         const Triple& target, double scale, double distance) {
@@ -64,10 +60,11 @@ py::array_t<std::uint8_t> render(const picture::View& view, picture::Look look, 
     drawn.look = look;
     py::array_t<std::uint8_t> pixels({py::ssize_t(view.height), py::ssize_t(view.width), py::ssize_t(3)});
     std::uint8_t* const out = pixels.mutable_data();
+    threads = granted(threads);
     bool complete;
     {
-        py::gil_scoped_release release;
-        complete = picture::render(drawn, threads, signal_pending, out);
+        Unlocked unlocked;
+        complete = picture::render(drawn, threads, [&] { return unlocked.signal_pending(); }, out);
     }
     if (!complete) throw py::error_already_set();
     return pixels;

@@ -7,6 +7,7 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/saved_fields.hpp"
+#include "bindings/unlocked.hpp"
 #include "driver/simulation.hpp"
 
 namespace clothsim {
@@ -17,7 +18,7 @@ namespace {
 class SharedSimulation {
 public:
     SharedSimulation(const std::vector<Plan>& plans, double time, int threads)
-        : simulation_(plans, time, threads) {}
+        : simulation_(plans, time, granted(threads)) {}
 
     class Use {
     public:
@@ -46,11 +47,6 @@ private:
     std::string environment_ = kernel_environment();
     std::atomic<bool> busy_{false};
 };
-
-bool signal_pending() {
-    py::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
 
 // Of a batch, arrays of one member after the other.
 template <class T>
@@ -128,10 +124,12 @@ py::object reported(const Outcome& outcome) {
 
 py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
     auto simulation = shared.use();
+    threads = granted(threads);
     Outcome outcome;
     {
-        py::gil_scoped_release release;
-        outcome = simulation->advance(steps, dt, threads, optional, signal_pending);
+        Unlocked unlocked;
+        outcome =
+            simulation->advance(steps, dt, threads, optional, [&] { return unlocked.signal_pending(); });
     }
     return reported(outcome);
 }
@@ -160,13 +158,15 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
+    threads = granted(threads);
     std::optional<Outcome> outcome;
     {
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         const auto load = [&](std::size_t i) {
             return simulation->member(i).load(from.x_of(i), from.v_of(i));
         };
-        outcome = simulation->call(time, load, steps, dt, threads, optional, signal_pending);
+        outcome = simulation->call(time, load, steps, dt, threads, optional,
+                                   [&] { return unlocked.signal_pending(); });
         if (outcome && outcome->complete())
             simulation->each_member(
                 threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
@@ -186,8 +186,9 @@ bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& 
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
+    threads = granted(threads);
     std::atomic<bool> finite{true};
-    py::gil_scoped_release release;
+    const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int team) {
         Engine& member = simulation->member(i);
         if (member.load(from.x_of(i), from.v_of(i))) member.accelerations(out + i * from.size, team);
@@ -199,7 +200,8 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     auto simulation = shared.use();
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
-    py::gil_scoped_release release;
+    threads = granted(threads);
+    const Unlocked unlocked;
     simulation->each_member(
         threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
 }
@@ -210,12 +212,13 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     auto simulation = shared.use();
     if (simulation->size() != 1 || !simulation->member(0).adaptive())
         throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
+    threads = granted(threads);
     Simulation::AdaptiveOutcome outcome;
     {
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         outcome = simulation->advance_adaptive(
             {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller,
-            signal_pending);
+            [&] { return unlocked.signal_pending(); });
     }
     py::dict result;
     // Not thrown, so that the caller can count the steps that are done.
@@ -231,7 +234,8 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     auto simulation = shared.use();
     double* const px = x.mutable_data();
     double* const pv = v.mutable_data();
-    py::gil_scoped_release release;
+    threads = granted(threads);
+    const Unlocked unlocked;
     simulation->dense(t, px, pv, threads);
 }
 
@@ -256,7 +260,7 @@ py::list watched(SharedSimulation& shared) {
 
 void sample(SharedSimulation& shared) {
     auto simulation = shared.use();
-    py::gil_scoped_release release;
+    const Unlocked unlocked;
     simulation->sample();
 }
 

@@ -2,10 +2,13 @@
 #include <algorithm>
 #include <cstdlib>
 #include <Eigen/Core>
+#include <limits>
 #include <string>
+#include <utility>
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
+#include "bindings/unlocked.hpp"
 #include "contact/exact.hpp"
 #include "contact/near_spheres.hpp"
 #include "driver/energy_watch.hpp"
@@ -84,6 +87,21 @@ py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, c
 
 }  // namespace
 
+int granted(int threads) {
+    const int given = granted_threads(threads);
+    static bool warned = false;  // the lock of the interpreter is held
+    if (given < threads && !std::exchange(warned, true)) {
+        const std::string text = "threads: this process can start " + std::to_string(given) + " of " +
+            std::to_string(threads) +
+            " threads, and goes on with these; results are the same. The limit is the "
+            "user's (ulimit -u), the container's (pids), that of memory, or OMP_STACKSIZE; threads=1 needs "
+            "no "
+            "further thread";
+        if (PyErr_WarnEx(PyExc_RuntimeWarning, text.c_str(), 1) != 0) throw py::error_already_set();
+    }
+    return given;
+}
+
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
     m.def("fuses", &fuses);
@@ -124,16 +142,18 @@ namespace {
 
 double peak(const std::string& precision, int threads) {
     const KernelTable& kernels = choose_instruction_set("");
-    py::gil_scoped_release release;
+    threads = granted(threads);
+    const Unlocked unlocked;
     return precision == "single" ? multiply_add_peak<float>(kernels, threads)
                                  : multiply_add_peak<double>(kernels, threads);
 }
 
 py::dict bandwidth(int threads, std::int64_t bytes) {
+    threads = granted(threads);
     Bandwidth measured{};
     {
         const KernelTable& kernels = choose_instruction_set("");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         measured = memory_bandwidth<double>(kernels, threads, bytes);
     }
     py::dict result;
@@ -143,7 +163,8 @@ py::dict bandwidth(int threads, std::int64_t bytes) {
 }
 
 double round_trip() {
-    py::gil_scoped_release release;
+    if (granted(2) < 2) return std::numeric_limits<double>::infinity();
+    const Unlocked unlocked;
     return core_round_trip();
 }
 

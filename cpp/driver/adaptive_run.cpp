@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "driver/simulation.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
@@ -46,7 +47,9 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     auto last_poll = steady_clock::now();
     while (t < request.until && outcome.steps < request.steps) {
         const auto start = steady_clock::now();
-        const int team = request.optional && !choice_.team() ? 1 : request.threads;
+        const bool choose = choosing(request.threads, request.optional);
+        const int team = this->team(request.threads, request.optional);
+        const std::int64_t waits = long_waits;
         const double wanted = std::min(controller.h, request.longest);
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
@@ -107,7 +110,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.rejected += 1;
         }
         const double seconds = seconds_since(start);
-        if (request.optional && request.threads > 1) choice_.observe(1, seconds);
+        if (choose) choice_.observe(1, seconds);
+        else note_waits(waits, request.optional);
         if (outcome.grown) return outcome;
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "measure/diagnostics.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
@@ -141,7 +142,7 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
         return finite;
     };
     std::atomic<bool> finite{true};
-    each_member(optional && !choice_.team() ? 1 : threads, [&](std::size_t i, int team) {
+    each_member(team(threads, optional), [&](std::size_t i, int team) {
         members_[i]->threads = team;
         members_[i]->begin_anew();
         if (!load_state(i)) finite = false;
@@ -173,6 +174,12 @@ void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
     checkpoint_.drop();
+}
+
+void Simulation::note_waits(std::int64_t waits, bool optional) {
+    if (optional || crowded_ || long_waits == waits) return;
+    crowded_ = true;
+    choice_ = TeamChoice(true);
 }
 
 void Simulation::set_step(double dt) {
@@ -370,10 +377,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
             sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
         const std::int64_t to_inspection = std::min(
             {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
-        const bool choose = optional && threads > 1;
+        const bool choose = choosing(threads, optional);
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
-        const int team = choose && !choice_.team() ? 1 : threads;
-        run({n, n == to_inspection}, team);
+        const std::int64_t waits = long_waits;
+        run({n, n == to_inspection}, team(threads, optional));
         outcome.steps += n;
         const auto end = steady_clock::now();
         const double seconds = seconds_between(start, end);
@@ -381,6 +388,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         start = end;
         checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
+        else note_waits(waits, optional);
         const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
         chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1),
                             most_steps_unchecked);

@@ -101,8 +101,9 @@ public:
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
-    // At most `threads` threads; if they are `optional`, one instead wherever that is measured to be faster.
-    // `interrupted` is asked about every 10 ms, of a batch every 100 ms, between steps.
+    // At most `threads` threads; one instead wherever that is measured to be faster, if they are `optional`
+    // or have waited long for each other. `interrupted` is asked about every 10 ms, of a batch every 100 ms,
+    // between steps.
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
@@ -150,6 +151,13 @@ private:
     void run(const Block& block, int threads);
     void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
     void run_member(std::size_t i, const Block& block, bool copy, int threads);
+    // Whether `choice_` decides, and how many threads take the next steps.
+    bool choosing(int threads, bool optional) const { return threads > 1 && (optional || crowded_); }
+    int team(int threads, bool optional) const {
+        return choosing(threads, optional) && !choice_.team() ? 1 : threads;
+    }
+    // After steps of a team whose waits were counted from `waits` on.
+    void note_waits(std::int64_t waits, bool optional);
     void set_step(double dt);
     bool above_stable_dt() const;
     // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at
@@ -169,6 +177,7 @@ private:
     void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
     TeamChoice choice_{false};
+    bool crowded_ = false;  // threads that are not optional have waited long
     std::int64_t chunk_ = 1;  // steps between two looks at the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;

@@ -3,13 +3,95 @@
 #include <pthread.h>
 #include <sched.h>
 
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <cstdlib>
+#include <mutex>
+#include <string_view>
+#include <thread>
+#include <vector>
+
 namespace clothsim {
+namespace {
+
+// Threads of the largest team that this thread can have, as far as known: OpenMP keeps those that it has
+// started.
+thread_local int most_granted = 1;
+
+// Bytes of stack that OpenMP's runtime takes for a thread, by the form of OMP_STACKSIZE; 0: the system's
+// choice.
+std::size_t stack_bytes() {
+    const char* text = std::getenv("OMP_STACKSIZE");
+    if (!text) return 0;
+    char* end = nullptr;
+    const std::size_t size = std::strtoull(text, &end, 10);
+    while (std::isspace(static_cast<unsigned char>(*end))) ++end;
+    const std::size_t shift =
+        std::string_view("bkmg").find(char(std::tolower(static_cast<unsigned char>(*end))));
+    return size << (*end == '\0' || shift == std::string_view::npos ? 10 : 10 * shift);
+}
+
+// How many of `count` further threads can live at the same time.
+int startable(int count) {
+    static const std::size_t stack = stack_bytes();
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    if (stack > 0)
+        pthread_attr_setstacksize(&attributes, stack);  // refused like the runtime's own, if too small
+    std::mutex ends;
+    std::vector<pthread_t> started;
+    started.reserve(std::size_t(count));
+    const auto wait = [](void* mutex) -> void* {
+        const std::lock_guard<std::mutex> ended(*static_cast<std::mutex*>(mutex));
+        return nullptr;
+    };
+    {
+        const std::lock_guard<std::mutex> all_live(ends);
+        for (pthread_t thread; int(started.size()) < count; started.push_back(thread))
+            if (pthread_create(&thread, &attributes, wait, &ends) != 0) break;
+    }
+    for (const pthread_t thread : started) pthread_join(thread, nullptr);
+    pthread_attr_destroy(&attributes);
+    return int(started.size());
+}
+
+}  // namespace
 
 int available_threads() { return omp_get_num_procs(); }
 
+int granted_threads(int wanted) {
+    if (wanted > most_granted) most_granted = std::min(wanted, 1 + startable(wanted - 1));
+    return std::min(wanted, most_granted);
+}
+
 void install_fork_handler() {
     // Without this the child inherits a team whose threads do not exist there and waits for them for ever.
-    pthread_atfork([] { omp_pause_resource_all(omp_pause_soft); }, nullptr, nullptr);
+    pthread_atfork(
+        [] {
+            omp_pause_resource_all(omp_pause_soft);
+            most_granted = 1;
+        },
+        nullptr, nullptr);
+}
+
+void wait_long(const std::atomic<int>& reached, int wanted) {
+    using std::chrono::microseconds, std::chrono::steady_clock;
+    // Half or twice costs up to a tenth beside two busy processes. On a quiet machine a thread waits as long
+    // for a band with more contacts, and would wake too late from a sleep.
+    constexpr microseconds spinning{200};
+    constexpr microseconds sleep{20};  // Linux adds 50 us, so half or twice changes little
+    // `yield` would give up a time slice of milliseconds. To wake a sleeper, `signal` would have to search
+    // for it.
+    const auto end = steady_clock::now() + spinning;
+    while (reached.load(std::memory_order_acquire) < wanted) {
+        if (steady_clock::now() < end) {
+            for (int turn = 0; turn < 20; ++turn) pause_briefly();
+        } else {
+            long_waits.fetch_add(1, std::memory_order_relaxed);
+            std::this_thread::sleep_for(sleep);
+        }
+    }
 }
 
 #if defined(__linux__)

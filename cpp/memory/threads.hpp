@@ -6,9 +6,7 @@
 
 #include <array>
 #include <atomic>
-#include <chrono>
 #include <cstdint>
-#include <thread>
 
 namespace clothsim {
 
@@ -17,6 +15,10 @@ inline constexpr int most_threads = 256;
 
 // Processors this process may run on.
 int available_threads();
+
+// How many of `wanted` threads a team of this thread can have. OpenMP's runtime ends the process where it
+// cannot start a thread, so as many threads are started and ended before the first team of so many.
+int granted_threads(int wanted);
 
 // Lets a forked child use OpenMP although its parent has: the team is parked before the fork.
 void install_fork_handler();
@@ -47,15 +49,18 @@ inline void pause_briefly() {
 #endif
 }
 
-// A neighbour answers within microseconds unless its processor is taken; then it may need this one. Who
-// sleeps is late, and so is who waits for it; that is left for long waits, and ends by itself: to wake a
-// sleeper `tell` would have to look for one.
+// Number of sleeps in `wait_long`: more of them show that other processes have the processors.
+inline std::atomic<std::int64_t> long_waits{0};
+
+// Spins for a while longer, then sleeps until `wanted` is reached.
+void wait_long(const std::atomic<int>& reached, int wanted);
+
+// Neighbours respond within microseconds, unless another process has their processor.
 inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    constexpr int spins = 500, spins_and_yields = spins + 3000;
+    constexpr int spins = 500;  // 5 to 20 us
     for (int turn = 0; reached.load(std::memory_order_acquire) < wanted; ++turn) {
-        if (turn < spins) pause_briefly();
-        else if (turn < spins_and_yields) std::this_thread::yield();
-        else std::this_thread::sleep_for(std::chrono::microseconds(50));
+        if (turn == spins) return wait_long(reached, wanted);
+        pause_briefly();
     }
 }
 inline void signal(std::atomic<int>& reached, int now) { reached.store(now, std::memory_order_release); }

@@ -1,0 +1,41 @@
+// The lock of the interpreter, released while the core works.
+#pragma once
+
+#include <chrono>
+#include <thread>
+
+#include "bindings/bindings.hpp"
+
+namespace clothsim {
+
+// A daemon thread may be in the core when the interpreter ends. Where it takes the lock again, Python
+// before 3.14 ends the thread by unwinding its stack, which stops at the first destructor and aborts the
+// process. So the thread sleeps until the process ends, with all that its frames own.
+class Unlocked {
+public:
+    Unlocked() : thread_(PyEval_SaveThread()) {}
+    ~Unlocked() { lock(); }
+    Unlocked(const Unlocked&) = delete;
+    Unlocked& operator=(const Unlocked&) = delete;
+
+    // Whether a signal, such as that of Ctrl-C, has raised an exception.
+    bool signal_pending() {
+        lock();
+        const bool pending = PyErr_CheckSignals() != 0;
+        thread_ = PyEval_SaveThread();
+        return pending;
+    }
+
+private:
+    void lock() noexcept {
+        try {
+            PyEval_RestoreThread(thread_);
+        } catch (...) {  // the unwinding; to leave this block is not allowed
+            for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+        }
+    }
+
+    PyThreadState* thread_;
+};
+
+}  // namespace clothsim
