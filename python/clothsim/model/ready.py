@@ -227,7 +227,7 @@ def oscillator(
     mass : float, default 1.0
         Mass of the moving point [kg]. The pinned point has an equal mass, which has no effect.
     amplitude : float, default 0.1
-        Stretch at t = 0 [m], |amplitude| < length.
+        Stretch at t = 0 [m], `|amplitude| < length`.
     length : float, default 1.0
         Rest length of the spring [m].
     damping : float, default 0.0

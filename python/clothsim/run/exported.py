@@ -66,7 +66,7 @@ class ExportedRun:
         -----
         Stored frames lie h seconds apart. The error of a smooth motion between them is at most
         h^4 / 384 times its largest fourth derivative (de Boor, *A Practical Guide to Splines*).
-        An impact that changes a velocity by u adds at most h |u| / 8.
+        An impact that changes a velocity by u adds at most `h |u| / 8`.
 
         A check interpolates each stored frame from its two neighbours. The gap there is twice as
         long, so the distance to the stored positions overestimates the error. The factor is 16

@@ -86,7 +86,7 @@ def sweepable() -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Units are "" where values have none. Each "sphere_" name also works with a sphere's index, for example
+        Units are "" where values have none. Each `sphere_` name also works with a sphere's index, for example
         "sphere1_radius".
 
     Examples

@@ -1,0 +1,49 @@
+"""Settings of the site; Sphinx reads them, `make docs` calls it through stage.py."""
+
+import sys
+from pathlib import Path
+
+import clothsim
+
+sys.path.insert(0, str(Path(__file__).parent))
+from pictures import PictureFiles
+
+project = "clothsim"
+author = "clothsim developers"
+release = version = clothsim.__version__
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "myst_nb", "sphinx_gallery.gen_gallery"]
+root_doc = "index"
+exclude_patterns = ["examples", "gallery/*.ipynb", "gallery/*.py", "**.md5"]
+
+html_theme = "furo"
+html_title = f"clothsim {version}"
+html_show_copyright = False
+
+# Docstrings write names and code between single backticks.
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the sections Parameters and Returns say the types
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+add_module_names = False
+
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 4
+nb_execution_mode = "off"  # notebooks keep their outputs; tests/notebooks runs them
+suppress_warnings = ["config.cache"]  # the gallery's scraper is an object, which Sphinx cannot pickle
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "image_scrapers": (PictureFiles(),),
+    "capture_repr": (),
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 10_000,
+    "plot_gallery": "True",
+    "abort_on_example_error": True,
+    "reset_modules": (),
+    "remove_config_comments": True,
+}

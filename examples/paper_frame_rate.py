@@ -1,0 +1,19 @@
+"""The paper's third experiment in small: steps a second with method 1 and with method 2, in windows."""
+
+import clothsim as cs
+import matplotlib.pyplot as plt
+
+WINDOW = 0.02  # s of simulated time
+
+figure, axes = plt.subplots(figsize=(6, 4))
+for name, response in (("method 1", "reflect"), ("method 2", "ray")):
+    run = cs.simulate(cs.scenes.paper_static(response=response), WINDOW, dt=1e-4, threads=1)
+    rates = []
+    for _ in range(20):
+        run = run.resume(WINDOW)
+        rates.append(run.report["steps_per_second"])
+    print(f"{name}: {sorted(rates)[10]:,.0f} steps/s")
+    axes.plot([WINDOW * (window + 1) for window in range(20)], rates, "o-", label=name)
+axes.set(xlabel="simulated time [s]", ylabel="steps/s", ylim=(0, None))
+axes.legend()
+figure.savefig("paper_frame_rate.png")
