@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo lint test test-export test-gpu test-peers test-slow test-view bench wheel clean
+.PHONY: demo docs lint test test-export test-gpu test-peers test-slow test-view bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -66,6 +66,10 @@ test-view: $(VENV)/.built-test $(VENV)/.built-view
 	  echo "Please install it (Debian, Ubuntu: sudo apt-get install chromium)"; exit 1; }; }
 	$(BIN)/pip install --quiet --disable-pip-version-check 'playwright>=1.40'
 	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest -m "slow or not slow" tests/view
+
+# The site in build/docs/html, without network; a warning fails. Doctests and links of pages run in `make test`.
+docs: $(VENV)/.built-docs
+	$(BIN)/python docs/site/stage.py build/docs
 
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench

@@ -25,8 +25,12 @@ def wind_force(x: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 stepper = cs.Stepper(scene)
+t, frames, velocities = [0.0], [stepper.positions], [stepper.velocities]
 for _ in range(60):
-    stepper.set_force(wind_force(stepper.positions, stepper.velocities))
+    stepper.set_force(wind_force(frames[-1], velocities[-1]))
     stepper.advance(100, 1 / 6000)
-tip = stepper.positions[-1, -1]
-print(f"after {stepper.time:.2f} s the lower corner is at ({tip[0]:.2f}, {tip[1]:.2f}, {tip[2]:.2f}) m")
+    t.append(stepper.time), frames.append(stepper.positions), velocities.append(stepper.velocities)
+run = cs.Run(scene, np.array(t), np.array(frames), np.array(velocities), {})
+run.animate("flag.webp", fps=20, speed=0.5)
+tip = frames[-1][-1, -1]
+print(f"after {t[-1]:.2f} s the lower corner is at ({tip[0]:.2f}, {tip[1]:.2f}, {tip[2]:.2f}) m")

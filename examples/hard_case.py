@@ -13,3 +13,4 @@ try:
     cs.simulate(scene, 1.0, dt=3 * cs.max_stable_dt(scene))
 except cs.UnstableError as error:
     print(error)
+    cs.picture(scene, error.x, path="hard_case.png")

@@ -13,3 +13,4 @@ with tempfile.TemporaryDirectory() as folder:
     path = first.save(Path(folder) / "first.npz")
     rest = cs.load_run(path).resume(0.01)
 print("same bits:", bool((rest.x[-1] == whole.x[-1]).all()))
+rest.picture(path="resume.png")

@@ -5,13 +5,14 @@ import matplotlib.pyplot as plt
 
 scene = cs.scenes.paper_swing()
 methods = ["velocity_verlet", "rk4", "dop853"]
-data = cs.work_precision(scene, 0.1, methods, precisions=["double"], windows=1)
+data = cs.work_precision(scene, 0.05, methods, precisions=["double"], windows=1)
 
 figure, axes = plt.subplots(figsize=(6, 4))
-for method, group in data.groupby("method"):
-    one = group.squeeze()
-    axes.loglog(one.wall_time, one.rms_error, "o-", label=str(method))
-    print(f"{method}: {one.rms_error.size} settings, smallest rms error {float(one.rms_error.min()):.0e} m")
-axes.set(xlabel="wall time [s]", ylabel="rms error [m]")
+for one in data.transpose("solver", ...).rms_error:
+    wall_time = data.wall_time.sel(solver=one.solver)
+    name = str(one.integrator.values)
+    axes.loglog(wall_time, one, "o-", label=name)
+    print(f"{name}: smallest rms error {float(one.min()):.0e} m")
+axes.set(xlabel="wall seconds per simulated second", ylabel="rms error [m]")
 axes.legend()
 figure.savefig("speed_against_error.png")

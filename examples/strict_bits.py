@@ -15,7 +15,8 @@ if len(sys.argv) > 1:
 else:
     for isa in cs.build_config()["instruction_sets_supported"]:
         for threads in "12":
-            command = [sys.executable, __file__, threads]
+            command = [sys.executable, sys.argv[0], threads]
             environment = {**os.environ, "CLOTHSIM_ISA": isa}
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             print(f"{isa:7} {threads} threads {done.stdout.strip()}")
+    cs.picture(cs.scenes.paper_static(bend=True), path="strict_bits.png")  # the scene

@@ -1,6 +1,7 @@
 """Sweep the stiffness and the time step: which runs hold, and how much energy they lose."""
 
 import clothsim as cs
+import matplotlib.pyplot as plt
 
 scene = cs.scenes.hanging(shape=(12, 12))
 table = cs.sweep(
@@ -12,3 +13,5 @@ table = cs.sweep(
 )
 print(table["stable"].to_pandas())
 print(table["energy_drift"].to_pandas())
+table.clothsim.plot("stability")
+plt.savefig("sweep_stiffness_and_step.png")

@@ -16,7 +16,8 @@ import sys
 from pathlib import Path
 
 import clothsim as cs
-from clothsim.cli import COMMANDS, main as command
+from clothsim.cli import COMMANDS
+from clothsim.cli import main as command
 from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -123,7 +124,7 @@ def stage(source: Path) -> None:
     notebooks = sorted(f"notebooks/{page.stem}" for page in (source / "notebooks").glob("*.ipynb"))
     first = ["docs/start", "docs/index", "gallery/index", "reference/index"]
     rest = [page for page in [*pages, *notebooks] if page not in ("README", "reference/commands", *first)]
-    trees = (("", first), ("Pages", rest))
+    trees = (("First", first), ("Pages", rest))
     toctree = "".join(
         f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n" + "\n".join(f"/{page}" for page in listed) + "\n```\n"
         for caption, listed in trees
@@ -136,7 +137,9 @@ def main() -> int:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "docs").resolve()
     os.environ["COLUMNS"] = "100"  # width of --help
     stage(folder / "source")
-    return sphinx(["-W", "--keep-going", "-q", "-c", str(ROOT / "docs" / "site"), str(folder / "source"), str(folder / "html")])
+    return sphinx(
+        ["-W", "--keep-going", "-q", "-c", str(ROOT / "docs" / "site"), str(folder / "source"), str(folder / "html")]
+    )
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ class SelectedRun:
         Returns
         -------
         dict
-            "t" [s], shape (frames,); "x" [m] and "v" [m/s], shape (frames, 3); "speed" |v| [m/s] and "stretch", shape
+            "t" [s], shape (frames,); "x" [m] and "v" [m/s], shape (frames, 3); "speed" `|v|` [m/s] and "stretch", shape
             (frames,). The stretch is l/L - 1 of the most stretched spring at the point, 0 where all are slack.
 
         Raises
