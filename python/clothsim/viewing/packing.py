@@ -1,9 +1,11 @@
-"""Frames of a run as few bytes: positions in 16 bits, stretch and speed in 8, deflated.
+"""Frames of a run as few bytes: positions in 16 bits, values of the points in 8, deflated.
 
 Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
 axis: x = low + step q. Their error is at most step / 2, which is 15 um for a scene of 2 m. Second differences in time,
 q[k] - 2 q[k-1] + q[k-2], are small integers where a cloth moves smoothly. Their low bytes and high bytes are stored
 apart, which makes nearly all high bytes 0 and lets deflate remove them.
+
+A value is stored as 255 levels of its square root: the reader may colour by a small part of the largest value.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ import numpy.typing as npt
 from ..model.scene import Scene
 
 LEVELS = 65535
-TOP_PART = 0.999
-"""Part of all values that a colour scale holds: a few points of a run that goes wild leave it."""
+TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}
+"""Part of all values that a colour scale of the page holds, by the name of the choice."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def pack(x: npt.NDArray[np.float64], scalars: list[npt.NDArray[np.float64]], top
     zigzag = ((signed << 1) ^ (signed >> 31)).astype(np.uint16)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
     parts = [(zigzag & 255).astype(np.uint8), (zigzag >> 8).astype(np.uint8)]
     for values, top in zip(scalars, tops, strict=True):
-        levels = np.round(255 * np.clip(values / (top or 1.0), 0, 1)).astype(np.uint8)
+        levels = np.round(255 * np.sqrt(np.clip(values / (top or 1.0), 0, 1))).astype(np.uint8)
         parts.append(np.diff(levels, axis=0, prepend=np.zeros_like(levels[:1])))
     return Packed(zlib.compress(b"".join(part.tobytes() for part in parts), 6), low, step)
 
@@ -73,6 +75,6 @@ def point_stretch(
     return found
 
 
-def top_of(values: list[npt.NDArray[np.float64]]) -> float:
-    """The top of a colour scale that all arrays of `values` share."""
-    return max(float(np.quantile(each, TOP_PART)) for each in values)
+def tops_of(values: list[npt.NDArray[np.float64]]) -> dict[str, float]:
+    """The choices of a top of a colour scale that all arrays of `values` share."""
+    return {name: max(float(np.quantile(each, part)) for each in values) for name, part in TOP_PARTS.items()}

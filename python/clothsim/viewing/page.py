@@ -23,13 +23,15 @@ from ..base.files import write_bytes
 from ..base.keywords import suggests
 from ..base.plots import COLORS
 from ..base.progress import ProgressBar
+from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for
 from .curves import PARTS, curves
 from .drawing import PIN_SIZE
 from .notebook import Frame, runs_html
-from .packing import pack, point_stretch, top_of
+from .packing import pack, point_stretch, tops_of
+from .page_controls import TURNED_BY, controls, few, small_print, views
 from .picture import file_path, picture
 
 Advance = Callable[[int], object]
@@ -37,9 +39,6 @@ Advance = Callable[[int], object]
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
-SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
-SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
-VIEWS = ("corner", "front", "right", "top")
 LOOK = {
     "front": raster.CLOTH_FRONT.tolist(),
     "back": raster.CLOTH_BACK.tolist(),
@@ -62,20 +61,23 @@ class Comparison:
     ----------
     runs : dict
         Label -> Run.
+    difference : bool
+        Whether the page shows the distance to the first run.
     """
 
-    def __init__(self, runs: Mapping[str, Run]) -> None:
-        self.runs = dict(runs)
+    def __init__(self, runs: Mapping[str, Run], difference: bool = False) -> None:
+        self.runs, self.difference = dict(runs), difference
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the runs side by side, in step.
 
-        One slider moves all runs through time; below, curves of energy, stretch, penetration and
-        contacts have a cursor there. The page can be turned, moved and enlarged by mouse, colours
-        the cloth by stretch, speed or depth below a sphere, and makes no request.
+        One slider moves all runs through time; below, curves of energy, stretch, penetration and contacts have a cursor
+        there. The page can be turned, moved and enlarged by mouse, fingers and keys. It colours the cloth by stretch,
+        speed, depth below a sphere or distance to the first run, and makes no request. A click on the cloth shows the
+        values of a mass point of all runs, and their curves.
 
-        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m). Stretch
-        and speed have 255 levels. A run that is shorter than another keeps its last frame.
+        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m). The square roots of stretch,
+        speed and distance have 255 levels. A run that is shorter than another keeps its last frame.
 
         Parameters
         ----------
@@ -103,7 +105,7 @@ class Comparison:
         # Every frame is measured, its springs are, and it is packed.
         frames = sum(len(run.t) for run in self.runs.values())
         with ProgressBar(progress, total=(PARTS + 2) * frames, unit="frame", desc="page") as bar:
-            content = _page(title, self.runs, bar.advance).encode()
+            content = _page(title, self.runs, bar.advance, self.difference).encode()
         return write_bytes(path, content)
 
     def show(self, height: int = 600) -> Frame:
@@ -119,7 +121,8 @@ class Comparison:
         Frame
         """
         height = check.integer("height", height, minimum=300, maximum=4000)
-        return Frame(_page(" and ".join(self.runs), self.runs), f"{self!r}, to be played in a notebook", height)
+        page = _page(" and ".join(self.runs), self.runs, difference=self.difference)
+        return Frame(page, f"{self!r}, to be played in a notebook", height)
 
     def _repr_html_(self) -> str:
         return runs_html(self.runs)
@@ -129,13 +132,16 @@ class Comparison:
 
 
 @suggests
-def compare(runs: Mapping[str, Run]) -> Comparison:
-    """Put runs side by side, to play them with a common clock.
+def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
+    r"""Put runs side by side, to play them with a common clock.
 
     Parameters
     ----------
     runs : mapping of str to Run
         Label -> run, 1 to 8 of them. Scenes and stored times may differ.
+    difference : bool, default False
+        Whether the page also shows the distance \|x - x_first\| to the first run, as a colour and as a curve of its root
+        mean square. Cloths have one shape then, and each time that a run has stored is one of the first run's.
 
     Returns
     -------
@@ -145,7 +151,11 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
     Raises
     ------
     ValueError, TypeError
-        If `runs` is not a mapping of 1 to 8 runs.
+        If an argument is not as above.
+
+    See Also
+    --------
+    clothsim.difference : the distance of two runs as numbers.
 
     Examples
     --------
@@ -161,6 +171,7 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
     ...     both.to_html(folder + "/both.html").stat().st_size < 1_000_000
     True
     """
+    difference = check.boolean("difference", difference)
     accepted = f"a mapping of 1 to {MOST_RUNS} labels to runs"
     if not isinstance(runs, Mapping):
         raise TypeError(f"runs must be {accepted}, got {type(runs).__name__}")
@@ -170,7 +181,24 @@ def compare(runs: Mapping[str, Run]) -> Comparison:
         if not isinstance(label, str) or not isinstance(run, Run):
             raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
         check.text("a label of runs", label)
-    return Comparison(runs)
+    if difference:
+        _differences(runs)
+    return Comparison(runs, difference)
+
+
+def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
+    """The differences of the further runs to the first, at all their times."""
+    (first, base), *others = runs.items()
+    if not others:
+        raise ValueError(f"difference=True needs two runs at least, got {first!r} alone")
+    found = [difference_of(base, run) for _, run in others]
+    for (label, run), one in zip(others, found, strict=True):
+        if len(one["t"]) < len(run):
+            raise ValueError(
+                f"difference=True needs times of {label!r} that {first!r} has stored too, got {len(one['t'])} of "
+                f"{len(run)}: give fps= or times= to simulate"
+            )
+    return found
 
 
 def _title_of(run: Run) -> str:
@@ -193,16 +221,19 @@ def run_to_frame(run: Run, height: int) -> Frame:
     return Frame(_page(title, {title: run}), f"<{title}, to be played in a notebook>", height)
 
 
-def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None) -> str:
+def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None, difference: bool = False) -> str:
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
-    meta, data = _contents(runs, cameras, advance)
+    meta, data = _contents(runs, cameras, advance, difference)
     panels = "".join(
         f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
         f'<span id="says-{k}"></span>'
         f'</figcaption><div class="stage">{_poster(run, cameras[k])}<canvas id="canvas-{k}" '
-        f'aria-label="Cloth and spheres of {escape(label or title)}"></canvas></div></figure>'
+        f'tabindex="0" role="application" aria-label="Cloth and spheres of {escape(label or title)}. {TURNED_BY}">'
+        "</canvas></div></figure>"
         for k, (label, run) in enumerate(runs.items())
     )
+    size = len(runs) if len(runs) <= 4 else MOST_RUNS
+    scripts = "\n".join(map(_file, ("draw.js", "charts.js", "page.js")))
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
@@ -210,28 +241,38 @@ def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
         f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n"
-        f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
-        f'<p id="problem" hidden></p>\n<div id="runs" class="of-{min(len(runs), 4)}">{panels}</div>\n'
-        f"{_controls(meta, runs)}\n"
-        f'<div id="curves"></div>\n<p class="small">{escape(_small_print(meta))}</p>\n'
+        f"<header><h1>{escape(title)}</h1>{views()}</header>\n"
+        f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
+        f"{controls(meta, runs)}\n{few(runs)}"
+        f'<div id="curves"></div>\n<p class="small">{escape(small_print(meta))}</p>\n'
         f"{data}"
         f'<script type="application/json" id="meta">{_json(meta)}</script>\n'
-        f"<script>\nconst LOOK = {_json(LOOK)};\n{_file('draw.js')}\n{_file('page.js')}</script>\n</body>\n</html>\n"
+        f"<script>\nconst LOOK = {_json(LOOK)};\n{scripts}</script>\n</body>\n</html>\n"
     )
 
 
-def _contents(runs: Mapping[str, Run], cameras: list[Camera], advance: Advance) -> tuple[dict[str, Any], str]:
+def _contents(
+    runs: Mapping[str, Run], cameras: list[Camera], advance: Advance, difference: bool
+) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
-    stretch = [point_stretch(run.scene, run.x, advance) for run in runs.values()]
-    speed = [np.linalg.norm(run.v, axis=-1).reshape(len(run.t), -1) for run in runs.values()]
-    tops = {"stretch": top_of(stretch), "speed": top_of(speed)}
+    values = {"stretch": [point_stretch(run.scene, run.x, advance) for run in runs.values()]}
+    values["speed"] = [np.linalg.norm(run.v, axis=-1).reshape(len(run), -1) for run in runs.values()]
     lines = [curves(run, advance) for run in runs.values()]
+    if difference:
+        found = _differences(runs)
+        values["difference"] = [
+            np.zeros_like(values["speed"][0]),
+            *(one["distance"].reshape(len(one["t"]), -1) for one in found),
+        ]
+        for line, one in zip(lines[1:], found, strict=True):
+            line["difference"] = one["rms"]
+    tops = {name: tops_of(each) for name, each in values.items()}
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
         deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
-        tops["depth"] = deepest or 1e-3
+        tops["depth"] = {"max": deepest or 1e-3}
     entries, data = [], ""
     for k, (label, run) in enumerate(runs.items()):
-        packed = pack(run.x, [stretch[k], speed[k]], [tops["stretch"], tops["speed"]])
+        packed = pack(run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values])
         advance(len(run.t))
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
@@ -257,7 +298,7 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera], advance: Advance) 
                 "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
             }
         )
-    return {"tops": tops, "camera": _camera(runs, cameras), "runs": entries}, data
+    return {"tops": tops, "names": list(values), "camera": _camera(runs, cameras), "runs": entries}, data
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
@@ -283,52 +324,6 @@ def _poster(run: Run, camera: Camera) -> str:
     """The last frame as a picture, for readers without scripts or WebGL."""
     png = picture(run.scene, run.x[-1], float(run.t[-1]), camera=camera, width=POSTER_WIDTH)._repr_png_()
     return f'<img alt="Last frame" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
-
-
-def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
-    duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
-    usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
-    speeds = "".join(
-        f'<option value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} x</option>'
-        for s in SPEEDS
-    )
-    modes = "".join(
-        f'<option value="{name}">{text}</option>'
-        for name, text in (("faces", "faces"), ("stretch", "stretch"), ("speed", "speed"), ("depth", "depth below a sphere"))
-        if name == "faces" or name in meta["tops"]
-    )
-    return (
-        '<div id="controls"><button type="button" id="back" aria-label="one frame back">&#9664;&#10074;'
-        '</button><button type="button" id="play" aria-label="play">&#9654;</button>'
-        '<button type="button" id="forth" aria-label="one frame on">&#10074;&#9654;</button>'
-        '<input type="range" id="time" min="0" step="1" value="0" aria-label="time">'
-        '<output id="clock"></output>'
-        f'<label>speed <select id="speed">{speeds}</select></label>'
-        f'<label>colour <select id="mode">{modes}</select></label>'
-        '<span id="legend" hidden><span id="low"></span><span id="bar"></span><span id="high"></span></span></div>'
-    )
-
-
-def _views() -> str:
-    buttons = "".join(
-        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>' for name in VIEWS
-    )
-    return f'<span class="views">view {buttons}</span>'
-
-
-def _small_print(meta: Mapping[str, Any]) -> str:
-    micron = 1e6 * max(run["precision"] for run in meta["runs"])
-    words = (
-        "Drag to turn, shift-drag to move, wheel to enlarge, double-click to go back; space plays, arrows "
-        f"step. Positions are stored to {micron:.2g} um. "
-        "Blue: upper face at the start; sand: lower face; dark dots: pins."
-    )
-    if "depth" in meta["tops"]:
-        words += (
-            " Red: surface of a sphere with cloth under it, stronger with depth up to 10 mm. A point in "
-            "contact is nearer to a sphere than the contact radius and 1/32 of the spacing."
-        )
-    return words
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:

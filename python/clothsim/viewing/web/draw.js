@@ -233,7 +233,7 @@ class Drawing {
       gl.uniform3fv(program("scale"), scale);
       gl.uniform3fv(program("eye"), axes[2]);
     };
-    gl.clearColor(1, 1, 1, 1);
+    gl.clearColor(...(this.background || [1, 1, 1]), 1);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.clothArray);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.depthPass);

@@ -2,18 +2,16 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const COLORS = LOOK.colors;
-const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
 const MODES = {
-  faces: { label: "faces" },
-  stretch: { label: "stretch", unit: "%", factor: 100 },
-  speed: { label: "speed", unit: "m/s", factor: 1 },
-  depth: { label: "depth below a sphere", unit: "mm", factor: 1000 },
+  faces: {},
+  stretch: { unit: "%", factor: 100 },
+  speed: { unit: "m/s", factor: 1 },
+  depth: { unit: "mm", factor: 1000 },
+  difference: { unit: "mm", factor: 1000 },
 };
-const CURVES = [
-  ["total", "energy [J]", 1], ["stretch", "largest stretch [%]", 100],
-  ["triangles", "penetration [mm]", 1000], ["contacts", "points in contact", 1],
-];
+const typed = (value) => Number(value.toPrecision(3));
+const isText = ({ tagName, type, isContentEditable }) =>
+  isContentEditable || tagName === "TEXTAREA" || (tagName === "INPUT" && type !== "range");
 
 // One run: its frames are inflated once; positions come from 16-bit integers when they are drawn.
 class PageRun {
@@ -43,7 +41,8 @@ class PageRun {
       for (let k = this.points; k < s.length; k++) s[k] += s[k - this.points];
       return s;
     };
-    this.scalars = { stretch: scalar(2 * count), speed: scalar(2 * count + frames * this.points) };
+    this.scalars = {};
+    this.names.forEach((name, k) => { this.scalars[name] = scalar(2 * count + k * frames * this.points); });
   }
 
   positions(frame) {
@@ -60,10 +59,12 @@ class PageRun {
     return c[Math.min(frame, c.length - 1)];
   }
 
-  // What the colour modes "stretch" and "speed" show of each point, as a part of their top.
+  // A value of a point, whose levels are finer near 0: they are those of its square root.
+  value(name, frame, point) { return this.highest[name] * (this.scalars[name][frame * this.points + point] / 255) ** 2; }
+
+  // Values of all points in a colour mode, as a part of its top.
   values(frame, mode, out) {
-    const s = this.scalars[mode.name], from = frame * this.points;
-    if (s) for (let p = 0; p < this.points; p++) out[p] = s[from + p] / 255;
+    if (this.scalars[mode.name]) for (let p = 0; p < this.points; p++) out[p] = this.value(mode.name, frame, p) / mode.top;
   }
 
   // The frame that is shown at the time t: the last one stored by then.
@@ -108,56 +109,153 @@ class Orbit {
     return [1 / w, 1 / h, -1 / (this.start.reach + moved)];
   }
 
-  listen(canvas, changed) {
-    let last = null;
-    canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); last = e; });
-    canvas.addEventListener("pointerup", () => { last = null; });
+  turn(dx, dy) {
+    this.azimuth -= 0.008 * dx;
+    this.elevation = Math.max(-1.57, Math.min(1.57, this.elevation + 0.008 * dy));
+  }
+
+  // Enlarge, and move so that the point below the pixel `from` comes to the pixel `to`.
+  move(canvas, from, to, by = 1) {
+    const metres = () => 2 * this.extent(canvas.clientWidth / canvas.clientHeight)[1] / canvas.clientHeight;
+    const centre = [canvas.clientWidth / 2, canvas.clientHeight / 2], before = metres();
+    this.enlarge(by);
+    const [dx, dy] = centre.map((c, k) => before * (from[k] - c) - metres() * (to[k] - c)), [right, up] = this.axes();
+    this.target = this.target.map((k, i) => k + dx * right[i] - dy * up[i]);
+  }
+
+  enlarge(by) { this.zoom = Math.max(0.1, Math.min(50, this.zoom * by)); }
+
+  // A function from a point [m] to pixels of the canvas, and its height towards the eye [m].
+  projection(canvas) {
+    const [w, h] = this.extent(canvas.clientWidth / canvas.clientHeight), axes = this.axes(), { target } = this;
+    return (x, k) => {
+      const [right, up, near] = axes.map((axis) => axis.reduce((sum, a, i) => sum + a * (x[k + i] - target[i]), 0));
+      return [canvas.clientWidth * (1 + right / w) / 2, canvas.clientHeight * (1 - up / h) / 2, near];
+    };
+  }
+
+  // Mouse, fingers and keys on a canvas. A click that does not drag calls `picked` with its pixel.
+  listen(canvas, changed, picked) {
+    const down = new Map();
+    let way = 0;  // pixels since the first finger came down
+    const middle = () => [0, 1].map((axis) => [...down.values()].reduce((sum, p) => sum + p[axis], 0) / down.size);
+    const spread = () => { const [a, b] = down.values(); return Math.hypot(a[0] - b[0], a[1] - b[1]) || 1; };
+    canvas.addEventListener("pointerdown", (e) => {
+      canvas.setPointerCapture(e.pointerId);
+      down.set(e.pointerId, [e.offsetX, e.offsetY]);
+      way = down.size > 1 ? Infinity : 0;
+    });
+    canvas.addEventListener("pointerup", (e) => {
+      if (down.delete(e.pointerId) && way < 4 && e.button === 0 && !e.shiftKey) picked(e.offsetX, e.offsetY);
+    });
+    canvas.addEventListener("pointercancel", (e) => down.delete(e.pointerId));
     canvas.addEventListener("pointermove", (e) => {
-      if (!last) return;
-      const dx = e.clientX - last.clientX, dy = e.clientY - last.clientY;
-      last = e;
-      if (e.shiftKey || e.buttons === 2) {
-        const metre = 2 * this.extent(canvas.clientWidth / canvas.clientHeight)[1] / canvas.clientHeight;
-        const [right, up] = this.axes();
-        this.target = this.target.map((k, i) => k - metre * (dx * right[i] - dy * up[i]));
-      } else {
-        this.azimuth -= 0.008 * dx;
-        this.elevation = Math.max(-1.57, Math.min(1.57, this.elevation + 0.008 * dy));
-      }
+      if (!down.has(e.pointerId)) return;
+      const two = down.size === 2, from = middle(), wide = two && spread();
+      down.set(e.pointerId, [e.offsetX, e.offsetY]);
+      const to = middle(), dx = to[0] - from[0], dy = to[1] - from[1];
+      way += Math.hypot(dx, dy);
+      if (two) this.move(canvas, from, to, spread() / wide);
+      else if (e.shiftKey || e.buttons === 2) this.move(canvas, from, to);
+      else this.turn(dx, dy);
       changed();
     });
     canvas.addEventListener("wheel", (e) => {
       e.preventDefault();
-      this.zoom = Math.max(0.1, Math.min(50, this.zoom * Math.exp(-0.0015 * e.deltaY)));
+      this.enlarge(Math.exp(-0.0015 * e.deltaY));
       changed();
     }, { passive: false });
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
     canvas.addEventListener("dblclick", () => { this.reset(); changed(); });
+    const turns = { ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20] };
+    canvas.addEventListener("keydown", (e) => {
+      if (e.shiftKey && turns[e.key]) this.turn(...turns[e.key]);
+      else if (e.key === "+" || e.key === "=") this.enlarge(1.2);
+      else if (e.key === "-") this.enlarge(1 / 1.2);
+      else if (e.key === "0") this.reset();
+      else return;
+      e.preventDefault();
+      e.stopPropagation();
+      changed();
+    });
   }
 }
 
 async function start() {
   const meta = JSON.parse($("meta").textContent);
-  const runs = meta.runs.map((run) => new PageRun({ ...run, compared: meta.tops.depth ? run.spheres.length : 0 }));
+  const highest = Object.fromEntries(Object.entries(meta.tops).map(([name, tops]) => [name, tops.max]));
+  const compared = (run) => (meta.tops.depth ? run.spheres.length : 0);
+  const runs = meta.runs.map((run) => new PageRun({ ...run, names: meta.names, highest, compared: compared(run) }));
   const inflated = Promise.all(runs.map((run) => run.inflate()));  // beside the set-up of WebGL
   const camera = new Orbit(meta.camera);
   const panels = runs.map((run, k) => {
     const canvas = $(`canvas-${k}`);
-    if (runs.length > 1) $(`key-${k}`).append(sample(COLORS[k % 8], DASHES[k % 4]));
-    return { run, canvas, drawing: new Drawing(canvas, run), says: $(`says-${k}`) };
+    if (runs.length > 1) $(`key-${k}`).append(sample(look(k)));
+    const ring = document.createElement("span");
+    ring.className = "ring";
+    canvas.after(ring);
+    return { run, canvas, ring, drawing: new Drawing(canvas, run), says: $(`says-${k}`) };
   });
   await inflated;
   // The run that lasts longest, of those the one with most frames, is the clock's.
   const lead = runs.reduce((a, b) => (b.t.at(-1) > a.t.at(-1) || (b.t.at(-1) === a.t.at(-1) && b.t.length > a.t.length) ? b : a));
   const begin = lead.t[0], end = lead.t.at(-1), slider = $("time");
   slider.max = lead.t.length - 1;
-  const state = { t: begin, playing: false, mode: "faces", before: 0 };
+  const state = { t: begin, playing: false, mode: "faces", top: "99 %", before: 0, probe: null };
   window.page = { runs, state, lead, camera };  // for tests and the curious
 
-  const mode = () => ({ name: state.mode, ...MODES[state.mode], top: meta.tops[state.mode] });
-  const curves = drawCurves(runs, meta, (t) => { pause(); show(t); });
+  const mode = () => {
+    const tops = meta.tops[state.mode] || { max: 1 };
+    return { name: state.mode, ...MODES[state.mode], max: tops.max, top: tops[state.top] || tops.max || 1 };
+  };
+  const curves = drawCurves(runs, (t) => { pause(); show(t); });
+  const probed = (run) => {
+    const [rows, columns] = run.shape, [row, column] = state.probe || [Infinity, Infinity];
+    return row < rows && column < columns ? row * columns + column : null;
+  };
 
-  function redraw() { for (const p of panels) p.drawing.draw(camera); }
+  function draw(panel) {
+    const { run, canvas, ring } = panel, point = probed(run);
+    panel.drawing.background = css("--page").match(/\w\w/g).map((part) => parseInt(part, 16) / 255);
+    panel.drawing.draw(camera);
+    ring.hidden = point === null;
+    if (ring.hidden) return;
+    const [x, y] = camera.projection(canvas)(run.x, 3 * point);
+    ring.style.transform = `translate(${x}px, ${y}px)`;
+  }
+
+  function redraw() { panels.forEach(draw); }
+
+  function say({ run, says }) {
+    const frame = run.frameAt(state.t), point = probed(run);
+    says.textContent = `frame ${frame} of ${run.t.length - 1}, t = ${run.t[frame].toFixed(4)} s`;
+    if (point === null) return;
+    const parts = meta.names.map((name) => `${name} ${typed(MODES[name].factor * run.value(name, frame, point))} ${MODES[name].unit}`);
+    says.textContent += `; row ${state.probe[0]}, column ${state.probe[1]}: ${parts.join(", ")}`;
+  }
+
+  // Probe a mass point of all runs: a ring, its values, its curves.
+  function probe(place) {
+    state.probe = place;
+    [$("row").value, $("column").value] = place || ["", ""];
+    const lines = (name) => runs.map((run, k) => ({ run, k, point: probed(run) })).filter(({ point }) => point !== null)
+      .map(({ run, k, point }) => ({ ...look(k), t: run.t, y: run.t.map((_, f) => run.value(name, f, point)), label: run.label }));
+    curves.replace(place ? meta.names.map((name) => [`${name} of the point [${MODES[name].unit}]`, MODES[name].factor, lines(name)]) : []);
+    panels.forEach(say);
+    redraw();
+  }
+
+  // The point nearest to the pixel, of those within 9 pixels and not behind another layer of cloth.
+  function pick({ run, canvas }, x, y) {
+    const at = camera.projection(canvas), layer = 18 * 2 * camera.extent(1)[1] / canvas.clientHeight, found = [];
+    for (let p = 0; p < run.points; p++) {
+      const [px, py, near] = at(run.x, 3 * p), away = Math.hypot(px - x, py - y);
+      if (away <= 9) found.push({ p, near, away });
+    }
+    const front = Math.max(...found.map(({ near }) => near)) - layer;
+    const [best] = found.filter(({ near }) => near >= front).sort((a, b) => a.away - b.away);
+    probe(best ? [Math.floor(best.p / run.shape[1]), best.p % run.shape[1]] : null);
+  }
 
   function show(t, force = false) {
     state.t = Math.max(begin, Math.min(end, t));
@@ -167,8 +265,8 @@ async function start() {
       if (!force && p.canvas.dataset.frame === String(frame)) continue;
       p.canvas.dataset.frame = frame;
       p.drawing.load(frame, mode());
-      p.drawing.draw(camera);
-      p.says.textContent = `frame ${frame} of ${p.run.t.length - 1}, t = ${p.run.t[frame].toFixed(4)} s`;
+      draw(p);
+      say(p);
     }
     slider.value = shown;
     slider.setAttribute("aria-valuetext", `${state.t.toFixed(4)} s`);
@@ -208,10 +306,10 @@ async function start() {
   }
 
   function legend() {
-    const m = mode(), bar = $("legend");
-    bar.hidden = state.mode === "faces";
-    $("low").textContent = "0";
-    $("high").textContent = m.top ? `${Number((m.factor * m.top).toPrecision(2))} ${m.unit}` : "";
+    const m = mode();
+    $("legend").hidden = state.mode === "faces";
+    $("top").parentElement.hidden = state.mode === "depth";
+    $("high").textContent = `${m.max > m.top ? "≥ " : ""}${Number((m.factor * m.top).toPrecision(2))} ${m.unit}`;
     $("bar").style.background = `linear-gradient(90deg, ${(state.mode === "depth" ? HEAT : VIRIDIS).map((c) => "#" + c)})`;
   }
 
@@ -219,123 +317,36 @@ async function start() {
   $("back").addEventListener("click", () => step(-1));
   $("forth").addEventListener("click", () => step(1));
   slider.addEventListener("input", () => { pause(); show(lead.t[slider.valueAsNumber]); });
-  $("mode").addEventListener("change", () => { state.mode = $("mode").value; legend(); show(state.t, true); });
+  for (const name of ["mode", "top"]) {
+    $(name).addEventListener("change", () => { state[name] = $(name).value; legend(); show(state.t, true); });
+  }
+  for (const name of ["row", "column"]) $(name).addEventListener("change", () => {
+    const place = [$("row"), $("column")].map((field) => field.valueAsNumber);
+    if (place.every((k) => Number.isInteger(k) && k >= 0)) probe(place);
+    else if (place.every(Number.isNaN)) probe(null);
+  });
   for (const button of document.querySelectorAll("[data-direction]")) {
     button.addEventListener("click", () => { camera.reset(JSON.parse(button.dataset.direction)); redraw(); });
   }
   document.addEventListener("keydown", (e) => {
-    if (/^(INPUT|SELECT|BUTTON)$/.test(e.target.tagName)) return;
-    if (e.key === " ") { e.preventDefault(); $("play").click(); }
-    if (e.key === "ArrowLeft") step(-1);
-    if (e.key === "ArrowRight") step(1);
+    if (isText(e.target) || e.ctrlKey || e.altKey || e.metaKey) return;
+    const act = { " ": () => $("play").click(), ArrowLeft: () => step(-1), ArrowRight: () => step(1) }[e.key];
+    if (!act) return;
+    e.preventDefault();
+    act();
   });
-  for (const p of panels) camera.listen(p.canvas, redraw);
+  // Firefox presses a button when space is released.
+  document.addEventListener("keyup", (e) => { if (e.key === " " && !isText(e.target)) e.preventDefault(); });
+  for (const p of panels) camera.listen(p.canvas, redraw, (x, y) => pick(p, x, y));
+  const dark = matchMedia("(prefers-color-scheme: dark)"), pin = LOOK.pin;
+  const theme = () => { LOOK.pin = dark.matches ? pin.map((k) => 1 - k) : pin; };
+  dark.addEventListener("change", () => { theme(); show(state.t, true); curves.draw(true); });
+  theme();
   new ResizeObserver(() => { redraw(); curves.draw(); }).observe($("runs"));
   legend();
   show(begin, true);
   for (const p of panels) p.canvas.classList.add("drawn");
   requestAnimationFrame(() => { document.body.dataset.ready = Math.round(performance.now()); });
-}
-
-// Curves as small charts: a line per run (of one run: per kind of energy), a cursor at the clock.
-function drawCurves(runs, meta, seek) {
-  const end = Math.max(...runs.map((r) => r.t.at(-1))), begin = Math.min(...runs.map((r) => r.t[0]));
-  const charts = [];
-  for (const [name, label, factor] of CURVES) {
-    let lines = runs.map((run, k) => ({ t: run.t, y: run.curves[name], label: run.label, color: COLORS[k % 8], dash: DASHES[k % 4] }));
-    if (runs.length === 1 && name === "total") {
-      lines = ["total", "kinetic", "elastic", "gravity"].map((kind, k) => ({
-        t: runs[0].t, y: runs[0].curves[kind], label: kind, color: COLORS[(k + 4) % 5], dash: DASHES[k],
-      }));
-    }
-    lines = lines.filter((line) => line.y);
-    if (!lines.length) continue;
-    const figure = document.createElement("figure"), caption = document.createElement("figcaption");
-    const canvas = document.createElement("canvas");
-    caption.textContent = label;
-    if (runs.length === 1 && lines.length > 1) for (const line of lines) {
-      const key = document.createElement("span");
-      key.className = "key";
-      key.textContent = line.label;
-      key.style.color = line.color;
-      caption.append(" ", key);
-    }
-    figure.append(caption, canvas);
-    $("curves").append(figure);
-    const values = lines.flatMap((line) => line.y).filter((v) => v !== null).map((v) => factor * v);
-    let low = Math.min(0, ...values), high = Math.max(0, ...values);
-    if (low === high) high = 1;
-    const chart = { canvas, lines, factor, low, high };
-    charts.push(chart);
-    const at = (e) => begin + (end - begin) * (e.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT);
-    canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); seek(at(e)); });
-    canvas.addEventListener("pointermove", (e) => { if (e.buttons) seek(at(e)); });
-  }
-  const LEFT = 58, RIGHT = 10, TOP = 6, BOTTOM = 20;
-
-  function paint(chart, t) {
-    const { canvas, lines, factor, low, high } = chart, ratio = window.devicePixelRatio || 1;
-    const width = canvas.clientWidth, height = canvas.clientHeight, c = canvas.getContext("2d");
-    if (!width || !height) return;  // not laid out yet, as in a hidden cell of a notebook; drawn when it is shown
-    if (!chart.kept || chart.kept.width !== Math.round(width * ratio)) {
-      canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
-      c.scale(ratio, ratio);
-      const X = (time) => LEFT + (width - LEFT - RIGHT) * (time - begin) / (end - begin || 1);
-      const Y = (value) => TOP + (height - TOP - BOTTOM) * (high - value) / (high - low);
-      c.font = "11px system-ui, sans-serif"; c.fillStyle = "#566272"; c.strokeStyle = "#dfe4ea";
-      c.textAlign = "right"; c.textBaseline = "middle";
-      for (const value of ticks(low, high)) {
-        c.beginPath(); c.moveTo(LEFT, Y(value)); c.lineTo(width - RIGHT, Y(value)); c.stroke();
-        c.fillText(String(value), LEFT - 6, Y(value));
-      }
-      c.textAlign = "center"; c.textBaseline = "top";
-      for (const time of ticks(begin, end)) c.fillText(`${time} s`, Math.min(X(time), width - 14), height - BOTTOM + 6);
-      for (const { t: times, y, color, dash } of lines) {
-        c.strokeStyle = color; c.lineWidth = 1.6; c.setLineDash(dash); c.beginPath();
-        let pen = false;
-        y.forEach((v, k) => {
-          if (v === null) { pen = false; return; }
-          c[pen ? "lineTo" : "moveTo"](X(times[k]), Y(factor * v));
-          pen = true;
-        });
-        c.stroke();
-      }
-      c.setLineDash([]);
-      chart.X = X;
-      chart.kept = document.createElement("canvas");
-      chart.kept.width = canvas.width; chart.kept.height = canvas.height;
-      chart.kept.getContext("2d").drawImage(canvas, 0, 0);
-    }
-    c.setTransform(1, 0, 0, 1, 0, 0);
-    c.clearRect(0, 0, canvas.width, canvas.height);
-    c.drawImage(chart.kept, 0, 0);
-    c.fillStyle = "#111";
-    c.fillRect(Math.round(chart.X(t) * ratio) - 1, TOP * ratio, 2, (canvas.clientHeight - TOP - BOTTOM) * ratio);
-  }
-  let now = begin;
-  return {
-    cursor(t) { now = t; charts.forEach((chart) => paint(chart, t)); },
-    draw() { charts.forEach((chart) => paint(chart, now)); },
-  };
-}
-
-// A piece of a curve, which says in a caption whose it is.
-function sample(color, dash) {
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), line = document.createElementNS(svg.namespaceURI, "line");
-  for (const [name, value] of Object.entries({ width: 34, height: 8 })) svg.setAttribute(name, value);
-  const look = { x1: 1, x2: 33, y1: 4, y2: 4, stroke: color, "stroke-width": 2.5, "stroke-dasharray": dash.join(" ") };
-  for (const [name, value] of Object.entries(look)) line.setAttribute(name, value);
-  svg.append(line);
-  return svg;
-}
-
-// Three to six round numbers from low to high.
-function ticks(low, high) {
-  const rough = (high - low) / 3, power = 10 ** Math.floor(Math.log10(rough));
-  const by = [1, 2, 5, 10].map((k) => k * power).filter((k) => k <= rough * 1.001).at(-1);
-  const found = [];
-  for (let k = Math.ceil(low / by - 1e-9); k * by <= high + 1e-9 * by; k++) found.push(Number((k * by).toPrecision(6)));
-  return found;
 }
 
 start().catch((error) => {
