@@ -21,7 +21,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 PACKAGE = ROOT / "python" / "clothsim"
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "gpu" and path.stem not in {"page", "raster"})
-SOURCES = [ROOT / "CMakeLists.txt"]
+SOURCES = [
+    *sorted(path for path in (ROOT / "cpp").rglob("*.[ch]pp") if path.parent.name != "picture"),
+    *sorted(PACKAGE.rglob("*.pyi")),
+    ROOT / "CMakeLists.txt",
+]
 TESTS = sorted(path for path in (ROOT / "tests").rglob("test_*.py") if path.parent.name != "gpu")
 
 WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer limits pass sentences with two ideas
@@ -57,7 +61,6 @@ PARTS = {
     r"dear(?:er)?|worth": "cost",
     r"literal": "as printed",
     r"mended": "corrected",
-    r"lifted": "transposed, projected",
     r"stiffest": "largest eigenvalue",
     r"twins?|companions?": "better run, step doubling",
     r"carry|carried|carries": "global error, propagate",
@@ -160,7 +163,7 @@ def _paragraphs(lines: list[str], first: int) -> Iterator[tuple[int, str]]:
 
 def blocks_of_source(text: str, mark: str) -> Iterator[tuple[int, str]]:
     """Paragraphs of comments. Lines with two spaces inside are drawings; a comment behind code is a paragraph of its own."""
-    start, found = 0, [""]
+    start, found, deeper = 0, [""], False
     for number, line in enumerate([*text.splitlines(), ""], 1):
         code, sign, comment = line.partition(mark)
         alone = not code.strip() and bool(sign)
@@ -172,7 +175,12 @@ def blocks_of_source(text: str, mark: str) -> Iterator[tuple[int, str]]:
                 yield start, " ".join(found)
             start, found = 0, [""]
         if alone and comment.strip():
-            drawing = "  " in comment.strip() or comment.startswith("  ") and not found[0]
+            indented = comment.startswith("   ")
+            drawing = "  " in comment.strip() or indented and re.search(r"[=<>]|\(\(", comment)
+            if indented != deeper and found[0]:
+                yield start, " ".join(found)
+                start, found = 0, [""]
+            deeper = indented
             if drawing or re.search(r"^ ?[-=+|/]{2,}|NOLINT|noqa|clang-format|type: ignore|mypy:", comment):
                 if found[0]:
                     yield start, " ".join(found)
@@ -261,7 +269,7 @@ def main(arguments: list[str]) -> int:
             for sentence in sentences(block)
             for fault in faults(sentence)
         ]
-        if path.suffix in {".py", ".pyi", ".cpp", ".hpp", ".wgsl"}:
+        if path.suffix in {".py", ".wgsl"}:
             found += [(line, fault, name) for line, name in names_of(path, text) for fault in faults_of_name(name)]
         for line, fault, where in found:
             print(f"{path.relative_to(ROOT)}:{line}: {fault}\n    {where}")

@@ -66,7 +66,7 @@ Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
     return {x.mutable_data(), v.mutable_data(), std::size_t(x.size()) / simulation.size()};
 }
 
-// What is not given stays, with the digits that T has.
+// Arguments that are None keep the state, with the digits of T.
 template <class T>
 void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std::optional<Array<T>>& v,
           std::optional<double> time) {
@@ -93,7 +93,7 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// What the errors of python/clothsim/engine/state.py are made from.
+// Values from which python/clothsim/engine/state.py makes its errors.
 void signal(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
@@ -112,7 +112,7 @@ void signal(const Outcome& outcome, py::dict& result) {
     result["energy"] = unstable->energy;
 }
 
-// None where all steps were done and there is nothing to tell: a call may be shorter than the making of a
+// None where all steps were done without an event: a call may be shorter than the making of a
 // dict.
 py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
@@ -147,9 +147,9 @@ bool can_hold(const Array<T>& out, const Array<U>& x) {
         out.ndim() == x.ndim() && std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
 }
 
-// A whole call: a state in, steps, and the state out if there is nothing to tell. False, and nothing is done,
-// where other kernels are wanted or an array cannot be used: the state is not finite, or the results have no
-// place.
+// A whole call: a state in, steps, and the state out if no event has to be reported. False, with nothing
+// done, where other kernels are wanted or an array cannot be used. An array cannot be used if its state is
+// not finite, or if the results have no place.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, bool optional, Array<T>& x_out, Array<T>& v_out) {

@@ -69,8 +69,8 @@ void refuse_pickle(const py::module_& m) {
                 py::cpp_function(refuse, py::name("__reduce_ex__"), py::is_method(value));
 }
 
-// Of springs from 0 to (x, 0, z) what the fused kernels of an instruction set take for their squared lengths
-// and for 1/l, for the tests.
+// For the tests: squared lengths and 1/l of springs from 0 to (x, 0, z), as the fused kernels of an
+// instruction set compute them.
 template <class T>
 py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
     const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
@@ -112,7 +112,7 @@ void bind_build(py::module_& m) {
     m.def("available_threads", &available_threads);
     m.attr("most_threads") = most_threads;
     m.attr("least_points_per_thread") = least_points_per_thread;
-    // What Python needs too is written down in the core alone.
+    // Constants of the core that Python needs too.
     py::list kinds;
     for (const Neighbour& n : spring_kinds)
         kinds.append(py::make_tuple(family_names[n.family], n.row, n.column));

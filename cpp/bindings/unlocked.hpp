@@ -8,9 +8,9 @@
 
 namespace clothsim {
 
-// A daemon thread may be in the core when the interpreter ends. Where it takes the lock again, Python
-// before 3.14 ends the thread by unwinding its stack, which stops at the first destructor and aborts the
-// process. So the thread sleeps until the process ends, with all that its frames own.
+// A daemon thread may be in the core when the interpreter ends. Where it takes the lock again, Python before
+// 3.14 unwinds its stack to end the thread. That stops at the first destructor and aborts the process.
+// So the thread sleeps until the process ends, with all that its frames own.
 class Unlocked {
 public:
     Unlocked() : thread_(PyEval_SaveThread()) {}

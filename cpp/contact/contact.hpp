@@ -1,4 +1,4 @@
-// What both responses share: the state of a mass point in a sphere's frame, and the velocity change.
+// Common parts of both responses: the state of a mass point in a sphere's frame, and the velocity change.
 #pragma once
 
 #include <cmath>
@@ -22,7 +22,7 @@ struct Contact {
     Contact(const Sphere& s, double t)
         : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t) {}
 
-    // Velocity that the response looks at: relative to the sphere, or absolute in the as_printed reading.
+    // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
 };
 
@@ -32,8 +32,8 @@ inline Vec3 outward_normal(const Vec3& offset_from_center) {
     return distance > 0 ? Vec3(offset_from_center / distance) : Vec3(0, 1, 0);
 }
 
-// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
-// tangential impulse is at most friction times the normal one. Literal: reflected in any case.
+// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the tangential
+// impulse is at most friction times the normal impulse. As printed: reflected in any case.
 inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
     if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;

@@ -1,12 +1,12 @@
-// The pass that answers continuous contacts after a step, whatever integrator made it: it sees the state at
-// the start of the step and the one that the step would lead to without spheres.
+// The pass of continuous contacts after a step of
+// any integrator. The pass sees the state at the
+// start of the step, and the end of the step without
+// spheres.
 //
-//   1. A kernel finds the vectors of points that may touch, answers what it can and copies the rest for the
-//   next
-//      step. Points do not look at each other here, so any number of threads gives the same bits.
-//   2. Point by point in the cloth's order: bounces, whose energy depends on the neighbours as they are now,
-//   and
-//      points near several spheres.
+//   1. A kernel finds the vectors of points that may touch, responds where it can and copies the others.
+//      Points do not depend on each other here, so any number of threads gives the same bits.
+//   2. Bounces and points near several spheres follow, point by point in the cloth's order.
+//      The energy of a bounce depends on the neighbours as they are now.
 //
 // Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
 // Where a sphere has the offset "cell", each point has a contact radius of its own: contact/cell_pass.hpp.
@@ -119,7 +119,7 @@ public:
         return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
     }
 
-    // What the next step begins with beside the state.
+    // Input of the next step beside the state.
     const std::vector<FacePass::PersistentContact>& persistent() const {
         static const std::vector<FacePass::PersistentContact> none;
         return faces_ ? face_pass_->persistent : none;
@@ -128,7 +128,7 @@ public:
         if (faces_) face_pass_->persistent = persistent;
     }
 
-    // What contact/exact.hpp asks for.
+    // Energies that contact/exact.hpp needs.
     PointState before(int i) const { return read(before_, i); }
     PointState now(int i) const { return read(*memory_, i); }
     void set(int i, const PointState& state) {

@@ -9,9 +9,9 @@
 //     |P_t| <= mu n.P, and P_t is what leaves y_t = target_t if the cone holds it, else opposed to y_t -
 //     target_t
 //
-// Block Gauss-Seidel with projection on the cone solves it: sum(w^2/m) times the unit matrix is the block of
-// a row, so that a block is solved exactly (Jean 1999, nonsmooth contact dynamics; Moreau 1988 for the law).
-// It starts from impulses that would be right if all rows that share corners were alike.
+// Block Gauss-Seidel with projection on the cone solves it (Jean 1999, nonsmooth contact dynamics; Moreau
+// 1988 for the law). The block of a row is sum(w^2/m) times the unit matrix, so each block is solved exactly.
+// The start is impulses that would be right if all rows with common corners were alike.
 #pragma once
 
 #include <algorithm>
@@ -97,7 +97,7 @@ inline Vec3 solve_block(ContactRow& row, std::vector<Vec3>& z, ContactSide side)
     return change;
 }
 
-// What a solver keeps beside rows and points.
+// Data of a solver beside rows and points.
 struct SolverMemory {
     std::vector<Vec3> change, direction;  // of the impulses, by the newest sweep; by all before
     std::vector<int> swept;  // rows: in which sweep last
@@ -108,10 +108,10 @@ struct SolverMemory {
 // many it took. The rows before `first` are solved for already: they join in once a point of theirs moves by
 // more than `quiet`.
 //
-// Between two sweeps the impulses go on along the directions of earlier sweeps, as those of conjugate
-// gradients: the change by a sweep stands for the negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010,
-// nonsmooth nonlinear conjugate gradients after Fletcher and Reeves). Every result is that of a sweep, and so
-// in the cones.
+// Between two sweeps the impulses go on along the directions of earlier sweeps, as in conjugate gradients.
+// The change by a sweep stands for the negative gradient (Silcowitz-Hansen, Niebe, Erleben 2010, nonsmooth
+// nonlinear conjugate gradients after Fletcher and Reeves). A sweep makes every result, so every result is in
+// the cones.
 inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side,
                           double tolerance, int most, SolverMemory& memory, std::size_t first = 0,
                           double quiet = 0) {

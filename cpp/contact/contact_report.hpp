@@ -5,7 +5,7 @@
 
 namespace clothsim {
 
-// What the continuous contacts of a step came to, where not every point could be served.
+// Outcome of the continuous contacts of a step, where a point may lack a response.
 struct ContactReport {
     std::int64_t trapped = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1

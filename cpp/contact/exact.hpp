@@ -19,9 +19,9 @@
 
 namespace clothsim {
 
-// How far outside the contact radius points are put (the slop), in units of epsilon x (|centre|_1 + radius).
-// Rounding a place on the sphere moves it by at most half a unit, and the kernels tell a quarter of the slop
-// apart: with half of it they hardly could. With twice as much, points only lie farther out.
+// Distance of points outside the contact radius (the slop), in units of epsilon x (|centre|_1 + radius).
+// Rounding a place on the sphere moves it by at most half a unit, and the kernels resolve a quarter of the
+// slop. With half of it they hardly could. With twice as much, points only lie farther out.
 inline constexpr double slop_epsilons = 4;
 
 inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double epsilon) {
@@ -66,9 +66,9 @@ Surface<double> surface_at(const Points& points, int i, const SweptSphere& s) {
 
 // The state after the contact `t` of a point whose free end is `end`.
 //
-// Energy of the normal motion, with U the potential at the free end, on the tangent plane and where the
-// mirrored way leads: uc^2 = u^2 + 2 (U_end - U_plane) / m on arrival, (e uc)^2 + 2 (U_plane - U_mirrored) /
-// m at last. If that is negative the point does not get so far and is left on the plane.
+// Energy of the normal motion. U is the potential at the free end, on the plane, or at the mirrored place.
+// On arrival uc^2 = u^2 + 2 (U_end - U_plane) / m. At last u^2 = (e uc)^2 + 2 (U_plane - U_mirrored) / m.
+// If the last square is negative, the point does not get so far and is left on the plane.
 template <class Points>
 PointState respond(const Points& points, int i, const SweptSphere& s, const Touch<double>& t,
                    const PointState& end) {
@@ -111,8 +111,8 @@ inline Vec3 on_common_circle(const SweptSphere& a, double top_a, const SweptSphe
     return vec(a.end) + along * axis + (std::sqrt(height2) + a.slop + b.slop) * aside.normalized();
 }
 
-// Takes a point out of every sphere at the end of the step. False: there is no way out nearby, the spheres
-// have shut it in.
+// Takes a point out of every sphere at the end of the step. False: no way out is nearby, the point is trapped
+// between spheres.
 template <class Points>
 bool resolve(const Points& points, int i, const std::vector<SweptSphere>& spheres, const Vec3& start,
              PointState& end) {
@@ -143,7 +143,7 @@ bool resolve(const Points& points, int i, const std::vector<SweptSphere>& sphere
     return false;
 }
 
-// Whole step of one point among all spheres, earliest contact first. False: shut in.
+// Whole step of one point among all spheres, earliest contact first. False: trapped.
 template <class Points>
 bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
     const PointState start = points.before(i);

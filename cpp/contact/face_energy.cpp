@@ -47,8 +47,8 @@ double FaceWork::energy_made() const {
 // The bound of that energy [J]. Springs may take up what a point and the spheres move within the step: the
 // forces of a step do not know of it yet. The rest is the accuracy of places and impulses, and rounding.
 double FaceWork::most_energy_made() const {
-    // Of the kinetic energy. Impulses of a step round by 1e-13 of it; half or twice changes no step of the
-    // fuzzers, as a fault makes more than a thousandth.
+    // Part of the kinetic energy. Impulses of a step round by 1e-13 of it. Half or twice changes no step of
+    // the fuzzers, as a fault makes more than a thousandth.
     constexpr double rounding = 1e-11;
     // Of the energy of the velocity changes. A triangle that rocks needs 1e-4, as its place of contact moves
     // within the step; half or twice changes no step of the fuzzers.
@@ -71,8 +71,8 @@ double FaceWork::most_energy_made() const {
     return most;
 }
 
-// What the energy at the end should be more than it is: that of the free step, with what moving spheres did,
-// less what restitution and friction take.
+// Lack of energy at the end: the energy of the free step less the present energy. The work of moving spheres
+// is added, losses by restitution and friction are subtracted.
 double FaceWork::energy_lacking() const {
     double lacks = -energy_made();
     for (std::size_t k = 0; k < rows_.size(); ++k) {
@@ -82,8 +82,8 @@ double FaceWork::energy_lacking() const {
         const double along = row.speed.impulse.dot(row.normal);
         const Vec3 across = row.speed.impulse - along * row.normal;
         lacks -= (1 - s.restitution) / 2 * along * origins_[k].arrival;
-        // Friction works on the mean of the velocities before and after it. What rests feels it throughout
-        // the step, else it acts at the time of impact, at which the free step has gone on for so long.
+        // Friction works on the mean of the velocities before and after it. At rest it acts throughout the
+        // step. On impact it acts at the time of impact, and the free step has gone on since.
         const Origin& origin = origins_[k];
         const Vec3 began = row.at(v0), ends = row.at(v), flies = row.at(free_v_);
         const Vec3 mean = origin.rests() ? Vec3((began + ends) / 2)
@@ -105,8 +105,8 @@ bool FaceWork::flies() const {
                        [](const Origin& origin) { return origin.height > 0; });
 }
 
-// The impulses that turned arrivals into bounces are made as much larger or smaller as the energy asks for:
-// none at most, or twice. What rests gets none of that energy. False: something that flies cannot get so far.
+// The impulses of bounces are scaled to balance the energy, by a factor between 0 and 2. Resting contacts get
+// none of that energy. False: a flying point cannot get so far.
 bool FaceWork::restore_speeds() {
     further_work_ = 0;
     if (!bounced()) return true;
@@ -137,7 +137,7 @@ bool FaceWork::restore_speeds() {
     return root2 >= 0 || !flies();
 }
 
-// What bounced does not get so far: it is held at the surface.
+// This bounce does not get so far: it is held at the surface.
 void FaceWork::ground() {
     grounded_ = true;
     for (std::size_t k = 0; k < begun_.size(); ++k) {  // without what follow_feet changed

@@ -11,9 +11,9 @@ using exact::vec;
 
 namespace {
 
-// Sweeps of a solve: until the change is this part of the largest lack, at most so many, and for many rows as
-// many as make so many blocks. A small problem is solved in full, a large one goes on from its impulses in
-// the next step. Half the blocks make more rounds, twice the blocks cost up to 1.5 times in folds.
+// Sweeps of a solve end when the change is this part of the largest lack, or at a number of sweeps or blocks.
+// A small problem is solved in full, a large one goes on from its impulses in the next step.
+// Half the blocks make more rounds, twice the blocks cost up to 1.5 times in folds.
 struct Effort {
     double part;
     std::size_t blocks;
@@ -127,7 +127,7 @@ void FaceWork::solve(std::size_t first, ContactSide side) {
         largest = std::max(largest, is.cwiseAbs().maxCoeff());
         lacks = std::max(lacks, rows_[k].normal.dot((rows_[k].*side).target - is));
     }
-    constexpr double rounding = 0x1p-51;
+    constexpr double rounding = 0x1p-51;  // of the largest quantity; not tuned: a bound
     const bool flying = flies();
     const Effort& effort = flying ? bouncing : places ? placing : resting;
     double tolerance = effort.part * lacks + rounding * largest;
@@ -175,7 +175,7 @@ void FaceWork::save_persistent(double dt) {
     for (const PersistentContact& l : persistent) lasted_[l.feature] = 0;
 }
 
-// What was inside when the step began goes outwards by no more than the push of its sphere, and not inwards.
+// Points and triangles inside at the start go outwards by at most the push of their sphere, and not inwards.
 bool FaceWork::push_out(int sphere, const Triangle& t) {
     const SweptSphere& s = (*spheres_)[at(sphere)];
     const Shell& shell = shells_[at(sphere)];
@@ -226,7 +226,7 @@ bool FaceWork::push_out(int sphere, const Triangle& t) {
 }
 
 void FaceWork::push_out_all() {
-    constexpr int sweeps = 200;
+    constexpr int sweeps = 200;  // not tuned: a bound, the loop ends at rest
     pushed_.assign(x.size(), 0.0);
     for (int k = 0; k < sweeps; ++k) {
         bool moved = false;

@@ -16,7 +16,7 @@ namespace {
 // Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly at more than 100
 // times its speed.
 constexpr double least_lever = 0.01;
-constexpr double nothing = 1e9;  // m/s: a place may go inwards at this speed
+constexpr double nothing = 1e9;  // m/s inwards: faster than any cloth, no bound
 constexpr double closeness = 1.0 / 16;  // of the margin: how near counts as on the surface
 
 Vec3 weighted(const Corners& c, const std::array<double, 3>& w) {
@@ -78,7 +78,7 @@ bool FaceWork::inspect_triangle(int sphere, const Triangle& triangle, int round)
     return add_row(sphere, triangle, next.foot, next.normal, next.time, round) || added;
 }
 
-// The same for a mass point and a sphere that keeps points out.
+// As above, for a mass point and a sphere that keeps points out.
 bool FaceWork::inspect_point(int sphere, int i, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
@@ -107,8 +107,8 @@ bool FaceWork::inspect_point(int sphere, int i, int round) {
     return add_row(sphere, {{i, i, i}, at(i)}, foot, outward_normal(place), time, round);
 }
 
-// Which points have left the places that the look before saw: by more than a part of the smallest margin that
-// a clear way keeps to spare.
+// Points that have moved since the last inspection by more than a part of the smallest margin. A clear path
+// keeps that margin to spare.
 void FaceWork::note_moves(int round) {
     if (round == 0) {
         inspected_x_ = x;
@@ -176,11 +176,11 @@ void FaceWork::set_foot(ContactRow& row, const std::array<double, 3>& weight) co
     row.inertia = 1 / row.mobility;
 }
 
-// A triangle that rocks on a sphere touches it at another place when the step ends than when it began. Its
-// velocity is judged where the step ends, so that the next step begins without an arrival. The impulse acts
-// on the mean of both places: on the first alone the rocking would grow, as by Euler's explicit method, and
-// on the last it would be damped. A triangle touches a sphere at one place only, so that what else the rounds
-// found asks for nothing.
+// The place of contact of a rocking triangle differs between start and end of a step. Its velocity is
+// judged at the end, so the next step begins without an arrival. The impulse acts on the mean of both
+// places. On the first place alone the rocking would grow, as by Euler's explicit method; on the last it
+// would be damped. A triangle touches a sphere at one place only, so other rows of the rounds ask for
+// nothing.
 void FaceWork::follow_feet() {
     if (bounced()) begun_ = rows_;
     for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
@@ -271,9 +271,9 @@ std::size_t FaceWork::feature(int sphere, const std::array<int, 3>& c, const std
     return first + 6 * at(c[0]) + (upper ? 2 : 3);
 }
 
-// The bounds of a row: from a place that arrives with the speed u at the surface and leaves it with e u; the
-// acceleration a towards the sphere, that of the free step, goes on. Where it would be back within the step
-// it stays at the surface.
+// The bounds of a row: the place arrives with the speed u at the surface and leaves it with e u. The
+// acceleration a of the free step towards the sphere goes on. A place that would be back within the step
+// stays at the surface.
 void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, int round) {
     const SweptSphere& s = (*spheres_)[at(origin.sphere)];
     const Shell& shell = shells_[at(origin.sphere)];

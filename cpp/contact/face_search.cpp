@@ -138,10 +138,10 @@ bool FaceWork::nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& ne
     return least < std::numeric_limits<double>::infinity();
 }
 
-// The sheet as the spheres carry it: the plane across the shortest way from a sphere to a triangle, where the
-// step begins, moves with the sphere, and all corners stay behind it. So no path of theirs touches the
-// sphere. One sphere alone always leaves such a place, as all corners may move with it. Each corner goes to
-// the nearest.
+// The sheet as the spheres push it. At the start of the step, take the plane across the shortest way from a
+// sphere to a triangle. It moves with the sphere. All corners stay behind it, so no path of theirs touches
+// the sphere. One sphere alone always leaves such a place, as all corners may move with it. Each corner goes
+// to the nearest.
 bool FaceWork::carry() {
     constexpr int most_planes = 40;  // of a point: more are seen only between spheres that close
     constexpr int most_rounds_of_planes = 50;
@@ -251,8 +251,8 @@ int FaceWork::unresolved() {
     return found;
 }
 
-// No law of contact moves a point farther from where the free step ends than this [m]: the ways of the
-// spheres and of the cloth, twice for what bounces, and a radius.
+// No law of contact moves a point farther than this [m] from the end of the free step. It is the ways of the
+// spheres and of the cloth, twice for bounces, and a radius.
 double FaceWork::farthest_place() const {
     double ways = 0, radius = 0, own2 = 0;
     for (const SweptSphere& s : *spheres_) {

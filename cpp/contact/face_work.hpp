@@ -32,8 +32,8 @@ private:
     struct Shell {
         double inside, middle, surface, near;
     };
-    // Of a sphere: where the points are seen from it, as columns of x, y and z; of each triangle the
-    // directions of a plane between the two, at the start and at the end.
+    // Of a sphere: the points as seen from it, as columns of x, y and z. Of each triangle: the directions of
+    // a plane between the two, at the start and at the end.
     struct Frame {
         std::array<std::vector<double>, 3> start, end;
         std::array<std::array<std::vector<double>, 6>, 2> planes;  // of the triangles 2 i and 2 i + 1
@@ -59,7 +59,7 @@ private:
         bool rests() const { return time == 0; }  // in contact when the step begins
     };
 
-    // What is wrong with the place where a step would end.
+    // Faults of the place at which a step would end.
     struct Fault {
         int point =
             -1;  // a mass point that passes a sphere, is too far off, or has too much energy; -1: none
@@ -75,7 +75,7 @@ private:
     struct Sweeps {
         int rounds, most;
     };
-    static constexpr int most_rounds = 24;
+    static constexpr int most_rounds = 24;  // of a solve; not tuned: a bound
     static constexpr Sweeps all_sweeps{30, 100}, single_sweeps{400, 1};
 
     Corners corners(const std::vector<Vec3>& of, const std::array<int, 3>& corner) const;
@@ -146,7 +146,7 @@ private:
     std::vector<ContactRow>
         begun_;  // as they were before velocities answered where the step ends, where something bounced
     std::vector<Origin> origins_;
-    std::vector<Vec3> inspected_x_;  // x as it was when a point's triangles were looked at
+    std::vector<Vec3> inspected_x_;  // x at the inspection of a point's triangles
     std::vector<std::uint8_t> moved_;  // points that have left it
     std::vector<std::vector<std::uint8_t>> reached_;  // triangles for which the look before found something
     std::vector<std::vector<std::size_t>> reached_list_;

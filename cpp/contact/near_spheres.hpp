@@ -1,5 +1,5 @@
-// The spheres that are met at the end of a step, and beside each, if there is one, a plane that keeps it from
-// a band of rows: of a row that is altogether beyond the plane no point is looked at.
+// The spheres at the end of a step. Beside a sphere there may be a plane that keeps it from a band of rows.
+// No point of a row altogether beyond that plane is inspected.
 #pragma once
 
 #include <algorithm>
@@ -49,15 +49,15 @@ struct NearSpheres {
         return Real(r * r * (1 + outer_epsilons * double(std::numeric_limits<Real>::epsilon())));
     }
 
-    // What is as far from the centre along one axis is outside for the kernel's test too, whatever is
-    // rounded.
+    // A point as far from the centre along one axis is outside for the kernel's test too, with any
+    // rounding.
     static double reach_of_plane(const Contact& contact) {
         const double radius = contact.sphere.contact_radius;
         return radius + 1e-6 * (radius + contact.center.cwiseAbs().maxCoeff());
     }
 
 private:
-    // Where a band comes near a sphere, planes between the two are looked for no more often than this.
+    // Least number of steps between two searches for planes, where a band comes near a sphere.
     static constexpr int steps_between_planes = 64;
 
     // For every sphere the plane from which the band is farthest now. Only a guess: each row of each step is
@@ -81,7 +81,7 @@ private:
         }
     }
 
-    int steps_to_planes_ = 0;  // until they are looked for again
+    int steps_to_planes_ = 0;  // until the next search for planes
 };
 
 }  // namespace clothsim

@@ -1,6 +1,6 @@
-// The radius offset of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R.
-// A sphere of radius R + O just touches a spring of length D whose two ends lie on it at distance R
-// from the centre at the spring's midpoint. Written without the cancellation of the printed form.
+// The radius offset of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R. Both ends of a spring of length D lie
+// at distance R + O from the centre. Then the spring's midpoint just touches the sphere of radius R. Written
+// without the cancellation of the printed form.
 #pragma once
 
 #include <cmath>

@@ -1,19 +1,19 @@
-// Kim et al., method 2: cast a ray from the point back along its velocity, move the point to where the
-// ray meets the sphere, reflect the velocity there.
+// Kim et al., method 2: cast a ray from the point back along its velocity. The point moves to the
+// intersection of ray and sphere, and its velocity is reflected there.
 //
-// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata mended, divided by v.v so
-// that no speed is too small) the point lies inside, C < 0, so exactly one distance along the ray is
-// positive:
+// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata corrected). Division by v.v
+// makes no speed too small. The point lies inside, C < 0, so exactly one distance along the ray is positive:
 //
 //   s = -B + sqrt(B^2 - C)   =   -C / (B + sqrt(B^2 - C))
 //
 // The form without cancellation is taken by the sign of B, which is what eq 11 and 12 are for.
 //
-// The paper leaves the point there. The part s / |v| of the step is then lost at each contact: a point that
-// lies on the sphere, as with a restitution below 1, slides at (1 + e) / 2 of its speed at any time step. So
-// with e < 1 or friction the point goes on from the surface for that time, at its new velocity. With e = 1
-// and no friction a point touches seldom, the loss is of the order of the time step, and the paper's reading
-// stays.
+// The paper leaves the point there. Each contact then loses the part s / |v| of the
+// step. A point on the sphere, as with a restitution below 1, slides at (1 + e) / 2
+// of its speed at any time step. So with e < 1 or friction the point goes on from
+// the surface for that time, at its new velocity. With e = 1 and no friction,
+// touches are rare and the loss is of the order of the time step. The paper's
+// reading then stays.
 #pragma once
 
 #include <cmath>

@@ -1,10 +1,10 @@
 // Steps that need no pass for continuous contact, as the cloth is clear of the spheres.
 //
-// Within a step a mass point goes straight from place to place, and so does a sphere. Where a plane lies
-// between the two at both ends of the step, they do not meet in it, nor does the sphere meet a triangle of
-// such points. So while the cloth stays beyond a plane beside every sphere's way, its guard, a comparison a
-// point after each step is all the contact there is. How long it will stay is a guess; whether it has is
-// known afterwards. If not, the caller goes back to a state from before, and takes those steps with the pass.
+// Within a step a mass point goes straight from place to place, and so does a sphere. Take a plane that lies
+// between the two at both ends of the step. Then they do not touch in the step, nor does the sphere touch a
+// triangle of such points. While the cloth stays beyond a plane beside every sphere's path, a comparison per
+// point replaces the contact pass. The number of such steps is predicted and checked afterwards. If the check
+// fails, the caller goes back to an earlier state and takes those steps with the pass.
 #pragma once
 
 #include <algorithm>
@@ -66,10 +66,10 @@ private:
         bool above;
         Real plane;
     };
-    // Of a guard, and until the next is looked for where there is none: the extents take a few hundredths of
-    // a step.
+    // Most steps behind a plane, and until the next search where there is none. The extents take a few
+    // hundredths of a step: half doubles that cost, twice makes predictions longer.
     static constexpr int longest = 64;
-    // Fewer steps are not worth being behind_planes.
+    // Steps. Fewer steps behind planes do not pay for the checkpoint. Half or twice was not measured.
     static constexpr int shortest = 4;
 
     template <class Component>

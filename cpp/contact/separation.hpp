@@ -16,7 +16,7 @@ struct Separation {
     bool above;  // whether the first box is above the second
 };
 
-// Where they are farthest from each other; none if no axis tells them apart.
+// The axis of largest distance; none if no axis separates them.
 inline std::optional<Separation> widest_separation(const Box& first, const Box& second) {
     std::optional<Separation> found;
     double widest = 0;

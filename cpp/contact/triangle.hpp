@@ -1,12 +1,12 @@
 // A triangle of moving corners against a sphere: the first time at which they touch.
 //
 // In the sphere's frame every corner goes straight from p0 to p1. At a time t the point y of the triangle
-// that is nearest to the centre has the distance d and the direction n = y / d, and the whole triangle lies
-// beyond the plane through y across n. As long as every corner stays beyond the plane at distance `reach`
-// from the centre, so does the triangle: each corner tells when it gets there, the earliest is safe to go to.
-// That is conservative advancement (Mirtich 1996) with the direction taken into account: what moves sideways
-// or away does not count, and close to contact it converges like Newton's method. It never goes past a
-// contact.
+// nearest to the centre has the distance d and the direction n = y / d. The whole triangle lies beyond the
+// plane through y across n. Take the parallel plane at distance `reach` from the centre. As long as every
+// corner stays beyond it, so does the triangle. The earliest time at which a corner reaches it is safe to go
+// to. That is conservative advancement (Mirtich 1996) with the direction taken into account: a triangle that
+// moves sideways or away is not slowed. Close to contact it converges like Newton's method. It never goes
+// past a contact.
 #pragma once
 
 #include <algorithm>
@@ -123,16 +123,16 @@ inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec
 
 // The first time at which the triangle comes as near as `reach`, to within `tolerance` above it.
 //
-// A triangle that turns on the sphere lowers a corner all the time, and a plane that stands still lets it go
-// no further than the gap. A plane that turns with it, from the direction n0 of now to the direction n1 of a
-// while later, lets it leap: on the way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s, and above `reach` if
-// its three Bernstein coefficients are. The first and the last are for any corner c; the middle one is
-// (n0.c(1) + n1.c(0)) / 2.
+// A triangle that turns on the sphere lowers a corner all the time, and a fixed plane lets it go no
+// further than the gap. A plane that turns with it lets it leap: from the present direction n0 to a later
+// direction n1. On the way, ((1 - s) n0 + s n1).c(s) is of degree 2 in s. It is above `reach` if its three
+// Bernstein coefficients are. The first and the last are for any corner c; the middle one is (n0.c(1) +
+// n1.c(0)) / 2.
 //
-// Where a later time is known at which the triangle is nearer than `reach`, a leap goes at least to where
-// regula falsi expects the touch.
+// A later time may be known at which the triangle is nearer than `reach`. Then a leap goes at least to the
+// time of the touch by regula falsi.
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
-    constexpr double shortest_leap = 1e-12;
+    constexpr double shortest_leap = 1e-12;  // of the step; not tuned: above the rounding of a time
     constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
     TriangleTouch t;
     Corners now = p0;
@@ -169,7 +169,7 @@ inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double
         if (t.hit) return t;
         if (t.time + advance >= 1) {
             if (advance == 2 || t.time >= 1) return t;
-            advance = 1 - t.time;  // the end itself is looked at once
+            advance = 1 - t.time;  // the end itself is checked once
         }
         const auto expected = [&] {
             return (distance - reach - tolerance / 2) / (distance - near) * (late - t.time);

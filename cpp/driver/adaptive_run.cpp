@@ -1,11 +1,11 @@
 // The loop of error control: try, judge, accept.
 //
-// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step methods,
-// so a contact is answered at the end of the step in which it began. So that none is skipped, a step is
-// bounded near the spheres (AdaptiveEngine::contact_step): once by the velocities before it, and once more,
-// when it has been tried, by those after it; a step that was too long is tried again. Continuous spheres have
-// the whole way between the ends of the step tested; as their contacts begin within it, steps then end at
-// frames instead of being interpolated.
+// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step
+// methods. So a contact gets its response at the end of its step. To skip none,
+// AdaptiveEngine::contact_step bounds a step near the spheres. The bound takes the velocities before the
+// step, and after a trial those after it. A step that was too long is tried again. Continuous spheres test
+// the whole path between the ends of the step. Their contacts begin within it, so steps end at frames
+// instead of being interpolated.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -20,7 +20,7 @@ namespace {
 
 using std::chrono::steady_clock;
 
-constexpr double seconds_between_polls = 0.01;
+constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
 constexpr std::int64_t steps_between_energies =

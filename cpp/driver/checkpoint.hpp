@@ -1,10 +1,10 @@
 // The way back, all of it; docs/dev/rollback.md explains it.
 //
-// Steps are taken first and judged afterwards, which costs less than to look before each. There are two
+// Steps are taken first and judged afterwards, which costs less than an inspection before each. There are two
 // judges:
-//   separating planes (contact/separating_planes.hpp): steps beyond them go without a contact pass, and a row
-//   of mass points may cross one; inspection of the state (Simulation::look): it is not finite, it runs away,
-//   or a mass point is trapped between spheres.
+//   1. Separating planes (contact/separating_planes.hpp): rows may cross in steps without a contact pass.
+//   2. Inspection of the state (Simulation::inspect).
+//      It may not be finite, may run away, or hold a mass point trapped between spheres.
 // Each ends in the same way: back to the checkpoint, and the steps since then again with more care.
 //
 //   checkpoint         inspection           inspection
@@ -14,8 +14,8 @@
 //        inspected
 //
 // A checkpoint is a state that an inspection has found good, at most 128 steps ago. It outlasts a call of one
-// step. It is a copy in the engines, or, at the start of a call with arrays, those arrays: they stay as they
-// are until the call has succeeded.
+// step. It is a copy in the engines or, at the start of a call with arrays, the arrays themselves. They stay
+// unchanged until the call has succeeded.
 #pragma once
 
 #include <functional>

@@ -9,9 +9,9 @@
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, but an unstable step does: above the
-// stability limit, and below the guaranteed one at states that the guarantee leaves out. The cloth need not
-// fly apart: waves may grow until it has folded itself into a shape in which they no longer do.
+// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. A step may
+// be unstable above the stability limit, and below the guaranteed limit at states outside the guarantee. The
+// cloth need not fly apart: waves may grow until it has folded into a shape that stops them.
 //
 // Driven pins do work of any size, so that a cloth with some is not watched.
 class EnergyWatch {
@@ -26,16 +26,16 @@ public:
     // Another force on points gives a state another energy, which no step has made.
     void change_force(const Engine& engine, const std::function<void()>& change);
 
-    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half
-    // of it is worth a warning, more than nine tenths an error. An integrator may keep an energy of its own
-    // instead of the true one, from which the true one differs by a factor (1 - (omega dt / 2)^2 for
-    // Verlet's); nine tenths leave room for it.
+    // Part of the kinetic and elastic energy that a run has made of nothing. More than half is a warning,
+    // more than nine tenths an error. An integrator may keep an energy of its own instead of the true
+    // energy. They differ by a factor, for Verlet's (1 - (omega dt / 2)^2); nine tenths leave room for
+    // it.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
-    // Energy below this part of what all springs would hold at twice their rest lengths counts as nothing: a
-    // stretch of a thousandth. What runs away doubles within steps, so that half or twice the part changes
-    // little.
+    // Energy below this part counts as nothing: the part of the energy of all springs at twice their rest
+    // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
+    // changes little.
     static constexpr double negligible_part = 1e-6;
-    // Steps between two looks above the guaranteed time step, where growth is likely.
+    // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
 
     // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into

@@ -16,8 +16,8 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// The state of an unstable run is caught within this many steps of its first non-finite value, then the exact
-// step is found by going back to the last checkpoint.
+// Steps. The state of an unstable run is caught within this many steps of its first non-finite value. Going
+// back to the last checkpoint then finds the exact step.
 constexpr std::int64_t most_steps_unchecked = 128;
 // Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth
 // is likely.
@@ -26,20 +26,20 @@ constexpr std::int64_t steps_between_energies = most_steps_unchecked,
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
 // the steps of earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
-constexpr double seconds_between_polls = 0.01;
+constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // Of a batch later: each member has to come into cache, and should then be stepped more than once.
 constexpr double seconds_of_batch = 0.1;
 
-// A choice between one thread and a team is judged by as much time as this, and the alternative tried again
-// so often: sooner at first, as a trial may have met a busy moment.
+// Seconds by which one thread and a team are compared, and seconds until the alternative is tried again. It
+// is tried sooner at first, as a trial may fall into a busy moment.
 constexpr double seconds_of_trial = 2e-4;
 constexpr double seconds_between_trials = 0.5;
 constexpr double least_gain = 1.05, disaster = 3;  // times what the alternative cost
 // From so many mass points on, waking a team takes less than it saves in a step.
 constexpr std::int64_t least_points_per_team = 16384;
 
-// How many of `count` members are stepped by one thread each. Those left over are too few for all threads,
-// and stepped by the whole team one after the other where that is sooner.
+// How many of `count` members are stepped by one thread each. The others are too few for all threads. The
+// whole team steps them one after the other where that is faster.
 std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
     if (count == 1) return 0;
     const std::int64_t left = count % threads;
@@ -330,7 +330,7 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads,
                                      const std::function<bool()>& interrupted) {
     const std::int64_t steps = checkpoint_.steps(), of_this_call = std::min(steps, outcome.steps);
     back_to_checkpoint();
-    begin_watches();  // at the input, if it was not worth while
+    begin_watches();  // at the input, if it did not pay
     if (steps > of_this_call) run({steps - of_this_call, false}, threads);
     outcome.steps -= of_this_call;
     auto last_poll = steady_clock::now();

@@ -26,11 +26,11 @@ struct Outcome {
     };
     std::optional<MemberPoint> pinned_inside;  // a continuous sphere has run into a pinned point
     std::optional<MemberPoint> capped;  // cells of a point in contact are larger than the sphere
-    // A member whose energy has grown out of nothing (EnergyWatch). Steps that were asked for may be left to
-    // do, so that the caller may look at the state where it was found.
+    // A member whose energy has grown out of nothing (EnergyWatch). Requested steps may be left to do, so
+    // that the caller can inspect the state at the failure.
     std::optional<std::int64_t> grown;
 
-    // All steps were done, and there is nothing to tell.
+    // All steps were done, and no event has to be reported.
     bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
 };
 
@@ -38,11 +38,11 @@ struct Outcome {
 // either way, so a machine whose processors are taken by others costs time, not a result.
 class TeamChoice {
 public:
-    // Where steps are long, a first one is better done by the team; else a short run may not be worth waking
-    // it.
+    // Where steps are long, the team takes the first step too. Else a short run may be over before the team
+    // wakes.
     explicit TeamChoice(bool team_first) : use_team_(team_first) {}
     bool team() const { return use_team_; }
-    // Steps of so many that tell enough: few while the dearer of the two may be running.
+    // Number of steps of a trial: few while the slower alternative may be running.
     std::int64_t steps(std::int64_t wanted) const;
     void observe(std::int64_t steps, double seconds);
 
@@ -57,8 +57,8 @@ private:
     bool just_changed_ = true, on_trial_ = true;
 };
 
-// Mass points of a cloth of a batch that are worth a thread of a team. Such a team is taken to be three
-// quarters as many times faster as it has threads.
+// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters as many
+// times faster as it has threads.
 inline constexpr std::int64_t least_points_per_thread = 512;
 
 class Simulation {
@@ -81,7 +81,7 @@ public:
     void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
 
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
-    // member, and advance. None if `load` tells that a state is not finite.
+    // member, and advance. None if `load` finds that a state is not finite.
     std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,
                                 int threads, bool optional, const std::function<bool()>& interrupted);
 
@@ -107,8 +107,8 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: steps until `until` is reached or passed, the
-    // last of them no longer than to `end`, at most `steps` of them.
+    // Error control, for one member whose integrator has it. It takes at most `steps` steps until `until` is
+    // reached or passed. The last step ends at `end` at the latest.
     struct AdaptiveRequest {
         double until, end;
         std::int64_t steps;
@@ -126,9 +126,9 @@ public:
     // The state at a time within the last step of `advance_adaptive`.
     void dense(double t, double* x, double* v, int threads);
 
-    // Watch depths of mass points at the end of every step, and sample depths of triangles and stretches:
-    // after every `every` steps, of an adaptive run also where `interval` [s] has passed since the last
-    // sample.
+    // Watch depths of mass points at the end of every step, and sample depths of triangles
+    // and stretches after every `every` steps. An adaptive run also samples after `interval`
+    // [s].
     void set_watch(std::int64_t every, double interval);
     // Whether energies are watched; by default they are.
     void set_watch_energy(bool on) { watch_energy_ = on; }
@@ -160,31 +160,31 @@ private:
     void note_waits(std::int64_t waits, bool optional);
     void set_step(double dt);
     bool above_stable_dt() const;
-    // At whether a member's state is finite, and at its energy: where that is due by the number of steps, at
-    // the end of a call above the guaranteed time step, and at `each` of the steps that are done again.
+    // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
+    // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
     void inspect();
-    // Steps between two looks at the energy of a member, and of all.
+    // Steps between two inspections of the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
     std::int64_t energy_period() const;
     void begin_watches();
     // A member's state, of time t.
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
-    std::int64_t first_bad_member() const;  // as last looked at, or -1
+    std::int64_t first_bad_member() const;  // as last inspected, or -1
     void back_to_checkpoint();
     // A state is bad: the steps since the checkpoint again one by one, up to the last good state.
     void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
     TeamChoice choice_{false};
     bool crowded_ = false;  // threads that are not optional have waited long
-    std::int64_t chunk_ = 1;  // steps between two looks at the clock
+    std::int64_t chunk_ = 1;  // steps between two readings of the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
-    std::vector<std::int64_t> bad_points_;  // the first of each member when it was last looked at, or -1
+    std::vector<std::int64_t> bad_points_;  // the first of each member at its last inspection, or -1
     Checkpoint checkpoint_{members_};
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;

@@ -1,11 +1,11 @@
 // Threads side by side on bands of rows, without barriers.
 //
-// A thread goes through its band sweep after sweep: row by row it evaluates accelerations at one version of
-// the state and makes the next version of that row from them while they are in cache. A row needs two rows on
-// either side, so two bands that share a border need two rows of each other. Bands of even number go up, the
-// others down: of the two borders of a band one, `near`, is where sweeps begin and the other, `far`, where
-// they end, for both who share it. What is made of the next version at the near border is told at once, a
-// whole sweep before the neighbour needs it; so the way from processor to processor is rarely waited for.
+// A thread goes through its band sweep after sweep. Row by row it evaluates accelerations at one version of
+// the state. From them it makes the next version of the row, while the row is in cache. A row needs two rows
+// on either side, so two neighbouring bands need two rows of each other. Bands of even number go up, the
+// others down. At a border, both bands start their sweeps (`near`) or both end them (`far`). The next version
+// at the near border is signalled at once, a whole sweep before the neighbour needs it. So threads rarely
+// wait for the transfer between processors.
 //
 // A thread can be no more than one version ahead of its neighbours. So a version may be made in any array
 // that the version before it is not in.
@@ -37,7 +37,7 @@ struct Band : RowBand {
     Barrier* team = nullptr;
     // Of the neighbours at the two borders; null where the cloth ends.
     const Progress *near = nullptr, *far = nullptr;
-    int version = 0;  // at which the next sweep looks
+    int version = 0;  // that the next sweep reads
 
     void barrier() const { team->wait(); }
 
@@ -48,7 +48,7 @@ struct Band : RowBand {
         const int n = size(), waiting = far ? n - 2 : n;
         for (int i = 0, made = 0; i < n;) {
             if (i == waiting) wait_for(far->far, version);
-            // The neighbour is told as soon as two are made, which may take three.
+            // The neighbour is signalled as soon as two are made, which may take three.
             const int most = near && made < 2 ? std::min(several, 3) : several;
             const int end = std::min(i + most, i < waiting ? waiting : n);
             const int made_before = std::exchange(made, work(i, end));

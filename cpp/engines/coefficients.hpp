@@ -16,8 +16,8 @@ inline double coefficient_scale(const Plan& plan) {
     return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
 }
 
-// The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest); as it
-// is where rounding is not all there is between the two, as with a rest length of 0.
+// The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest). It
+// stays unrounded where the two differ by more than rounding, as with a rest length of 0.
 template <class Real>
 Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffness, Real tension) {
     if (!exact_at_rest<Real>) return stiffness;

@@ -1,5 +1,5 @@
-// A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres it
-// meets.
+// A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres near
+// it.
 #pragma once
 
 #include "engines/edge_engine.hpp"
@@ -7,9 +7,9 @@
 
 namespace clothsim {
 
-// What springs across a border see of a neighbour, for the four stages of a step: its row there and, for bend
-// springs, the one behind it, without damping only positions. And the number of the newest stage in it,
-// counted from the call's first.
+// Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row at the
+// border and, for bend springs, the row behind it. Without damping only positions are exchanged. `newest` is
+// the newest stage in it, counted from the call's first.
 template <class Real>
 struct HaloSlot {
     static constexpr int slots = 4;
@@ -35,7 +35,7 @@ struct HaloSlot {
     }
     Real* row(std::int64_t stage, int which) { return rows.data() + (stage % slots * 2 + which) * row_size; }
     void wait(std::int64_t stage) const { wait_for(newest, int(stage - first)); }
-    // From vector to vector of the rows at which the stage looks. The first of a step looks at states.
+    // From vector to vector of the rows that the stage reads. The first stage of a step reads states.
     std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
     void put(std::int64_t stage, const Real* border, const Real* second) {
         for (int which = 0; which < row_count; ++which)
@@ -45,8 +45,8 @@ struct HaloSlot {
             }
         signal(newest, int(stage - first));
     }
-    // Ask for lines of a stage a while before it is read, if it is there, and before it is written; and
-    // sooner, so that nothing waits for the answer, whether it is there.
+    // Prefetches lines of a stage: before they are read, if they have arrived, and before they are written.
+    // The state of arrival is prefetched earlier, so that the check does not wait.
     void prefetch_newest() const { prefetch_to_read(&newest); }
     void fetch(std::int64_t stage, int which, int begin, int end) {
         if (newest.load(std::memory_order_relaxed) < stage - first) return;
@@ -70,8 +70,8 @@ private:
     }
 };
 
-// What a thread works in: the rings of rows and what each of four stages hands on. A thread's strips have it
-// in common, so that it stays in cache.
+// Work memory of a thread: rings of rows, and the rows that each of four stages passes on. All strips of a
+// thread use it, so it stays in cache.
 template <class Real>
 struct Workspace {
     AlignedVector<Real> rows, scratch;
@@ -101,14 +101,14 @@ struct EdgeEngine<Real>::Band : RowBand {
     std::int64_t step = 0;  // to which the state belongs
     // The number of a step's stage, counted over all steps.
     std::int64_t number_of(int stage) const { return 4 * step + stage; }
-    bool finite = true;  // the rows looked at in this call
+    bool finite = true;  // the rows inspected in this call
 
-    // What is written is claimed in the first half of the rows from `first` on, what is read is fetched in
-    // the last quarter. To stop a sweep for a part takes up to 0.6 of the time of a row, so the first to be
-    // claimed and the last to be fetched are asked for where it stops anyway: at `first`, and before the last
-    // two rows. Parts before rows that are done are asked for at once.
+    // Rows to be written are claimed in the first half of the rows from `first` on. Rows to be read are
+    // fetched in the last quarter. To stop a sweep for a part takes up to 0.6 of the time of a row. So the
+    // first claim and the last fetch come where the sweep stops anyway: at `first`, and before the last two
+    // rows. Parts before rows that are done are fetched at once.
     void plan_parts(int first) {
-        constexpr int vectors_at_once = 2;
+        constexpr int vectors_at_once = 2;  // of a part; smaller parts stop the sweep more often
         const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
         const int count = from_near.row_count * in_row, last = std::max(first, size() - 2),
                   all_rows = last - first;
@@ -133,7 +133,7 @@ struct EdgeEngine<Real>::Band : RowBand {
             beyond.state = beyond.work = from_far.row(number, i);
         }
     }
-    // Hand two rows that are done to the halo slot of a neighbour, which looks at them in stage `number`.
+    // Copies two finished rows to the halo slot of a neighbour, which reads them in stage `number`.
     void hand(HaloSlot<Real>& box, std::int64_t number, int border, int second) const {
         const Stage next = Stage(number % 4);
         const auto row = [&](int r) { return source(next, r); };

@@ -1,8 +1,8 @@
 // How bands of rows work side by side without a barrier, and how large cloths stay in cache.
 //
-// Two bands that share a border sweep away from it, or both towards it (the bands of even number go up, the
-// others down). At a border each needs the two rows of the other after the stage before, and hands over its
-// own two as soon as they are done:
+// Two neighbouring bands sweep away from their border, or both towards it (the bands of even number go up,
+// the others down). At a border each needs the other's two rows of the stage before. Each copies its own two
+// as soon as they are done:
 //
 //     band 0   ^  far end: edge of the cloth
 //              |  starts here
@@ -12,14 +12,14 @@
 //     ------- border -------  each finishes its last two rows at the end of a stage: the other needs them at
 //     band 2   ^                  the end of the next
 //
-// The rows go through halo slots with a slot for each stage of a step. Two would be enough: a band can finish
-// a stage only with its neighbour's rows of the stage before, so it is never two stages ahead; but then it
-// would claim lines that the neighbour may still be reading.
+// The rows go through halo slots with a slot for each stage of a step. Two slots would be correct. A band
+// finishes a stage only with its neighbour's rows of the stage before, so it is never two stages ahead. But
+// then it would claim lines that the neighbour may still be reading.
 //
-// A cloth that fits in cache is swept stage by stage. In a larger one the four stages follow each other a few
-// rows apart, so that a step reads and writes the state about once; what a stage leaves for the next one
-// lives in a ring of rows. For that ring to stay in cache a wide cloth is cut into strips, which take each
-// step one after the other (transposed_layout.hpp); every band has all of its rows in each strip.
+// A cloth that fits in cache is swept stage by stage. A larger one uses temporal blocking: the four stages
+// follow each other a few rows apart. So a step reads and writes the state about once, and results between
+// stages live in a ring of rows. For that ring to stay in cache a wide cloth is cut into strips. Strips take
+// each step one after the other (transposed_layout.hpp); every band has all of its rows in each strip.
 #include "engines/edge_band.hpp"
 #include "memory/caches.hpp"
 
@@ -29,10 +29,10 @@ namespace {
 // Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the
 // next.
 constexpr int rows_between_stages = 3;
-// Rows of a stage before it is the next one's turn: each has code of its own, too much of it to change with
+// Rows of a stage before the next stage continues. Each stage has code of its own, too much to change with
 // every row.
 constexpr int rows_at_a_time = 4;
-// Of work, from the newest that the first stage makes to the oldest at which the last one looks.
+// Of work, from the newest that the first stage makes to the oldest that the last one reads.
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be handed over.
 constexpr int rows_to_hand = 3;
@@ -42,8 +42,8 @@ constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. Under way in it are rows of work, one more of state and some
-// of its compensation. Continuous contact looks at a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of state and
+// some of its compensation. Continuous contact needs a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
@@ -108,7 +108,7 @@ template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
     static_cast<StepConstants<Real>&>(e) = step_constants<Real>(plan_, dt, unit_);
-    // Springs looked at from one end or the other may differ in the sign of a zero; +0 is added, so the bits
+    // Springs evaluated from one end or the other may differ in the sign of a zero; +0 is added, so the bits
     // do not.
     for (Real& g : e.gravity) g += Real(0);
     e.vectors = layout_.vectors;
@@ -289,9 +289,9 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
             e.hit = &Band::hit;
             e.context = &b;
             if (b.lag == b.size()) continue;
-            // Each stage fetches a share of the row that the first one reaches next; those that look at the
-            // compensation of positions and of velocities, a half of that instead, and need it where a row is
-            // finished: one later.
+            // Each stage fetches a part of the row that the first stage reaches next. Stages that read the
+            // compensation of positions and of velocities fetch half of it instead. They need it one row
+            // later, where a row is finished.
             const int sharing = Base::compensated ? 2 : 4;
             const bool compensation = s >= sharing;
             const std::ptrdiff_t part = layout_.stride / sharing;
@@ -306,8 +306,8 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     const int last = layout_.strips - 1;
     for (int strip = 0; strip <= last; ++strip) band(strip).send_start();
     for (std::int64_t k = 1; k <= steps; ++k) {
-        // A strip hands over the state of its next step as soon as the one behind it has taken this one, so
-        // that threads need not meet at each strip.
+        // A strip passes the state of its next step on as soon as the strip behind it has taken this one. So
+        // threads need not wait for each other at each strip.
         for (int strip = 0; strip <= last; ++strip) {
             step_band(band(strip), clock.at(k), inspect && k == steps);
             if (strip > 0 && !this->track_contact_energy) band(strip - 1).send_start();

@@ -13,8 +13,8 @@
 
 namespace clothsim {
 
-// A stage looks at a row and the two after it. So a row from memory that is fetched this many rows ahead is
-// there one row before it is looked at first.
+// A stage reads a row and the two after it. So a row from memory that is fetched this many rows ahead is
+// there one row before its first use.
 inline constexpr int rows_before_use = 3;
 
 template <class Real>
@@ -31,10 +31,10 @@ protected:  // for cpp/integrators, in edge_evaluate.cpp
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
-    // Accelerations at a state in the engine's layout, of the rows of a band one after the other:
-    // `begin_sweep`, for which the two rows before the band have to be there, then `sweep_rows` from 0 on,
-    // which looks at two rows more and returns how many of the rows are done. The state of a row that is done
-    // is not looked at again.
+    // Accelerations at a state in the engine's layout, of the rows of a band one after the other.
+    // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on. It reads
+    // two rows more and returns how many of the rows are done. The state of a row that is done is not read
+    // again.
     void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
     int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
     // The collision pass over some rows; whether any point was found inside.
@@ -45,7 +45,7 @@ private:
 
     void build_coefficients();
     void apply_force() override;
-    // Whether something else changes the state after the steps: contacts that are answered then.
+    // Whether contacts change the state after the steps.
     bool moved_after_steps() const {
         return this->track_contact_energy || (this->has_continuous() && !this->planes_.up());
     }
@@ -69,7 +69,7 @@ private:
                 applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
                 row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
     }
-    // What a row hands on: a force for each point and one vector more. A stage has three of it, and the
+    // Data that a row passes on: a force for each point and one vector more. A stage has three of it, and the
     // pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }

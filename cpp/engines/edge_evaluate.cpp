@@ -1,5 +1,5 @@
-// The edge engine as a field for the integrators of cpp/integrators: accelerations at any state in its
-// layout, row by row of a band, by the kernel's `evaluate` stage.
+// The edge engine as a field for the integrators of cpp/integrators. The kernel's `evaluate` stage gives
+// accelerations at any state in its layout, row by row of a band.
 //
 // That stage writes an acceleration where a work record holds the first one. So the records of four stages
 // share the place of one work record, a quarter each, and nothing lies unused between them.

@@ -22,9 +22,9 @@ class Engine {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, and continuous contacts answered after each step. `behind_planes`: steps that are
-    // expected to be clear of the spheres may go without (contact/separating_planes.hpp); false if one was
-    // not, and then the state is to be thrown away.
+    // As `advance`, with continuous contacts after each step. `behind_planes`: steps that are expected to be
+    // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
+    // the state must then be discarded.
     bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
 
     // Of continuous contact since the last look, see ContactReport.
@@ -39,7 +39,7 @@ public:
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.
-    // Velocities of pinned points are taken as 0. What is null is not stored.
+    // Velocities of pinned points are taken as 0. A null array is not stored.
     virtual bool load(const float* x, const float* v) = 0;
     virtual bool load(const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;

@@ -10,8 +10,8 @@
 namespace clothsim {
 namespace {
 
-// The groups of a team's thread, those of one row of groups as one tile. Group by group, 64 bytes at a time
-// of each row and component, a large cloth would go from page to page; along whole rows the processor fetches
+// The groups of a team's thread: one row of groups is one tile. Group by group, a large cloth would go
+// from page to page, 64 bytes at a time of each row and component. Along whole rows the processor fetches
 // ahead.
 template <class Visit>
 void for_each_tile(const ThreadGrid& grid, int thread, int team, Visit visit) {
@@ -143,7 +143,7 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
-                // A point is moved by its own thread, and nobody looks at it before the barrier.
+                // A point is moved by its own thread. No other thread reads it before the barrier.
                 if (stage.stage == Stage::fourth && !tracked && !plan_.spheres.empty())
                     respond_to_spheres(clock.at(k), thread, team);
                 barrier->wait();

@@ -1,5 +1,5 @@
-// Every integrator but the fused RK4 of the kernels, on top of an engine that can evaluate accelerations at
-// any state: each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
+// Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
+// state. Each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
 #include "engines/scheme_engine.hpp"
 
 #include <algorithm>
@@ -221,7 +221,7 @@ private:
         });
         if (band.first) ++this->evaluations;
     }
-    // The same for those who wait at barriers.
+    // As above, for threads that wait at barriers.
     void evaluate(Band<Real>& band, const AlignedVector<Real>& state, int index) {
         this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
         this->sweep_rows(0, band.size(), *band.scratch);
@@ -350,8 +350,8 @@ private:
         return value;
     }
 
-    // As many rows as the nearest cache holds some versions of: a call for each of the short ones costs as
-    // much as its combination.
+    // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short row costs
+    // as much as its combination. Half makes more calls, twice may leave the cache.
     static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
 
     const Method method_;

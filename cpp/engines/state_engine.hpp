@@ -1,5 +1,5 @@
-// What the engines share whatever their layout: moving the state in and out, looking after it, and
-// answering contacts.
+// Common parts of the engines, for any layout: moving the state in and out, inspecting it, and responding to
+// contacts.
 //
 // A Layout says where component k (x, y, z, vx, vy, vz) of the mass point (row, column) lies:
 // `at(row, column, k)`; compensation lies `compensation()` elements further.
@@ -31,7 +31,7 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
-// What a thread needs to itself to evaluate accelerations for the integrators of cpp/integrators.
+// Data that each thread needs to evaluate accelerations for the integrators of cpp/integrators.
 template <class Real>
 struct FieldScratch {
     RowBand band;
@@ -204,7 +204,7 @@ protected:
     // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some
     // would end.
     int parts() const {
-        constexpr std::int64_t least_points_per_thread = 2'000;
+        constexpr std::int64_t least_points_per_thread = 2'000;  // half or twice: not measured
         const int team = track_contact_energy ? 1 : RowBand::team(rows(), threads);
         return plan_.cloth.points() >= least_points_per_thread * team ? team : 1;
     }
@@ -223,7 +223,7 @@ protected:
         set_value(place, v, memory_);
     }
 
-    // The spheres that are met at the end of a step; continuous ones have their own pass.
+    // The spheres at the end of a step; continuous spheres have their own pass.
     void contacts(double t, std::vector<Contact>& result) const {
         result.clear();
         for (const Sphere& sphere : plan_.spheres)
@@ -286,7 +286,7 @@ protected:
     Plan plan_;
     Layout layout_;
     AlignedVector<Real> memory_;
-    // What an engine has kept of the state in memory still holds; false after every change from elsewhere.
+    // Data of the state that an engine keeps in memory still holds; false after every change from elsewhere.
     bool state_known_ = false;
     // The newest steps have found the state finite, and have left it as it is.
     bool known_finite_ = false;
@@ -373,8 +373,8 @@ private:
                 for (int k = 0; k < 3; ++k) visit(layout_.at(r, c, part.first + k) + low);
     }
 
-    // float32 tells points of a cloth that is far from 0 apart no better than by 6e-8 of that distance. So in
-    // single memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
+    // float32 resolves points of a cloth far from 0 no better than by 6e-8 of that distance. So in single
+    // memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
     template <class In>
     Vec3 far_origin(const In* x) const {
         double least[3], most[3];

@@ -6,7 +6,7 @@
 namespace clothsim {
 namespace {
 
-constexpr double safety = 0.9;
+constexpr double safety = 0.9;  // of a step; not tuned: customary, adaptive.hpp
 constexpr double integral_part = 0.4;  // of 1 / order, taken from the proportional one
 constexpr double least_factor = 0.2, most_factor = 5;
 

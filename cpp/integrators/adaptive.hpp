@@ -22,14 +22,14 @@ public:
     // Take the step that was tried, with the collision pass at its end, time `t`. Whether a point was in
     // contact.
     virtual bool accept_step(double t, int threads) = 0;
-    // The longest step from the state at time t in which no point gets further than the gap between it and
-    // the spheres, or than a part of their contact radius where that is more; at most h. `tried`: also by the
-    // velocities at the end of the step that was tried.
+    // The longest step from the state at time t, at most h. No point moves further than its distance from the
+    // spheres, or than a part of their contact radius where that is more. `tried`: also by the velocities at
+    // the end of the step that was tried.
     virtual double contact_step(double t, double h, bool tried) = 0;
     // Whether the step that was tried, from t - h to t, ends with a mass point inside a sphere.
     virtual bool step_touches(double t) = 0;
-    // The state at a part of the last step accepted, before its collision pass: by the method's interpolant,
-    // or, where it has none, by a step of the method from the same start.
+    // The state at a part of the last accepted step, before its collision pass. It comes from the method's
+    // interpolant or, without an interpolant, from a step of the method from the same start.
     virtual void dense(double part, double* x, double* v, int threads) = 0;
 };
 
@@ -38,8 +38,8 @@ public:
 inline constexpr double contact_fraction = 0.1;
 
 // Proportional-integral control of the step (Gustafsson, ACM TOMS 17 (1991) 533; Hairer, Wanner: Solving
-// Ordinary Differential Equations II, IV.2), which settles where stability limits the step instead of
-// bouncing off it.
+// Ordinary Differential Equations II, IV.2). It converges where stability limits the step, instead of
+// bouncing off the limit.
 class StepController {
 public:
     double h = 0;  // the next step to try [s]

@@ -81,7 +81,7 @@ CLOTHSIM_INLINE void add(const Real* value, Real* result, std::ptrdiff_t compens
     next.store(result);
 }
 
-// Calls `work` with the block type that divides the runs of the field: a run is three vectors of the edge
+// Calls `work` with the block type that divides the runs of the field. A run is three vectors of the edge
 // kernel's lanes or, in the gather kernel, a multiple of 16 elements.
 template <class Real, class Work>
 CLOTHSIM_INLINE void with_blocks(const FieldLayout& f, Work work) {

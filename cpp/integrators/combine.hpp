@@ -11,7 +11,7 @@ namespace clothsim {
 // dx = drift v + sum x_l a_l,  dv = sum v_l a_l
 template <class Real>
 struct Combination {
-    static constexpr int most = 16;
+    static constexpr int most = 16;  // slopes in a sum: room for the largest method
     Real drift = 0;
     int count = 0;
     std::array<const Real*, most> a{};

@@ -5,7 +5,7 @@
 namespace clothsim {
 namespace {
 
-constexpr int most_iterations = 60;
+constexpr int most_iterations = 60;  // not tuned: bounds, beyond which a step counts as failed
 constexpr int most_halvings = 12;
 // Residual relative to its parts; Newton's method ends a few times above rounding.
 constexpr double converged = 1e-14;

@@ -6,10 +6,10 @@
 //
 //   J = M + h/2 D + h^2/4 K,    K, D: minus the derivatives of the force by x and by v
 //
-// The springs' exact K is taken while J is positive definite; where it is not (compressed springs at a huge
-// step), the part of a compressed spring across its direction is left out, after Baraff and Witkin, Large
-// steps in cloth simulation (SIGGRAPH 98). The residual decides, so either way the solution is that of the
-// rule itself. A step halved along the way wherever the residual would grow makes it converge from far.
+// The springs' exact K is taken while J is positive definite. It may not be, with compressed springs at a
+// huge step. Then the part of a compressed spring across its direction is left out (Baraff and Witkin, Large
+// steps in cloth simulation, SIGGRAPH 98). The residual decides, so either way the solution belongs to the
+// rule itself. The step is halved wherever the residual would grow, so it converges from far.
 #pragma once
 
 #include <Eigen/Sparse>

@@ -50,9 +50,9 @@ constexpr Entry dopri5_dense[] = {
     {6, 3, 69997945.0 / 29380423},
 };
 
-// dop853.f of Hairer and Wanner, after Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed.,
-// II.5. Its interpolant of order 7 is not taken: near the stability limit, where most cloths want their step, it is up to
-// some ten times less accurate than the step itself.
+// dop853.f of Hairer and Wanner, after Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I,
+// 2nd ed., II.5. Its interpolant of order 7 is not used. Most cloths want a step near the stability limit;
+// there the interpolant is up to some ten times less accurate than the step itself.
 constexpr Entry dop853_a[] = {
     {1, 0, 0.05260015195876773}, {2, 0, 0.0197250569845379}, {2, 1, 0.059175170953613701},
     {3, 0, 0.029587585476806851}, {3, 2, 0.088762756430420545}, {4, 0, 0.24136513415926669},
@@ -99,8 +99,8 @@ void fill(Matrix& matrix, const Entry (&entries)[count]) {
 
 Matrix square(int size) { return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0)); }
 
-// A row of weights of slopes as factors of accelerations: those of the slopes of x, the stage velocities, are
-// put down to v and the accelerations before.
+// A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities. They are
+// expressed by v and the earlier accelerations.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     const std::size_t n = row.size();
     Weights w;
@@ -115,7 +115,7 @@ Weights nystroem(const std::vector<double>& row, const Matrix& a) {
             sum += static_cast<long double>(row[j]) * a[j][l];
             size += std::abs(static_cast<long double>(row[j]) * a[j][l]);
         }
-        // What the method's conditions make 0 is left over from the rounding of its coefficients.
+        // The method's conditions make this 0; rounding of its coefficients leaves a remainder.
         w.x[l] = std::abs(sum) <= 1e-14L * size ? 0.0 : double(sum);
     }
     return w;

@@ -1,5 +1,5 @@
-// The integrators as data. Explicit Runge-Kutta methods act on (x, v); because the slope of x is v, their
-// stages need no slopes of x of their own (Nystroem form): with the accelerations a_l at the stages before,
+// The integrators as data. Explicit Runge-Kutta methods act on (x, v). The slope of x is v, so their stages
+// need no slopes of x of their own (Nystroem form). With the accelerations a_l at the stages before,
 //
 //   x_i = x + c_i h v + h^2 sum_l (A A)_il a_l        v_i = v + h sum_l A_il a_l
 //
@@ -14,7 +14,7 @@
 
 namespace clothsim {
 
-// What a step is made of. The engines and Python's theory of stability ask a method for its family.
+// The family of a method. The engines and Python's theory of stability ask for it.
 enum class MethodFamily {
     runge_kutta,  // explicit, a tableau
     splitting,    // drifts and kicks in turn

@@ -24,12 +24,12 @@ const StateRowKernels& state_row_kernels(InstructionSet set);
 // The kernels of contact of faces.
 const FaceKernels& face_kernels(InstructionSet set);
 
-// What may choose other kernels for the next engine: the environment variables.
+// Environment variables that may choose other kernels for the next engine.
 std::string kernel_environment();
 
-// Where the edge kernel's rows of two vectors keep what one hands on to the next (edge_two_vectors.hpp), as
-// the environment variable CLOTHSIM_FORWARD says, "registers" or "memory", else as this processor is faster.
-// The bits are the same. Throws std::invalid_argument for another word.
+// Where the edge kernel's rows of two vectors keep the forces for the next row (edge_two_vectors.hpp). The
+// environment variable CLOTHSIM_FORWARD says "registers" or "memory"; the default is faster on this
+// processor. The bits are the same. Throws std::invalid_argument for another word.
 bool forwards_in_registers();
 
 }  // namespace clothsim

@@ -24,8 +24,8 @@ using HitCallback = void (*)(void* context, int row, int column);
 template <class Real>
 using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
 
-// The edge kernel: one of the last two rows, the end of its stage, many rows, and what the two rows before a
-// band hand on to it.
+// The edge kernel: one of the last two rows, the end of its stage, and many rows. The last computes the
+// forces of the two rows before a band on it.
 template <class Real>
 using EdgeLastRowKernel = void (*)(EdgeArguments<Real>&, int row, const EdgeSources<Real>&);
 template <class Real>
@@ -51,9 +51,9 @@ struct EdgeKernels {
     EdgeHaloKernel<Real> halo;
 };
 
-// Those of cloths with structural springs, without and with shear springs. A share has bend springs and
-// damping in common, or their absence; each is an object file of its own, as one for all would take gigabytes
-// to compile.
+// Kernels of cloths with structural springs, without and with shear springs. All kernels of a part agree on
+// bend springs and damping. Each part is an object file of its own, as one file would take gigabytes to
+// compile.
 inline constexpr int edge_part_count = 4;
 template <class Real>
 using EdgePart = std::array<EdgeKernels<Real>, 2>;

@@ -1,6 +1,6 @@
-// SIMD lanes: thin names over xsimd, and the two ways to 1/l.
-// Included by the per-instruction-set files only; everything sits in an anonymous namespace, so that no
-// function compiled for one instruction set can be picked by the linker for another.
+// SIMD lanes: thin names over xsimd, and the two ways to 1/l. Only the per-instruction-set files include
+// this. Everything sits in an anonymous namespace, so that the linker cannot pick a function of another
+// instruction set.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ using Lanes = xsimd::batch<Real, Arch>;
 
 #define CLOTHSIM_INLINE inline __attribute__((always_inline))
 
-// Arithmetic class. strict: exact root and division, nothing fused, the same bits on every instruction
-// set. fused: fused multiply-adds and 1/sqrt from the processor's estimate refined by Newton steps.
+// Strict: exact root and division, nothing fused, the same bits on every instruction set.
+// Fused: fused multiply-adds, and 1/sqrt from the processor's estimate, refined by Newton steps.
 enum class Arithmetic { strict, fused };
 
 template <Arithmetic arithmetic, class V>
@@ -84,8 +84,8 @@ CLOTHSIM_INLINE void each(F f) {
     }(std::make_integer_sequence<int, count>{});
 }
 
-// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it; half of that is made up
-// for where the constant can hold it, so that the next one begins with half the error.
+// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it. Half of that is added
+// where the constant can hold it, so that the next step begins with half the error.
 template <class Real>
 constexpr Real newton_constant = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
 
@@ -104,8 +104,8 @@ scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typena
 #else
     // No estimate in double here, and from one in single the way is longer than the exact one.
     if constexpr (sizeof(Real) == 8) return V(Real(1)) / xsimd::sqrt(a);
-    // A step of third order: what it leaves out is below 2^-27, less than rounding. y has so few bits that
-    // its square is all but exact, which a y is not.
+    // A step of third order. It omits less than 2^-27, less than rounding. Few bits of y are set, so its
+    // square is all but exact; the product a y is not.
     const V y = reciprocal_root_estimate(a), square = y * y;
 #if defined(__AVX2__)
     // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: an operation and a constant
@@ -119,8 +119,8 @@ scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typena
 #endif
 }
 
-// The lanes whose bit is set. (xsimd looks them up in a table where there are no mask registers: a symbol
-// that the files of all instruction sets would share.)
+// The lanes whose bit is set. (Without mask registers xsimd takes them from a table: a symbol that the files
+// of all instruction sets would have in common.)
 template <class V>
 CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #if defined(__AVX512F__)

@@ -147,8 +147,8 @@ struct NotFinite {
 template <>
 struct NotFinite<float> {
     FourSingles sum[4] = {};
-    // What rounding takes from a number is infinite or no number where that has become so, else so little
-    // that the sum is finite.
+    // The rounding of a number is infinite or NaN where the number has become so, else so small that the sum
+    // is finite.
     CLOTHSIM_INLINE void note(int i, FourSingles lost) { sum[i] = sum[i] + lost; }
     CLOTHSIM_INLINE bool none() const {
         return all_numbers(((sum[0] + sum[1]) + (sum[2] + sum[3])) * FourSingles{});

@@ -9,22 +9,22 @@
 
 namespace clothsim {
 
-// Where the elements of a row are in lane-transposed records (see cpp/kernels/edge/edge_impl.hpp): component
+// Where the elements of a row are in lane-transposed records (see cpp/kernels/edge/edge_impl.hpp). Component
 // c of column l vectors + k is lane l of the vector at place[3 k + c].
 struct TransposedRow {
     int columns, lanes, vectors;
     const std::ptrdiff_t* place;
 };
 
-// What is added to the components of a point, twice over, so that four may be read from any of the first
-// three. -0 changes nothing, not even the sign of 0.
+// A shift of the components of a point, stored twice over, so that four may be read from any of the first
+// three. A shift by -0 changes nothing, not even the sign of 0.
 struct RowShift {
     double of[6] = {-0.0, -0.0, -0.0, -0.0, -0.0, -0.0};
 };
 
-// `Real`: of the layout; `Outside`: of the array. `compensation`: elements from a value to what rounding to
-// single took from it; 0: that is not kept. Only single has it, and shifts. To put a row tells whether all
-// its numbers are finite in the layout.
+// `Real`: of the layout; `Outside`: of the array. `compensation`: elements from a value to its rounding to
+// single; 0: none is kept. Only single has it, and shifts. Putting a row returns whether all its numbers are
+// finite in the layout.
 template <class Real, class Outside>
 struct RowKernels {
     bool (*put_transposed)(const Outside* row, const RowShift&, Real* records, std::ptrdiff_t compensation,

@@ -1,4 +1,4 @@
-// What this machine can do at most: arithmetic, memory, and one core's word to another. For the bench.
+// Limits of this machine: arithmetic, memory, and messages between two cores. For the bench.
 #pragma once
 
 #include "kernels/kernel_table.hpp"

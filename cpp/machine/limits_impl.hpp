@@ -7,8 +7,8 @@
 namespace clothsim {
 namespace {
 
-// Two pipes with a latency of up to five cycles are full with ten independent chains; twelve and their two
-// factors fit the sixteen registers of AVX2.
+// Two pipes with a latency of up to five cycles are full with ten chains; half would leave them idle.
+// Twelve chains and their two factors fit the sixteen registers of AVX2; twice would not.
 inline constexpr int multiply_add_chains = 12;
 inline constexpr int multiply_add_unroll = 4;
 

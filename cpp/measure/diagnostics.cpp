@@ -56,8 +56,8 @@ Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, cons
     return best;
 }
 
-// A triangle lies within its longest side from a corner of the centre's distance at least; one that so cannot
-// come nearer than what has been found is passed over, and that is nearly all of them.
+// The distance of a triangle from the centre is at least that of a corner less its longest side. A triangle
+// that cannot come nearer than the nearest so far is skipped; that is nearly all of them.
 Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius) {
     const auto corner = [&](std::int64_t i) { return Vec3(x.row(i).transpose()); };
     std::vector<double> distances(std::size_t(x.rows()));

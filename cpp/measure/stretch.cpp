@@ -1,5 +1,5 @@
-// The largest stretch of all springs, quick enough to be looked at many times in a run: a length is a
-// monotonic function of its square, so that one root per kind of spring does, of the largest square.
+// The largest stretch of all springs, quick enough for many inspections in a run. A length is a monotonic
+// function of its square, so the root of the largest square suffices for each kind of spring.
 #include <algorithm>
 #include <cmath>
 #include <limits>

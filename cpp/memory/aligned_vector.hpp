@@ -1,5 +1,5 @@
-// Memory for SIMD: aligned to a cache line, and in large pages where there is much of it, since a sweep
-// through a large cloth looks at more pages at a time than the processor keeps in mind.
+// Memory for SIMD: aligned to a cache line, and in large pages where there is much of it. A sweep through a
+// large cloth touches more pages at a time than the processor's table of pages holds.
 #pragma once
 
 #include <cstddef>
@@ -31,7 +31,7 @@ struct AlignedAllocator {
     friend bool operator==(const AlignedAllocator&, const AlignedAllocator&) { return true; }
 
 private:
-    static constexpr std::size_t large_page = 2 * 1024 * 1024;
+    static constexpr std::size_t large_page = 2 * 1024 * 1024;  // bytes, on x86-64 Linux
     static std::align_val_t alignment(std::size_t bytes) {
         return std::align_val_t(bytes < large_page ? 64 : large_page);
     }

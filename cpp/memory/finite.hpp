@@ -9,7 +9,7 @@ namespace clothsim {
 struct Blocks {
     std::ptrdiff_t count, size, stride;
 };
-inline constexpr int bytes_of_blocks = 32;
+inline constexpr int bytes_of_blocks = 32;  // a vector of AVX2
 
 template <class Real>
 bool all_finite(const Real* p, const Blocks& blocks);

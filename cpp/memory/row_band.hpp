@@ -10,7 +10,7 @@ namespace clothsim {
 
 // Rows [begin, end) of a cloth in the order in which a thread goes through them.
 struct RowBand {
-    static constexpr int fewest_rows = 8;  // that are worth a thread
+    static constexpr int fewest_rows = 8;  // per thread; half or twice: not measured
 
     int begin = 0, end = 0;
     bool upwards = false;
@@ -32,10 +32,10 @@ struct RowBand {
     }
 };
 
-// Ask for a line a while before it is read, in the second-level cache, as requests to the first would keep
-// other loads waiting; or before it is written: one that another processor has read would keep the store
-// waiting. Not by the builtin, because g++ takes a function that does no more for one that does nothing, and
-// drops it.
+// Prefetches a line before it is read, into the second-level cache, as requests to the first would delay
+// other loads. Or prefetches it before it is written: a line that another processor has read would delay the
+// store. Not by the builtin: g++ takes a function with nothing else for a function without effect, and drops
+// it.
 inline void prefetch_to_read(const void* p) {
 #if defined(__x86_64__)
     asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));

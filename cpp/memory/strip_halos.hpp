@@ -1,5 +1,5 @@
-// What the strips of a cloth know of each other: the state of the columns around each border, after the
-// newest step and after the one before, since a strip's neighbours may be a step ahead of it.
+// Halo columns of the strips of a cloth: the state of the columns around each border, after the newest step
+// and after the step before. A strip's neighbours may be a step ahead of it.
 #pragma once
 
 #include "memory/aligned_vector.hpp"
@@ -39,7 +39,7 @@ public:
                 for (int k = 0; k < 6; ++k) state[columns.places[i] + k * lanes_] = columns.values[6 * i + k];
         });
     }
-    // Ask for what the two look at a while before, as it comes from memory.
+    // Prefetches the columns that the two read, as they come from memory.
     void claim(int strip, int row, std::int64_t step) {
         visit(strip, row, step, true,
               [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_write); });
@@ -55,7 +55,7 @@ private:
         std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind
         AlignedVector<Real> values[2];          // (row, column, 6), by the parity of the step
     };
-    // Those that one of two strips owns.
+    // Columns that one of two strips owns.
     struct Columns {
         const std::ptrdiff_t* places;  // in a row of the strip that is visited
         Real* values;

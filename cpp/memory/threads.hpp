@@ -17,15 +17,15 @@ inline constexpr int most_threads = 256;
 int available_threads();
 
 // How many of `wanted` threads a team of this thread can have. OpenMP's runtime ends the process where it
-// cannot start a thread, so as many threads are started and ended before the first team of so many.
+// cannot start a thread. So before the first team of a size, as many threads are started and ended.
 int granted_threads(int wanted);
 
 // Lets a forked child use OpenMP although its parent has: the team is parked before the fork.
 void install_fork_handler();
 
-// The processors of a team. Linux wakes a thread that has slept on the processor of the thread that wakes it
-// where the others seem to be taken, as a virtual machine's do when they have slept too; there it would wait
-// for its neighbours, and they for it, for milliseconds.
+// The processors of a team. Linux may wake a thread on the processor of the thread that wakes it, where the
+// other processors seem to be taken. A virtual machine's processors seem taken when they have slept too. The
+// two threads would then wait for each other, for milliseconds.
 class Processors {
 public:
     Processors() { take(); }  // by the thread that calls the others

@@ -1,5 +1,5 @@
-// The layout that cpp/kernels/edge/edge_impl.hpp draws: column l m + k is lane l of vector k; a row is its
-// vectors' records one after the other, and in single behind them those of their compensation.
+// The layout that cpp/kernels/edge/edge_impl.hpp draws: column l m + k is lane l of vector k. A row is its
+// vectors' records one after the other; in single the records of their compensation follow.
 //
 // A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's window
 // reaches into its neighbours, by at least as many columns as a step can carry news:
@@ -27,7 +27,7 @@
 
 namespace clothsim {
 
-// Four evaluations a step, each of which looks two columns further.
+// Four evaluations a step, each of which reads two columns further.
 inline constexpr int halo_columns = 8;
 
 struct TransposedLayout {

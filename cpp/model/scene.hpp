@@ -1,4 +1,4 @@
-// What is simulated: a cloth, its gravity and the spheres that it meets.
+// The simulated scene: a cloth, its gravity and its spheres.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ struct DrivenPin {
 };
 
 // A time of a step at which driven pins are placed. Where the velocity of a motion jumps at an end of the
-// step, `inside` tells the piece that counts.
+// step, `inside` selects the piece that counts.
 struct PinTime {
     double t, inside;
 
@@ -64,7 +64,7 @@ struct Scene {
     bool has_driven_pins() const { return !driven_pins.empty(); }
 
     bool has_force() const { return force.rows() > 0; }
-    // What accelerates a mass point beside springs and damping [m/s^2].
+    // Accelerations of a mass point beside springs and damping [m/s^2].
     Vec3 field_at(int point) const {
         if (!has_force()) return gravity;
         return gravity + force.row(point).transpose() / cloth.mass[std::size_t(point)];

@@ -29,8 +29,8 @@ struct Motion {
     Vec3 place_at(const Vec3& start, double t) const {
         return has_start() ? Vec3(start + displacement_at(t)) : displacement_at(t);
     }
-    // The velocity may jump at a time of a table or at a turning point; there it is that of the piece in
-    // which `inside` lies.
+    // The velocity may jump at a time of a table or at a turning point. There it is the velocity of the piece
+    // in which `inside` lies.
     Vec3 velocity_at(double t, double inside) const;
     Vec3 velocity_at(double t) const { return velocity_at(t, t); }
 };

@@ -55,8 +55,8 @@ std::optional<Hit> first_hit(const Sweep& s, const Vec3& p, const Vec3& q, const
     return hit;
 }
 
-// Energy of the normal motion: as much as the free end lies below the tangent plane is given back on arrival,
-// and paid for the way up to where the mirrored way leads.
+// Energy of the normal motion. The fall from the tangent plane to the free end is given back on arrival, and
+// paid for the mirrored way up.
 State leave(const FreeStep& step, const Sweep& s, const Hit& hit, const State& end) {
     double normal_speed = std::max(hit.speed, hit.bounce), height = 0;
     if (hit.flies) {
@@ -151,7 +151,7 @@ State respond(const Sphere& sphere, double t, const State& point) {
     const double slip = tangential.norm(),
                  most = sphere.friction * std::abs((1 + sphere.restitution) * approach);
     if (sphere.friction > 0 && slip > 0) after.v -= std::min(1.0, most / slip) * tangential;
-    // What does not bounce for good travels the rest of the step.
+    // A point that does not bounce for good travels the rest of the step.
     if (!sphere.as_printed && (sphere.restitution < 1 || sphere.friction > 0))
         after.x += since * (after.v - moved);
     return after;

@@ -1,5 +1,5 @@
 // Contact of mass points with spheres for the oracle: the formulae as the paper and docs/contact-law.md print
-// them, one point at a time, with nothing of the code that they judge.
+// them. It goes one point at a time, with nothing of the code that it judges.
 #pragma once
 
 #include <functional>

@@ -83,8 +83,8 @@ void midpoint(const System& system, const State& y, const Values& a0, Real t, Re
     drive(system, result, t + H, inside);
 }
 
-// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ...; the last entry
-// becomes the result, and the one before it in its row is what it is compared with.
+// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ... The last entry
+// becomes the result. It is compared with the entry before it in its row.
 void neville(std::vector<State>& table, State& previous) {
     const int columns = int(table.size());
     for (int j = 1; j < columns; ++j) {

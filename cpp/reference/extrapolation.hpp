@@ -1,11 +1,11 @@
 // A second opinion on a solution: another method, another arithmetic, another evaluation of the forces.
 //
-// Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and Neville
-// (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9):
-// order 2k for k columns. The step follows the difference of the last two columns. Everything is computed in
-// long double, 64 bits of mantissa, from a list of springs that the caller gives: nothing here comes from the
-// kernels or from the model's table of neighbours, so an error in those, and rounding in double, both show as
-// a difference.
+// Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and
+// Neville. (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section
+// II.9.) The order is 2k for k columns. The step follows the difference of the last two columns. Everything
+// is computed in long double, 64 bits of mantissa, from a list of springs that the caller gives. Nothing here
+// comes from the kernels or from the model's table of neighbours. So an error there, and rounding in double,
+// both show as a difference.
 #pragma once
 
 #include <array>
@@ -43,7 +43,7 @@ struct Extrapolation {
     std::int64_t steps = 0, rejected = 0, force_evaluations = 0;
 };
 
-// From the state at time 0 to `times` (increasing, > 0). x and v hold 3 numbers a point; the states at
+// From the state at time 0 to `times` (increasing, > 0). x and v hold 3 numbers a point. The states at
 // `times` are appended to them, rounded to double. `interrupted` is asked before each step.
 Extrapolation extrapolate(const System& system, const std::vector<double>& times,
                           const ExtrapolationSettings& settings, std::vector<double>& x,

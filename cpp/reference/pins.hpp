@@ -14,7 +14,7 @@ struct PinState {
     Real x[3], v[3];  // m, m/s
 };
 
-// A pin at time t. Where its velocity jumps, `inside` tells the piece that counts.
+// A pin at time t. Where its velocity jumps, `inside` selects the piece that counts.
 template <class Real>
 PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, Real inside) {
     PinState<Real> s{};

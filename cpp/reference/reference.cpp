@@ -68,7 +68,7 @@ void respond_to_spheres(const Scene& scene, const std::vector<Spring>& springs, 
         x.row(i) = end.x;
         v.row(i) = end.v;
     };
-    // With one sphere bounces come last, as their energy looks at the other points.
+    // With one sphere bounces come last, as their energy depends on the other points.
     std::vector<int> last;
     for (int i = 0; i < scene.cloth.points(); ++i) {
         if (scene.cloth.pinned[i]) continue;

@@ -1,4 +1,4 @@
-// What the passes of offset "cell" read and write. Plain data, shared by portable and per-instruction-set
+// Input and output of the passes of offset "cell". Plain data, shared by portable and per-instruction-set
 // files.
 #pragma once
 

@@ -6,8 +6,8 @@
 //        the |  C  |  D  |      radius of its own circle, and for a place q = sum(w p) of the triangle
 //        o-----o-----o          sum(w |p - c|^2) <= |q - c|^2 + r^2,    so that |q - c| >= R.
 //
-// A triangle with squared sides s, t and d, d the longest, has r^2 = d / 4 if s + t <= d, as the circle on d
-// as its diameter holds it. Otherwise r^2 = d / (4 sin^2) = d / (4 - w^2 / (s t)) with w = s + t - d.
+// A triangle with squared sides s, t and d, d the longest, has r^2 = d / 4 if s + t <= d. The circle with
+// diameter d then holds it. Otherwise r^2 = d / (4 sin^2) = d / (4 - w^2 / (s t)) with w = s + t - d.
 #pragma once
 
 #include "kernels/contact/cell_arguments.hpp"
@@ -139,8 +139,8 @@ void cell_rows(const CellArguments<Real>& a, int begin, int end) {
     }
 }
 
-// Points of the rows that lie deeper than the largest of rho before the step and now lets them are moved
-// outwards, and keep their velocity. What began inside has a speed of its own for that.
+// Points of the rows may lie deeper than the largest of rho before the step and now. They are moved outwards
+// and keep their velocity. Points that began inside have a speed of their own for that.
 template <class Arch, class Real>
 void raise_rows(const CellArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;

@@ -1,5 +1,5 @@
-// What the pass for continuous contact reads and writes. Plain data, shared by portable and
-// per-instruction-set files.
+// Input and output of the pass for continuous contact. Plain data, shared by portable and per-instruction-set
+// files.
 #pragma once
 
 #include <cstddef>
@@ -21,7 +21,7 @@ template <class Real>
 struct ContactArguments {
     VectorGeometry geometry;
     Real* state;
-    Real* before;               // the state at the start of the step, in the same layout
+    Real* before;  // the state at the start of the step, in the same layout
     const std::uint64_t* free;  // a bit a lane, a value a vector, row by row: 0 for pinned and padding points
     std::uint8_t* open;  // a value a vector, row by row: marks of contact_marks.hpp
     const SweptSphere* spheres;

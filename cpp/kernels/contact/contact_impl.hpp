@@ -1,15 +1,15 @@
-// Continuous contact, a vector of mass points at a time: which of them may touch a sphere within the step,
-// and the answer to those that do: kernels/contact/contact_resting.hpp to the many that lie on it,
-// kernels/contact/continuous.hpp to the others.
+// Continuous contact, a vector of mass points at a time. The pass finds the points that may touch a sphere
+// within the step, and responds. The many points that lie on the sphere go to
+// kernels/contact/contact_resting.hpp, the others to kernels/contact/continuous.hpp.
 //
 // A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
 // |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
-// This is looked at in Real, and so that rounding never hides a point: of one that has to be answered even
-// m^2 <= R^2 + q^2 holds, as it came to R or nearer, at a right angle to its way or at its end. With m and q
-// wrong by up to d, R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. What is
-// dropped or rounded is a place or a way of no more than |c1| + |c1 - c0| + R + |q|; the part of |q| is
-// covered by the factor 1 + 1/k.
+// This check is in Real, and rounding never hides a point. A point that needs a response came to R or nearer,
+// at a right angle to its way or at its end. So even m^2 <= R^2 + q^2 holds for it. Let m and q be wrong by
+// up to d. R + 2 d for R covers both, since (1 + 1/k) (q - d)^2 >= q^2 - (1 + k) d^2. Each dropped or rounded
+// quantity is a place or a way of at most |c1| + |c1 - c0| + R + |q|. The part of |q| is covered by the
+// factor 1 + 1/k.
 //
 // The state of vectors that are done is copied for the next step on the way.
 #pragma once
@@ -23,7 +23,7 @@
 namespace clothsim {
 namespace {
 
-constexpr double near_margin = 1.0 / 64;
+constexpr double near_margin = 1.0 / 64;  // 1/k: half passes more fast points, twice more near points
 
 template <class V, class Real>
 struct SphereNear {
@@ -69,8 +69,8 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Those of the `lanes` of a vector that touch the one sphere there is, and are added to `responded_lanes`;
-// the lanes that are left over. `radii2`: rho^2 of the points, null without cells.
+// Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, and returns the remaining
+// lanes. `radii2`: rho^2 of the points, null without cells.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
                                                        std::uint64_t lanes, const Real* radii2,
@@ -116,7 +116,7 @@ template <class Arch, class Real, Arithmetic arithmetic>
 void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
-    constexpr int most = 8;  // spheres looked at side by side
+    constexpr int most = 8;  // spheres checked side by side
     const VectorGeometry& g = a.geometry;
     for (int first = 0; first < a.sphere_count; first += most) {
         const int count = a.sphere_count - first < most ? a.sphere_count - first : most;

@@ -1,6 +1,6 @@
-// The usual case of continuous contact, at the full width of the lanes: points that lie on the sphere when
-// the step begins and are pressed against it. They meet it at time 0, so that nothing is left of
-// kernels/contact/continuous.hpp but
+// The usual case of continuous contact, at the full width of the lanes. The points lie on the sphere when the
+// step begins and are pressed against it. Their time of impact is 0, so kernels/contact/continuous.hpp
+// reduces to
 //
 //     n = p0 / |p0|      x = x1 - lost q - kept (q.n) n      v = v1 - lost u - kept (u.n) n + u' n
 //
@@ -8,9 +8,9 @@
 // small, is added to the compensated state as a stage of the integrator is. "On the sphere" is within a
 // quarter of the slop.
 //
-// Whether a point is such a one, and whether another keeps clear of the sphere in this step, is decided in
-// double whatever Real is. What is left over goes to kernels/contact/continuous.hpp: points that come from
-// further away, were inside, bounce, or go far in a step.
+// Two questions are decided in double whatever Real is. First, whether a point is such a point. Second,
+// whether another point keeps clear of the sphere in this step. All others go to
+// kernels/contact/continuous.hpp. They come from further away, were inside, bounce, or go far in a step.
 //
 // Its arithmetic is fused, so the strict class does without.
 #pragma once

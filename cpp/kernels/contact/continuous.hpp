@@ -1,7 +1,7 @@
 // Continuous contact of a mass point with a sphere: when within a step they meet, and what follows.
 //
-// Everything is in the sphere's frame and in double. Within a step the point goes straight from where the
-// step began to where the free step ended, the sphere straight between its two places, so that
+// Everything is in the sphere's frame and in double. Within a step the point goes straight from the start of
+// the step to the end of the free step. The sphere goes straight between its two places, so that
 //
 //     p(t) = p0 + t q,   t = 0..1            |p(t)| = surface          (surface: contact radius + slop)
 //
@@ -9,18 +9,18 @@
 //
 //     t = c / (-b + sqrt(a (surface^2 - m.m)))
 //
-// which cancels neither for a point at the surface (c small) nor for one that grazes after a long way (b^2
-// and a c nearly equal: m is formed first).
+// which does not cancel for a point at the surface (c small). Nor does it for a point that grazes after a
+// long way (b^2 and a c nearly equal: m is formed first).
 //
-// At t the normal n is fixed. Of the rest of the way the part along -n, of length `depth`, is taken back: the
-// point ends in the tangent plane. What speed it had there follows from energy, as its free end lies `depth`
-// lower: with u its normal speed at the free end and `press` its mean acceleration towards the sphere,
+// At t the normal n is fixed. The part of the remaining way along -n, of length `depth`, is taken back: the
+// point ends in the tangent plane. Its speed there follows from energy, as its free end lies `depth` lower.
+// With u its normal speed at the free end and `press` its mean acceleration towards the sphere,
 //
 //     uc^2 = u^2 - 2 press depth
 //
 // so that a point at rest (u^2 = 2 press depth) is at rest afterwards, at any time step. It leaves with e uc.
-// A bounce that flies for longer than a step goes on to where the mirrored way leads, and its energy is
-// balanced exactly, springs included: that is `answer` in contact/exact.hpp.
+// A bounce that flies for longer than a step goes on to the end of the mirrored way. Its energy is balanced
+// exactly, springs included: contact/exact.hpp.
 //
 // Written for a number type D that is a double or a SIMD vector of doubles: branches only skip what no lane
 // needs. In an anonymous namespace because files of several instruction sets include it.
@@ -46,7 +46,7 @@ namespace {
 
 #define CLOTHSIM_LANE inline __attribute__((always_inline))
 
-// What differs between a double and a vector of doubles.
+// Differences between a double and a vector of doubles.
 template <class D>
 struct Number {
     using Mask = bool;
@@ -95,13 +95,13 @@ CLOTHSIM_LANE Surface<D> surface_of(const SweptSphere& s) {
     return {D(s.surface), D(s.surface - 2 * s.slop), D(s.surface - s.slop / 2), D(s.surface)};
 }
 
-// Offset "cell": a point keeps at least sqrt(surface^2 + rho^2), rho at most the surface. It is put on the
-// top of a band over this distance and may lie anywhere within, so that rho can change a little without a
+// Offset "cell": a point keeps at least sqrt(surface^2 + rho^2), rho at most the surface. A response puts it
+// on top of a band over this distance, and it may lie anywhere within. So rho can change a little without a
 // second round of responses. The band is a part of the distance. With half of it a violent impact takes more
 // rounds, with twice as much points stand off farther by another millionth.
 struct CellBand {
     static constexpr double part = 1e-6;
-    // In single, where a quarter of the band has to be told apart.
+    // In single, which has to resolve a quarter of the band.
     static constexpr double part_in_single = 8e-6;
     // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
     static constexpr double rounding = 32;
@@ -186,7 +186,7 @@ CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& heigh
     for (int k = 0; k < 3; ++k) tangential[k] = v[k] - t.speed * t.normal[k];
     D keep = one;
     if (s.friction > 0) {
-        constexpr double a_little_less = 1 - 0x1p-40;
+        constexpr double a_little_less = 1 - 0x1p-40;  // for the rounding of squares; not tuned
         const D slip2 = dot3(tangential, tangential);
         const D most = D(s.friction) * larger(normal_speed - t.speed, zero);
         keep = zero;
@@ -213,8 +213,8 @@ CLOTHSIM_LANE MaskOf<D> lift(D p[3], const D& limit, const D& surface) {
     return low;
 }
 
-// A point that was inside: it goes outwards by no more than `push` a step unless it moves so itself, never
-// deeper, and its velocity is not directed inwards any more. Whether anything was done.
+// A point that was inside goes outwards by no more than `push` a step unless it moves so itself, and never
+// deeper. Its velocity is not directed inwards any more. Returns whether the point was changed.
 template <class D>
 CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& surface, const D& start_distance, D p[3],
                                  D v[3]) {
@@ -231,14 +231,14 @@ CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& surface, const D
     return inside;
 }
 
-// What became of a point in the pass over many.
+// Outcome of a point in the pass over many.
 template <class D>
 struct VectorResponse {
     MaskOf<D> responded, in_the_air;
 };
 
-// The common case of a whole step for one point: x0, v0 before it, x, v after the free step, replaced by the
-// answer unless the point bounces off and flies.
+// The common case of a whole step for one point, from x0, v0. The response replaces x, v after the free step,
+// unless the point bounces off and flies.
 template <class D>
 CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const Surface<D>& surface, const D x0[3],
                                         const D v0[3], D x[3], D v[3]) {
@@ -273,7 +273,7 @@ CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const Surface<D>& 
             u[k] = pick<D>(pushed, w[k], u[k]);
         }
     }
-    // Rounding: whoever was outside ends outside.
+    // Rounding: a point that was outside ends outside.
     const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, surface.held, surface.lowest));
     const MaskOf<D> lifted = lift(p, limit, surface.top);
     const MaskOf<D> responded = (t.hit | pushed | lifted) & !in_the_air;

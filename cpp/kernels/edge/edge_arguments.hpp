@@ -1,4 +1,4 @@
-// What the edge kernel reads and writes. Plain data, shared by portable and per-instruction-set files.
+// Input and output of the edge kernel. Plain data, shared by portable and per-instruction-set files.
 #pragma once
 
 #include <cstddef>
@@ -8,17 +8,17 @@
 
 namespace clothsim {
 
-// Coefficients of one vector of mass points: for every kind of spring that starts in a point `stiffness`,
-// `tension` and `damping`, a lane each; all 0 in a lane whose point has no such spring. Scaled so that with r
-// = root_scale / l
+// Coefficients of one vector of mass points. Every kind of spring that starts in a point has `stiffness`,
+// `tension` and `damping`, a lane each. All are 0 in a lane whose point has no such spring. With r =
+// root_scale / l they are scaled to
 //   force / mass = unit (r (damping (w.d) r - tension) + stiffness) d
-// The first class has every spring in every lane. In double `stiffness` is rounded to what tension times r is
-// at rest (see exact_at_rest).
+// The first class has every spring in every lane. In double `stiffness` is rounded to the product of tension
+// and r at rest (see exact_at_rest).
 struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };
 
-// A sphere, and a plane across an axis beside it: a row that is altogether beyond the plane is not looked at
+// A sphere, and a plane across an axis beside it: a row altogether beyond the plane is not inspected
 // further.
 template <class Real>
 struct SphereOutline {
@@ -31,8 +31,8 @@ struct SphereOutline {
 };
 
 // A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors. In single
-// as many records of their compensation stand behind those of the state, so that what all stages look at is
-// one stream of memory.
+// as many records of their compensation stand behind the state. So all data of a stage are one stream of
+// memory.
 struct StateRecord {  // x, y, z, vx, vy, vz of x_n and v_n
     static constexpr int count = 6;
 };
@@ -62,17 +62,17 @@ struct EdgeArguments : StepConstants<Real> {
     const Real* reach;  // [vector][columns - 1][lane]: all bits where so many columns follow, else none
     bool complete;  // rows end with a whole vector
     bool forward_in_registers;  // from row to row, where both ways are compiled
-    // Scratch, three vectors for each vector of mass points and one more for what passes the row's end: what
-    // the current row has received and what it hands to the next one (they take turns), and to the row after
+    // Scratch, three vectors for each vector of mass points and one more for forces past the row's end.
+    // The rows take turns: forces received by the current row, by the next row, and by the row after
     // that.
     Real* received[2];
     Real* received_2;
-    // The row whose forces are known but whose stage is not finished, -1: none; where the stage looks for it.
+    // The row whose forces are known but whose stage is not finished, -1: none; and its place for the stage.
     int pending;
     const Real* pending_source;
     Real* force;  // on the pending row
-    // So many rows ahead, of `row_count`, elements [ahead_begin, ahead_end) from the start of each record of
-    // the state on are fetched from memory while a row is worked on. 0: none.
+    // So many rows ahead, of `row_count`, a part of each record of the state is fetched from memory while a
+    // row is worked on. The part is the elements [ahead_begin, ahead_end). 0: none.
     int ahead;
     std::ptrdiff_t ahead_begin, ahead_end;
     int row_count;
@@ -82,8 +82,8 @@ struct EdgeArguments : StepConstants<Real> {
     void* context;
 };
 
-// Where a stage looks for a row: its own records and those of the two rows further on; null where the cloth
-// ends.
+// Places of a row for a stage: its own records and the records of the two rows further on. They are null
+// where the cloth ends.
 template <class Real>
 struct EdgeSources {
     const Real* here;

@@ -1,6 +1,6 @@
-// The edge kernel for every cloth and every row: a loop that asks which springs a row has, and for each
-// vector how many lanes have them. It sums as edge_row.hpp does, so that the bits are the same; what is not
-// there is 0.
+// The edge kernel for every cloth and every row: a loop over the springs of a row and over the lanes
+// that have them. It sums as edge_row.hpp does, so that the bits are the same; missing springs are
+// 0.
 #pragma once
 
 #include <utility>
@@ -90,7 +90,7 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
     }
     if (source.below) store3(e.received[1] + past, W, fell);
     if (!own) return;
-    // What is handed on past the last vector belongs to the first ones, a lane further.
+    // Forces past the last vector belong to the first vectors, a lane further.
     const Vector3<V> past_last = (load3<V>(e.received[0] + past, W) - rose) + to_next;
     store3(e.force, W, load3<V>(e.force, W) + shifted_lanes(past_last));
     store3(e.force + 3 * W, W, load3<V>(e.force + 3 * W, W) + shifted_lanes(to_next_2));
@@ -128,7 +128,7 @@ void edge_last_row_of_any(EdgeArguments<Real>& e, int row, const EdgeSources<Rea
     row_is_pending<V>(e, row, source);
 }
 
-// What the two rows before a band hand on to its first two.
+// Forces of the two rows before a band on its first two.
 template <class Arch, class Real>
 void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
                       const EdgeSources<Real>& before) {

@@ -8,27 +8,27 @@
 //     ...
 //
 // A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
-// What compensation keeps is another, behind it.
+// The compensation is another, behind it.
 //
-// A sweep goes from row to row. A row adds the force of each of its springs to its own points and hands the
-// opposite force on: within the row in registers, to the next row in `received`, to the row after it in
-// `received_2`; what passes the row's end belongs to its first vectors, a lane further, and reaches them
-// last. A row's forces are complete at its end; its Runge-Kutta stage is finished vector by vector while the
-// next row's springs are summed, between operations that wait for each other (or sooner,
-// edge_two_vectors.hpp). Nothing needs the row's old stage state any more: the new one replaces it.
+// A sweep goes from row to row. A row adds the force of each of its springs to its own points and passes
+// the opposite force on. Within the row it stays in registers. `received` holds forces for the next row,
+// `received_2` for the row after it. Forces past the row's end belong to its first vectors, a lane
+// further, and reach them last. A row's forces are complete at its end. Its Runge-Kutta stage is finished
+// vector by vector while the next row's springs are summed, between operations that wait for each other
+// (or sooner, edge_two_vectors.hpp). The row's old stage state is not needed any more: the new state
+// replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //
 //     within the row + ((vertical + 2nd vertical) + (diagonal + other diagonal) of the rows before
 //                      -  the same of the rows behind)
 //
-// (what passes the row's end likewise, in a sum of its own)
-// which gives the same bits either way, and `edge_halo` repeats what the two rows before a band hand on. So
-// do any number of threads.
+// (forces past the row's end likewise, in a sum of their own). That gives the same bits either way, and
+// `edge_halo` repeats the forces of the two rows before a band. So do any number of threads.
 //
-// Two loops do so: edge_row.hpp, compiled in versions for sets of families and stages, serves the rows of
-// cloths with structural springs; edge_general.hpp all other cloths, rows at the borders, and instruction
-// sets without versions.
+// Two loops do so. One is compiled in versions for sets of families and stages: edge_row.hpp serves the rows
+// of cloths with structural springs. The other, edge_general.hpp, serves all other cloths, rows at the
+// borders, and instruction sets without versions.
 #pragma once
 
 #include <utility>
@@ -64,8 +64,8 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     end_rows<Lanes<Real, Arch>>(e, first_finished, end - 1);
 }
 
-// Rows of the paper's 32 columns are written out vector by vector where four vectors hold them, with mask
-// registers those that end with padding too.
+// Rows of the paper's 32 columns are written out vector by vector where four vectors hold them. With mask
+// registers so are rows that end with padding.
 template <class Arch, class Real>
 inline constexpr int vectors_written_out =
     32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
@@ -102,8 +102,8 @@ void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     }
 }
 
-// A single row in any stage: few of them run one after the other, so that code which knows its stage would
-// not be in the cache.
+// A single row in any stage. Few of them run one after the other, so code for each stage would not be in the
+// cache.
 template <class Arch, class Real, EdgeSet set, Row which>
 CLOTHSIM_INLINE void edge_row_alone(EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
     const Reach<Lanes<Real, Arch>, 0> reach(e.reach);
@@ -121,7 +121,7 @@ void edge_last_row(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& sou
     row_is_pending<Lanes<Real, Arch>>(e, row, source);
 }
 
-// What the two rows before a band hand on to its first two.
+// Forces of the two rows before a band on its first two.
 template <class Arch, class Real, EdgeSet set>
 void edge_halo(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2, const EdgeSources<Real>& before) {
     if constexpr (set.bend) send_down_2<Lanes<Real, Arch>, Real, set.damped>(e, before_2);

@@ -8,7 +8,7 @@
 namespace clothsim {
 namespace {
 
-// Those that start in a vector of points, and the one that rises from the row below to the next vector.
+// Springs that start in a vector of points, and the spring that rises from the row below to the next vector.
 enum Leg : int {
     rising,
     down,

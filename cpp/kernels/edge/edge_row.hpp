@@ -16,11 +16,11 @@ namespace {
 // vector.
 enum class Place { inner, second_last, last, any };
 
-// A spring takes some sixty cycles from its first operation to the last, and each of them waits for the one
-// before. So the springs of a vector are written down as a pipeline: in each turn another one begins, the one
-// that began `to_root` turns before takes its root, and the one that began `to_force` turns before becomes a
-// force. In one of the turns the row before is finished, in a later one where shear springs are missing. The
-// bits are those of any pipeline; these were the fastest of some hundred.
+// A spring takes some sixty cycles from its first operation to the last, and each operation waits for the one
+// before. So the springs of a vector form a pipeline. In each turn another spring begins. The spring that
+// began `to_root` turns before takes its root, and the spring that began `to_force` turns before becomes a
+// force. In one of the turns the row before is finished, in a later turn where shear springs are missing. The
+// bits are the same for any pipeline; these were the fastest of some hundred.
 struct Pipeline {
     std::array<Leg, leg_count> legs;
     int to_root, to_force, finishing_turn, finishing_turn_of_few;
@@ -29,8 +29,8 @@ template <class Real>
 #if defined(__AVX512F__)
 inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2, 4};
 #else
-// An operation takes half the time, so that more of them fit between two that wait for each other; most of
-// all in double, where springs wait for exact roots and divisions.
+// An operation takes half the time, so more of them fit between two that wait for each other. Double needs
+// most, as its springs wait for exact roots and divisions.
 inline constexpr Pipeline pipeline =
     sizeof(Real) == 4 ? Pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1, 1}
                       : Pipeline{{rising, down, side, down_2, side_2, falling}, 2, 5, 5, 5};
@@ -66,8 +66,8 @@ struct EdgeSet {
     bool shear, bend, damped;
 };
 
-// A row with two rows behind it, the last two of a cloth, and a row before a band, of which only the springs
-// to rows below count.
+// A row with two rows behind it, the last two rows of a cloth, and a row before a band. Of the last only
+// springs to rows below count.
 enum class Row {
     inner,
     second_last,
@@ -135,7 +135,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         Points<V> point;
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
-        // What the row gives to the vector is `within`; of the first, what it takes.
+        // `within` is the force of the row on the vector; for the first vector, the received force.
         Vector3<V> straight = none, diagonal, pair, behind, before, within;
         const auto take_turn = [&]<int turn>() __attribute__((always_inline)) {
             constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
@@ -235,7 +235,7 @@ CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Re
         const Vector3<V> before = load3<V>(received + past, W);
         past_last = (shear ? before - rose : before) + past_last;
     }
-    // What is handed on past the last vector belongs to the first ones, a lane further.
+    // Forces past the last vector belong to the first vectors, a lane further.
     const auto sum = [&](int k) { return fixed ? kept[k] : load3<V>(forces + k * 3 * W, W); };
     store3(forces, W, sum(0) + shifted_lanes(past_last));
     if constexpr (bend_aside) store3(forces + 3 * W, W, sum(1) + shifted_lanes(to_next_2));

@@ -13,7 +13,7 @@ CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
     return {next_lane(a.x), next_lane(a.y), next_lane(a.z)};
 }
 
-// What every spring needs. Constants that the compiler knows it would load for each spring.
+// Constants of every spring. The compiler would load a constant that it knows for each spring.
 template <class V>
 struct SpringConstants {
     V smallest = in_register(V(smallest_squared_length<typename V::value_type>));
@@ -103,10 +103,10 @@ private:
 // Of code that serves all stages and asks which one it is.
 constexpr Stage any_stage = Stage(-1);
 
-// Whether a stage looks at x_n and v_n, in state records, or at what the stage before left in work records.
+// Whether a stage reads x_n and v_n in state records, or the result of the stage before in work records.
 constexpr bool source_is_state(Stage stage) { return stage == Stage::first || stage == Stage::evaluate; }
 
-// Elements from vector to vector of the rows at which a stage looks.
+// Elements from vector to vector of the rows that a stage reads.
 template <class V>
 CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
     return (source_is_state(stage) ? StateRecord::count : WorkRecord::count) * int(V::size);

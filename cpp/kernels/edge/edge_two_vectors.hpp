@@ -1,8 +1,8 @@
-// The edge kernel's rows of two vectors with structural and shear springs: what one row hands on to the next
-// stays in registers, for which second neighbours would leave too few. The sums are those of `edge_row`, and
-// so are the bits; but the springs past the row's end come first, so that the stage of the first vector is
-// finished in its own row. For processors that take a vector in two halves; one that takes it at once is
-// faster with `edge_row` (forwards_in_registers).
+// The edge kernel's rows of two vectors with structural and shear springs. Forces for the next row stay in
+// registers; with second neighbours too few registers would be left. The sums are the same as in `edge_row`,
+// and so are the bits. But the springs past the row's end come first, so that the stage of the first vector
+// is finished in its own row. For processors that take a vector in two halves; a processor that takes it at
+// once is faster with `edge_row` (forwards_in_registers).
 #pragma once
 
 #include "kernels/edge/edge_update.hpp"
@@ -21,8 +21,8 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
     const auto source = [&](int row) __attribute__((always_inline)) -> const Real* {
         return source_is_state(stage) ? e.rows[row].state : e.rows[row].work;
     };
-    // What is loaded is not worth a register until it is looked at again. The compiler would keep it, and
-    // store sums instead.
+    // A loaded value does not deserve a register until its next use. The compiler would keep it, and store
+    // sums instead.
     const auto points = [](const Real* p) __attribute__((always_inline)) -> Points<V> {
         asm volatile("" : "+r"(p));
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
@@ -56,7 +56,7 @@ __attribute__((noinline)) void edge_rows_of_two(EdgeArguments<Real>& e, int begi
         const Real* const below = source(row + 1);
         const Points<V> past = points(here + 1);
         Spring<V> rising_1 = begin_spring(past, below + stride);
-        Spring<V> side_1 = begin_spring(past, here + stride);  // looked at from its other end
+        Spring<V> side_1 = begin_spring(past, here + stride);  // seen from its other end
         root(rising_1, constants);
         const Points<V> first = points(here);
         Spring<V> side_0 = begin_spring(first, here + stride);

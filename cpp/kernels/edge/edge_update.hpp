@@ -148,8 +148,8 @@ __attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int be
     }
 }
 
-// What is left to do when the vectors of rows [begin, end) are finished. Not row by row: the answer to a
-// contact is a call, for which each row would save what it keeps in registers.
+// The rest of the work when the vectors of rows [begin, end) are finished. Not row by row: the response to a
+// contact is a call, for which each row would save its registers.
 template <class V, class Real>
 CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) {
     if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
@@ -170,7 +170,7 @@ CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
     return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr;
 }
 
-// What the first of the two rows before a band hands on: springs that lead two rows on.
+// Forces of the first of the two rows before a band: springs that lead two rows on.
 template <class V, class Real, bool damped>
 CLOTHSIM_INLINE void send_down_2(const EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
     constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W;

@@ -1,5 +1,5 @@
-// What one RK4 stage of the gather kernel reads and writes. Plain data: this header is shared by the
-// portable files and the per-instruction-set files, so it holds no code but constant expressions.
+// Input and output of one RK4 stage of the gather kernel. Plain data for the portable files and the
+// per-instruction-set files, so the header holds no code but constant expressions.
 #pragma once
 
 #include <cstddef>
@@ -19,16 +19,16 @@ namespace clothsim {
 enum class Stage : int { first, second, third, fourth, evaluate };
 
 // Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply
-// and subtract apart, so that a spring at rest gives no force to the last bit. It shifts all rest lengths of
-// a family by the rounding of one: nothing in double, but as much as all other errors of a run together in
-// single.
+// and subtract apart. A spring at rest then gives no force to the last bit. All rest lengths of a family are
+// shifted by the rounding of one. That is nothing in double, but as much as all other errors of a run
+// together in single.
 template <class Real>
 inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
-// What every point of a cloth shares in a step, in either kernel. Kernels sum accelerations in a unit of
-// their own, in which the damping constant is 1 where all families are damped alike: that saves a product for
-// each spring. Gravity, drag and applied accelerations are in that unit; what accelerations are multiplied by
-// holds it.
+// Constants of all points of a cloth in a step, in either kernel. Kernels sum accelerations in a unit of
+// their own. In that unit the damping constant is 1 where all families are damped alike, which saves a
+// product for each spring. Gravity, drag and applied accelerations are in that unit; the factors of
+// accelerations hold it.
 template <class Real>
 struct StepConstants {
     Real unit;  // m / s^2
@@ -68,7 +68,7 @@ struct GatherArguments : StepConstants<Real> {
     const Real* free;                 // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
     // Six planes each (x, y, z, vx, vy, vz).
-    const Real* source;     // state at which this stage looks
+    const Real* source;     // state that this stage reads
     Real* state;            // x_n, v_n; stage four writes the new state here
     Real* target;           // state for the next stage
     Real* compensation;     // what rounding took from x and v; null: not compensated

@@ -1,18 +1,18 @@
 // The gather kernel: one lane is one thread of the compute shader, one thread one mass point.
 //
-// A lane looks at its neighbours in the order of `neighbours` (model/stencil.hpp), sums the spring forces
-// on its own point and finishes its own point's Runge-Kutta stage. Nothing is written for anybody else, so
-// any number of threads gives the same bits.
+// A lane reads its neighbours in the order of `neighbours` (model/stencil.hpp). It sums the spring forces on
+// its own point and finishes its own point's Runge-Kutta stage. Nothing is written for other lanes, so any
+// number of threads gives the same bits.
 //
 //   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
 //   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
 //
 // and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
 //
-// Rows are padded with far, finite points, so that a lane may look at a neighbour that its point does not
-// have, and takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so are those
-// above or below it: a bit a neighbour says which, the same for a whole row, so that the processor predicts
-// the branches.
+// Rows are padded with far, finite points. So a lane may read a neighbour that its point does not have, and
+// takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so are missing
+// neighbours above or below. A bit per neighbour marks them, the same for a whole row, so that the processor
+// predicts the branches.
 #pragma once
 
 #include "kernels/kernel_table.hpp"
@@ -229,7 +229,7 @@ void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
     else gather_rows<V, Real, A, false>(g, tile);
 }
 
-// Section 5.1 of Kim et al. a vector at a time; the rare point inside is answered in double by the caller.
+// Section 5.1 of Kim et al. a vector at a time; the caller responds in double for the rare point inside.
 template <class Arch, class Real>
 void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit, void* context) {
     using V = Lanes<Real, Arch>;
