@@ -8,8 +8,12 @@
 Writes <name>.csv and <name>_first_frames.csv after every scene, so that what was measured survives
 an interruption, and <name>.png to --out at the end, and prints the tables with the crossover. A
 target that cannot do a scene (memory, limits, an adapter lost) is left out and named; a window of
-frames that takes long ends early, and the tables say after how many steps. docs/gpu.md says what
-the columns are.
+frames that takes long ends early, and the tables say after how many steps.
+
+Columns: steps_per_second is the median of the runs, beside its quartiles; point_steps_per_second counts the mass points
+of all members; times_fastest_cpu is the speed over the fastest CPU target with equal scene and precision; steps_asked and
+steps_timed are in all runs; frames_per_run and shortened say whether windows ended early; first_run_setup_seconds is the
+making of the first stepper.
 """
 
 import argparse

@@ -129,13 +129,7 @@ void bind_build(py::module_& m) {
     m.attr("edge_families") = py::tuple(families);
     m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
-    m.attr("most_contacts") = exact::most_contacts;
-    m.attr("resolve_rounds") = exact::resolve_rounds;
-    m.attr("slop_epsilons") = slop_epsilons;
     m.attr("outer_epsilons") = outer_epsilons;
-    m.attr("negligible_part") = EnergyWatch::negligible_part;
-    m.attr("runaway_part") = EnergyWatch::runaway_part;
-    m.attr("steps_between_checks") = EnergyWatch::steps_between_checks;
 }
 
 namespace {

@@ -9,9 +9,6 @@ Floats = npt.NDArray[np.float64]
 State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
-most_contacts: int
-resolve_rounds: int
-slop_epsilons: float
 outer_epsilons: float
 most_threads: int
 least_points_per_thread: int
@@ -20,9 +17,6 @@ edge_families: tuple[Family, ...]
 neighbours: tuple[tuple[int, int, Family, int], ...]
 bytes_in_shared_cache: int
 extents_that_are_far: float
-negligible_part: float
-runaway_part: float
-steps_between_checks: int
 
 class Cloth:
     def __init__(

@@ -3,12 +3,10 @@
 import pickle
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu.block import Block
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 GPU = {"backend": "gpu", "precision": "single"}
@@ -51,7 +49,7 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
     stepper, twin = (cs.Stepper(scene, x, v, t=0.0, **GPU) for _ in "ab")
     for one in (stepper, twin):
         one.advance(40, dt)
-    with pytest.raises(ValueError, match=r"offset of spheres\[0\] must be .* got 'face'"):
+    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be .* got 'continuous'"):
         stepper.set_scene(scene.replace(spheres=BALL.replace(response="continuous", offset="face")))
     stepper.set_scene(scene)
     for one in (stepper, twin):
@@ -86,18 +84,10 @@ def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
 
 
 def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(crumpled, same_bits):
-    """Scenes of equal features share a dispatch; these are of four kinds, mixed up."""
-    rough = BALL.replace(friction=0.0, restitution=0.5)
-    states = [
-        crumpled(seed=1),
-        crumpled(seed=2, spheres=BALL),
-        crumpled(seed=3),
-        crumpled(seed=4, damped_by="points"),
-        crumpled(seed=5, spheres=BALL.replace(radius=0.3)),
-        crumpled(seed=6, spheres=(BALL, rough)),
-    ]
+    """Scenes of equal features share a dispatch, and none of their numbers."""
+    states = [crumpled(seed=k, spheres=BALL.replace(radius=0.2 + 0.02 * k, restitution=0.2 * k)) for k in range(4)]
     scenes = [s.scene for s in states]
-    cloth = scenes[2].cloth  # shares a dispatch with the first, and none of its numbers
+    cloth = scenes[2].cloth
     softer = {family: 0.5 * k for family, k in cloth.family_stiffness.items()}
     cloth = cloth.replace(stiffness=softer, damping=0.1, size=(1.0, 1.1))
     scenes[2] = scenes[2].replace(cloth=cloth, gravity=(0.0, -1.6, 0.2))
@@ -246,12 +236,22 @@ except ImportError as error:
     assert "pip install '.[gpu]'" in run.stdout, run.stderr
 
 
-@pytest.mark.needs_no_adapter
-def test_a_response_that_the_shader_lacks_is_refused():
-    """And not taken for "reflect"."""
-    sphere = SimpleNamespace(response="stick", offset="none")
-    block = SimpleNamespace(
-        scenes=[SimpleNamespace(cloth=SimpleNamespace(driven={}), spheres=[sphere], force=None)], wide=np.float64
-    )
-    with pytest.raises(ValueError, match=r"response of spheres\[0\] must be one of .* got 'stick'"):
-        Block._check_responses(block)
+@pytest.mark.parametrize("offset", ["none", "edge", "face"])
+def test_the_response_continuous_is_refused_by_name(offset):
+    ball = BALL.replace(response="continuous", offset=offset)
+    with pytest.raises(
+        ValueError, match=r"^response of spheres\[1\] must be 'reflect' or 'ray' .*, got 'continuous'; backend='cpu'"
+    ):
+        cs.Stepper(cs.Scene(cs.Cloth(), (BALL, ball)), **GPU)
+
+
+@pytest.mark.parametrize(
+    "name, features",
+    [("spheres", {"spheres": BALL.replace(friction=0.0)}), ("drag", {"damped_by": "both"}), ("pinned", {"pins": ()})],
+)
+def test_members_of_unequal_features_are_refused(name, features, crumpled):
+    """A dispatch serves all members, and a feature that is compiled in may change bits."""
+    states = [crumpled(spheres=BALL), crumpled(**{"spheres": BALL, **features})]
+    x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
+    with pytest.raises(ValueError, match=f"^{name} of all members must be equal .* for member 1; step them apart"):
+        cs.step([s.scene for s in states], x, v, 1e-5, t=0.0, **GPU)

@@ -18,8 +18,12 @@ def outcome(case, precision, backend, steps):
     return stepper.snapshot().core, (stepper.positions, stepper.velocities), None
 
 
+# The core ends this run by its energy, which the adapter does not compare.
+BY_ENERGY = "dt at 1.05 of the limit"
+
+
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name in CASES if name != BY_ENERGY])
 def test_it_ends_as_in_the_core(name, needs_float64, same_bits):
     case = CASES[name]
     steps = min(case.steps, STEPS)
@@ -29,3 +33,12 @@ def test_it_ends_as_in_the_core(name, needs_float64, same_bits):
         clocks = [[core["time"], core["clock_steps"], core["clock_step"]] for core in (gpu[0], cpu[0])]
         assert clocks[0] == clocks[1], precision
         assert same_bits(gpu[1], cpu[1]), precision
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+def test_a_run_that_the_core_ends_by_its_energy_has_the_bits_of_the_core_up_to_there(needs_float64, same_bits):
+    case = CASES[BY_ENERGY]
+    for precision in case.precisions:
+        _, state, said = outcome(case, precision, "cpu", STEPS)
+        assert said is not None
+        assert same_bits(outcome(case, precision, "gpu", said[0] - 1)[1], state)

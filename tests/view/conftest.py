@@ -7,6 +7,8 @@ import pytest
 
 # WebGL on the processor: a test machine has no graphics adapter.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+# WebGPU likewise, for the live page.
+FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 

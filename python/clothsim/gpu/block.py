@@ -1,4 +1,4 @@
-"""Members of a batch whose scenes have equal features. One dispatch per stage serves all of them."""
+"""The members of a batch on the adapter. One dispatch per stage serves all of them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ from typing import Any
 import numpy as np
 
 from ..engine.options import Options
-from ..engine.plan import core_plan, in_cells
+from ..engine.plan import core_plan
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import parameters
 from .device import Device, translated
-from .shader import RESPONSES, Features, pipelines
+from .shader import Features, pipelines
 
 NONE_BAD = 0xFFFFFFFF
-_BAD, _PINNED_INSIDE, _TRAPPED, _CONTACTS = range(4)  # what `results` tells of a member
+# Steps between two checks of the state, at most. The exact step of a failure is then found by repeating steps.
+MOST_STEPS_UNCHECKED = 96
+# Steps a submission: the adapter works on one while the host records the next.
+STEPS_PER_SUBMISSION = 32
 
 
 def workgroups(shape: tuple[int, int], members: int = 1) -> tuple[int, int, int]:
@@ -39,8 +42,6 @@ class Block:
         Origin of each member's positions [m], shape (members, 3).
     precision : {"single", "double"}
     strict : bool
-    most_steps : int
-        Most steps between two calls of `begin`.
     """
 
     def __init__(
@@ -51,7 +52,6 @@ class Block:
         origins: np.ndarray,
         precision: str,
         strict: bool,
-        most_steps: int,
     ) -> None:
         self.device, self.members = device, list(members)
         self.single = precision == "single"
@@ -60,16 +60,16 @@ class Block:
         shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
         self.scenes = [scenes[0]] if shared else list(scenes)
         self.origins = origins[: len(self.scenes)]
-        self.contacts = np.zeros(len(members), np.int64)  # answered since `begin`, once told
+        self.contacts = np.zeros(len(members), np.int64)  # responses since the last `run` began
         self.plans = [core_plan(scene, Options()) for scene in self.scenes]
         self.rows, self.columns = scenes[0].cloth.shape
         self.points = self.rows * self.columns
         self.features = Features.of(scenes[0])
         self.groups = workgroups(scenes[0].cloth.shape, len(members))
+        self._ahead = False
         self._check_limits()
-        self._check_responses()
         self.pipelines = pipelines(device, self.features, precision, strict)
-        self._make_buffers(most_steps)
+        self._make_buffers()
 
     def _check_limits(self) -> None:
         adapter, cloth = self.device.adapter, self.scenes[0].cloth
@@ -88,36 +88,11 @@ class Block:
                 f"workgroups, {adapter.name} has at most {most:,} in each direction"
             )
 
-    def _check_responses(self) -> None:
-        for scene in self.scenes:
-            if scene.cloth.driven:
-                pin = next(iter(scene.cloth.driven))
-                raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
-            if scene.force is not None:
-                raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
-            for k, sphere in enumerate(scene.spheres):
-                if sphere.response not in RESPONSES:
-                    raise ValueError(
-                        f"response of spheres[{k}] must be one of {RESPONSES} with backend 'gpu', got {sphere.response!r}; "
-                        "backend='cpu' has it"
-                    )
-                if (sphere.offset == "face" or in_cells(sphere)) and self.wide == np.float64:
-                    raise ValueError(
-                        f"offset of spheres[{k}] must be 'edge', 'none' or a length on the graphics "
-                        f"adapter {self.device.adapter.name}, got {sphere.offset!r}; backend='cpu' has it"
-                    )
-                if sphere.response == "continuous" and self.wide != np.float64:
-                    raise ValueError(
-                        f"response of spheres[{k}] must be 'reflect' or 'ray' on the graphics "
-                        f"adapter {self.device.adapter.name}, whose shaders have no float64, got "
-                        "'continuous'"
-                    )
-
     @property
     def _plane_bytes(self) -> int:
         return self.points * len(self.members) * np.dtype(self.real).itemsize
 
-    def _make_buffers(self, most_steps: int) -> None:
+    def _make_buffers(self) -> None:
         create = self.device.create_buffer
         six = 6 * self._plane_bytes
         both = ("STORAGE", "COPY_SRC", "COPY_DST")
@@ -125,40 +100,20 @@ class Block:
         self.compensation = create(six if self.single else 16, *both)
         working = [create(six, "STORAGE") for _ in range(3)]
         one = parameters.FIRST_WEIGHT + self.points
-        stride = one if len(self.scenes) > 1 else 0
         size = one * len(self.scenes) * np.dtype(self.real).itemsize
         self.parameters = create(size, "STORAGE", "COPY_DST")
         per_scene = len(self.features.spheres) * parameters.CONTACT_SIZE
         per_step = per_scene * len(self.scenes)
-        tables = most_steps if self.features.moving else 1
-        self._energies = np.empty((0, 0), self.wide)
-        if self.features.continuous:
-            self._energies = np.stack([parameters.energies(scene) for scene in self.scenes])
-        size = (self._energies.size + tables * per_step or 1) * np.dtype(self.wide).itemsize
-        self.contact_table = create(size, "STORAGE", "COPY_DST")
-        self._told = 1 + 4 * len(self.members)
-        words = math.ceil(self.points / 32) if self.features.continuous else 0
-        self._results = np.zeros(self._told + words * len(self.members), np.uint32)
-        self._results[1 : 1 + _CONTACTS * len(self.members)] = NONE_BAD
+        tables = MOST_STEPS_UNCHECKED if self.features.moving else 1
+        self.contact_table = create((tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST")
+        self._results = np.zeros(1 + 2 * len(self.members), np.uint32)
+        self._results[1 : 1 + len(self.members)] = NONE_BAD
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
-        self.readback = create(4 * self._told, "MAP_READ", "COPY_DST")
+        self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
         self.checkpoint = [create(b.size, "COPY_SRC", "COPY_DST") for b in self._kept]
-        energy_stride = self._energies.shape[1] if stride else 0
-        self._integers = np.array(
-            [
-                self.rows,
-                self.columns,
-                stride,
-                per_scene if stride else 0,
-                per_step,
-                0,
-                len(self.members),
-                energy_stride,
-                self._energies.size,
-            ],
-            np.uint32,
-        )
+        stride = (one, per_scene) if len(self.scenes) > 1 else (0, 0)
+        self._integers = np.array([self.rows, self.columns, *stride, per_step, 0, len(self.members)], np.uint32)
         bound = [self.constants, self.state, self.compensation, *working, self.parameters, self.contact_table, self.results]
         with translated(self.device.adapter):
             self.bindings = self.device.handle.create_bind_group(
@@ -173,94 +128,102 @@ class Block:
     # Moving the state -----------------------------------------------------------------------------
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
-        """Planes of the state, and of the compensation, each (members, 6, points)."""
+        """Upload the state of these members out of the whole batch, in the form of `planes.split`."""
         for buffer, planes in zip(self._kept, parts, strict=True):
-            self._write(buffer, planes)
+            self._write(buffer, planes[self.members])
 
-    def download(self) -> list[np.ndarray]:
-        """Arrays for `upload`."""
+    def download(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The state of the whole batch; members outside the block keep their values of `parts`."""
+        parts = [part.copy() for part in parts]
         shape = (len(self.members), 6, self.points)
-        count = math.prod(shape)
-        size = count * np.dtype(self.real).itemsize
-        read = self.device.handle.queue.read_buffer
-        parts = (np.frombuffer(read(b, 0, size), self.real) for b in self._kept)
-        return [part.reshape(shape).copy() for part in parts]
+        size = math.prod(shape) * np.dtype(self.real).itemsize
+        for part, buffer in zip(parts, self._kept, strict=True):
+            values = np.frombuffer(self.device.handle.queue.read_buffer(buffer, 0, size), self.real)
+            part[self.members] = values.reshape(shape)
+        return parts
 
-    def _write(self, buffer: Any, values: np.ndarray, offset: int = 0) -> None:
-        self.device.handle.queue.write_buffer(buffer, offset, np.ascontiguousarray(values))
+    def _write(self, buffer: Any, values: np.ndarray) -> None:
+        self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
 
     # Stepping -------------------------------------------------------------------------------------
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
+        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member of the batch."""
         numbers = parameters.step_constants(dt, self.real)
         constants = np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
         self._write(self.constants, constants)
-        limits = [plan.runaway_speed(dt, most) for plan, most in zip(self.plans, stable_dt)]
+        limits = [plan.runaway_speed(dt, stable_dt[member]) for plan, member in zip(self.plans, self.members)]
         pairs = zip(self.scenes, limits, strict=True)
         tables = [parameters.scene_parameters(scene, limit, self.real) for scene, limit in pairs]
         self._write(self.parameters, np.concatenate(tables))
-        self._dt = dt
-        if self.features.continuous:
-            self._write(self.contact_table, self._energies)
         if self.features.spheres and not self.features.moving:
-            self._write_contacts([0.0, 0.0])
-
-    def begin(self, times: Sequence[float]) -> None:
-        """Prepare the steps between `times`."""
-        if self.features.moving:
-            self._write_contacts(times)
-        self._write(self.results, self._results)
+            self._write_contacts([0.0])
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        table = parameters.contacts(self.scenes, self.plans, self.origins, times, self._dt, self.single, self.wide)
-        self._write(self.contact_table, table, self._energies.nbytes)
+        self._write(
+            self.contact_table, parameters.contacts(self.scenes, self.plans, self.origins, times, self.single, self.wide)
+        )
 
-    def save(self, encoder: Any) -> None:
-        """Copy the state, on the adapter, to the buffers that `restore` reads."""
+    def run(self, times: Sequence[float]) -> tuple[int, int] | None:
+        """Save a checkpoint and take the steps between `times`. `accept` keeps them, and `take_back` undoes them.
+
+        Returns
+        -------
+        (int, int) or None
+            Member of the batch and mass point of the first bad state.
+        """
+        handle, steps = self.device.handle, len(times) - 1
+        if self.features.moving:
+            self._write_contacts(times[1:])
+        self._write(self.results, self._results)
+        encoder = handle.create_command_encoder()
         for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
+        for first in range(0, steps, STEPS_PER_SUBMISSION):
+            count = min(STEPS_PER_SUBMISSION, steps - first)
+            last = first + count == steps
+            self._record(encoder, count, last)
+            if not last:
+                handle.queue.submit([encoder.finish()])
+                self._ahead = True
+                encoder = handle.create_command_encoder()
+        encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, self._results.nbytes)
+        handle.queue.submit([encoder.finish()])
+        self._ahead = True
+        return self.bad_point()
 
-    def restore(self, encoder: Any) -> None:
+    def _record(self, encoder: Any, steps: int, check: bool) -> None:
+        """Record `steps` steps, and the search for bad points if `check`."""
+        work = encoder.begin_compute_pass()
+        work.set_bind_group(0, self.bindings)
+        for stage in [*self.pipelines.stages * steps, *[self.pipelines.check] * check]:
+            work.set_pipeline(stage)
+            work.dispatch_workgroups(*self.groups)
+        work.end()
+
+    def bad_point(self) -> tuple[int, int] | None:
+        """Read the results of the last steps: the first member with a bad point, and the point."""
+        self.readback.map_sync("READ")
+        results = np.frombuffer(self.readback.read_mapped(), np.uint32)
+        self.readback.unmap()
+        bad, contacts = results[1 : len(self._results)].reshape(2, len(self.members))
+        self.contacts = contacts.astype(np.int64)
+        for k in np.flatnonzero(bad != NONE_BAD)[:1]:
+            return self.members[k], int(bad[k])
+        return None
+
+    def take_back(self) -> None:
+        """Return to the checkpoint of `run`, unless its steps were accepted."""
+        if not self._ahead:
+            return
+        encoder = self.device.handle.create_command_encoder()
         for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(copy, 0, buffer, 0, buffer.size)
+        self.device.handle.queue.submit([encoder.finish()])
+        self._ahead = False
 
-    def dispatch(self, work: Any, steps: int) -> None:
-        """Record `steps` steps into a compute pass."""
-        work.set_bind_group(0, self.bindings)
-        for _ in range(steps):
-            for stage in self.pipelines.stages:
-                work.set_pipeline(stage)
-                work.dispatch_workgroups(*self.groups)
-            if self.pipelines.settle:
-                work.set_pipeline(self.pipelines.settle)
-                work.dispatch_workgroups(1, 1, self.groups[2])
-
-    def check(self, work: Any) -> None:
-        """Record the search for bad points."""
-        work.set_bind_group(0, self.bindings)
-        work.set_pipeline(self.pipelines.check)
-        work.dispatch_workgroups(*self.groups)
-
-    def copy_results(self, encoder: Any) -> None:
-        encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, 4 * self._told)
-
-    def told(self) -> tuple[dict[str, Any] | None, tuple[int, int] | None]:
-        """The first member with a bad point, and the first member with a sphere in a pinned point, each with its point.
-        Valid once the results are copied.
-        """
-        self.readback.map_sync("READ")
-        results = np.frombuffer(self.readback.read_mapped(), np.uint32)[1 : self._told]
-        self.readback.unmap()
-        tables = results.reshape(4, len(self.members))
-        self.contacts = tables[_CONTACTS].astype(np.int64)
-        bad = None
-        trouble = np.minimum(tables[_BAD], tables[_TRAPPED])
-        for k in np.flatnonzero(trouble != NONE_BAD)[:1]:
-            trapped = bool(tables[_BAD, k] == NONE_BAD)
-            point = tables[_TRAPPED if trapped else _BAD, k]
-            bad = {"member": self.members[k], "point": int(point), "trapped": trapped}
-        pinned = None
-        for k in np.flatnonzero(tables[_PINNED_INSIDE] != NONE_BAD)[:1]:
-            pinned = self.members[k], int(tables[_PINNED_INSIDE, k])
-        return bad, pinned
+    def accept(self, contacts: list[int]) -> None:
+        """Keep the steps of the last `run`, and add their contact responses to the count of each member."""
+        self._ahead = False
+        for member, count in zip(self.members, self.contacts, strict=True):
+            contacts[member] += int(count)

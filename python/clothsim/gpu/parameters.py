@@ -19,15 +19,13 @@ _SPRINGS = _core.spring_kinds
 
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_SPRINGS)
-CONTACT_SIZE = 16
+CONTACT_SIZE = 13
 
 _SHARED = {
     "group_size": _core.group_size,
     "first_spring": FIRST_SPRING,
     "first_weight": FIRST_WEIGHT,
     "contact_size": CONTACT_SIZE,
-    "most_contacts": _core.most_contacts,
-    "settle_rounds": _core.resolve_rounds,
 }
 """Numbers that the shader shares with the core or with the host."""
 
@@ -81,11 +79,10 @@ def contacts(
     plans: Sequence[_core.Plan],
     origins: np.ndarray,
     times: Sequence[float],
-    dt: float,
     single: bool,
     wide: npt.DTypeLike,
 ) -> np.ndarray:
-    """The spheres' part of `contacts`: shape (steps, scenes, spheres, 16).
+    """`contacts` (contact.wgsl): shape (times, scenes, spheres, CONTACT_SIZE).
 
     Parameters
     ----------
@@ -94,9 +91,7 @@ def contacts(
     origins : numpy.ndarray
         Origins of the positions [m], shape (scenes, 3).
     times : sequence of float
-        Time before the first step and after each [s].
-    dt : float
-        Time step [s].
+        Time after each step [s].
     single : bool
         Whether a step's arithmetic is float32.
     wide : numpy dtype
@@ -104,35 +99,17 @@ def contacts(
     """
     real = np.float32 if single else np.float64
     eps = float(np.finfo(real).eps)
-    shape = (len(times) - 1, len(scenes), len(scenes[0].spheres), CONTACT_SIZE)
+    shape = (len(times), len(scenes), len(scenes[0].spheres), CONTACT_SIZE)
     table = np.zeros(shape, wide)
     for k, (scene, plan) in enumerate(zip(scenes, plans, strict=True)):
         states = plan.sphere_states(list(times))
         for s, sphere in enumerate(scene.spheres):
             centers = states[:, s, :3] - origins[k]
-            start, end = centers[:-1], centers[1:]
             radius = point_radius(sphere, scene.cloth)
             row = table[:, k, s]
             row[:, 9:12] = radius, sphere.restitution, sphere.friction
-            if sphere.response == "continuous":
-                row[:, 0:3], row[:, 3:6], row[:, 6:9] = start, end, (end - start) / dt
-                slop = _core.slop_epsilons * eps * (np.abs(end).sum(axis=1) + radius)
-                row[:, 12] = dt
-                row[:, 13], row[:, 14] = radius + slop, slop
-                row[:, 15] = sphere.push_out_speed * dt
-            else:
-                row[:, 0:3] = end
-                row[:, 3:6] = end - row[:, 0:3]
-                row[:, 6:9] = states[1:, s, 3:]
-                row[:, 12] = real(radius * radius * (1 + _core.outer_epsilons * eps))
+            row[:, 0:3] = centers
+            row[:, 3:6] = centers - row[:, 0:3]
+            row[:, 6:9] = states[:, s, 3:]
+            row[:, 12] = real(radius * radius * (1 + _core.outer_epsilons * eps))
     return table
-
-
-def energies(scene: Scene) -> npt.NDArray[np.float64]:
-    """Terms of a point's energy (left_over.wgsl), one scene's part of `contacts`."""
-    cloth = scene.cloth
-    stiffness = [cloth.family_stiffness.get(family, 0.0) for family, *_ in _SPRINGS]
-    masses = cloth.mass_per_point.ravel()
-    if cloth.uniform_mass:
-        masses = masses[:1]
-    return np.concatenate([scene.gravity, stiffness, rest_lengths(scene), masses])

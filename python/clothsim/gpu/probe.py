@@ -14,7 +14,7 @@ from ..model.scene import Scene
 from . import parameters
 from .block import workgroups
 from .device import Device, opened, translated
-from .shader import Features, shader_text, source
+from .shader import Features, keep, shader_text, source
 
 _COUNT = 1 << 14
 # Of `results` in layout.wgsl.
@@ -28,7 +28,7 @@ _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "reciprocal of root": ("T(1.0) / sqrt(a)", lambda a, b: a.dtype.type(1) / np.sqrt(a)),
     "product and sum": ("a * b + a", lambda a, b: a * b + a),
     "compensation": ("b - ((a + b) - a)", lambda a, b: b - ((a + b) - a)),
-    "compensation, kept": ("b - (keep(a + b, z) - a)", lambda a, b: b - ((a + b) - a)),
+    "compensation, kept": ("b - (keep(a + b) - a)", lambda a, b: b - ((a + b) - a)),
     "subnormal": ("a * T(1e-40)", lambda a, b: a * a.dtype.type(1e-40)),
 }
 
@@ -38,8 +38,6 @@ _PROBE = """
 @group(0) @binding(2) var<storage, read> second: array<T>;
 @group(0) @binding(3) var<storage, read_write> out: array<T>;
 
-fn keep(a: T, z: u32) -> T { return KEEP; }
-
 @compute @workgroup_size(256, 1, 1)
 fn probe(@builtin(global_invocation_id) id: vec3<u32>) {
     let a = first[id.x];
@@ -48,7 +46,6 @@ fn probe(@builtin(global_invocation_id) id: vec3<u32>) {
     OUT
 }
 """
-_KEEP = {"f32": "bitcast<f32>(bitcast<u32>(a) | z)", "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))"}
 
 
 def _run(
@@ -169,8 +166,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             # A function of every binding, so that none is left out of the automatic layout.
             write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
             out = f"let value = {wgsl}; {write}"
-            code = _PROBE.replace("OUT", out).replace("KEEP", _KEEP[word])
-            code = f"alias T = {word};\n{code}"
+            code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
             result, exact = np.frombuffer(raw, name), numpy(a, b)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -11,10 +12,10 @@ from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device, translated
 from .parameters import shared_numbers
-from .springs import spring_energies, springs
+from .springs import springs
 
 STAGES = (1, 2, 3, 4)
-RESPONSES = ("reflect", "ray", "continuous")  # of contact.wgsl and continuous.wgsl
+RESPONSES = ("reflect", "ray")  # of contact.wgsl
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class SphereFeatures:
 
 @dataclass(frozen=True)
 class Features:
-    """Features of a scene; scenes of equal features share pipelines and dispatches."""
+    """Features of a scene; all members of a batch have equal features, so that a dispatch serves all of them."""
 
     families: tuple[str, ...]
     spring_damping: bool
@@ -58,45 +59,14 @@ class Features:
             switches[name] = getattr(self, name)
         return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
 
-    @property
-    def continuous(self) -> tuple[int, ...]:
-        """Places of the spheres whose response is continuous."""
-        return tuple(k for k, s in enumerate(self.spheres) if s.response == "continuous")
-
     def after_contacts(self) -> str:
-        """WGSL of the collision pass: spheres with "reflect" or "ray" in their order, then the continuous spheres."""
-
-        def word(flag: bool) -> str:
-            return "true" if flag else "false"
-
-        lines = [
-            "fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {",
-            "    var result = body;",
-            "    if (!is_pinned(id)) {",
-        ]
+        """WGSL of the collision pass: the responses of all spheres, in their order."""
+        lines = ["fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
+        lines.append("    if (!is_pinned(id)) {")
         for k, s in enumerate(self.spheres):
-            if k not in self.continuous:
-                flags = ", ".join(map(word, (s.response == "ray", s.as_printed, s.rough)))
-                met = f"met(result, contact_of(id.z, {k}u), id.z, {flags})"
-                lines.append(f"        result = {met};")
-        lines.append("    }")
-        if self.continuous:
-            lines.append("    result = after_continuous(result, before, id);")
-        lines += ["    return result;", "}"]
-        if self.continuous:
-            lines += _choice("continuous_spheres", "swept_sphere", self.continuous)
-        return "\n".join(lines)
-
-
-def _choice(count: str, name: str, places: tuple[int, ...]) -> list[str]:
-    """WGSL with the number of spheres of a kind, and a function that returns the k-th of them."""
-    return [
-        f"const {count} = {len(places)}u;",
-        f"fn {name}(member: u32, k: u32) -> Swept {{",
-        *(f"    if (k == {n}u) {{ return swept_of(member, {place}u); }}" for n, place in enumerate(places[1:], start=1)),
-        f"    return swept_of(member, {places[0]}u);",
-        "}",
-    ]
+            flags = ", ".join(str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough))
+            lines.append(f"        result = respond(result, contact_of(id.z, {k}u), id.z, {flags});")
+        return "\n".join([*lines, "    }", "    return result;", "}"])
 
 
 @cache
@@ -105,25 +75,45 @@ def shader_text(name: str) -> str:
     return files(__package__).joinpath("shaders", f"{name}.wgsl").read_text(encoding="utf-8")
 
 
-def arithmetic_file(precision: str, float64: bool) -> str:
-    """The file that defines the arithmetic of a precision."""
-    if precision == "double":
-        return "double"
-    return "single" if float64 else "single_f32"
+_KEEP = {"f32": "bitcast<f32>(bitcast<u32>(a) | z)", "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))"}
+_EXPONENT = {"f32": ("bitcast<u32>(a)", "0x7f800000u"), "f64": ("u32(bitcast<u64>(a) >> 32u)", "0x7ff00000u")}
+
+
+def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
+    """WGSL of a function that returns its argument of type `word`, and hides that from the compiler.
+
+    The value passes through integers and a zero from a buffer. So the compiler cannot replace (a + b) - a by b, and
+    cannot fuse a product with a sum.
+    """
+    return f"fn {name}(a: {word}) -> {word} {{ let z = {zero}; return {_KEEP[word]}; }}"
+
+
+def arithmetic_of(precision: str, float64: bool) -> str:
+    """WGSL of the types of a precision: `real` of a step, `wide` of a response. "single" is compensated float32."""
+    real = "f64" if precision == "double" else "f32"
+    wide = "f64" if float64 else "f32"
+    bits, exponent = _EXPONENT[real]
+    return "\n".join(
+        [
+            f"alias real = {real};",
+            f"alias wide = {wide};",
+            f"const compensated = {str(precision == 'single').lower()};",
+            keep(real),
+            keep(wide, "keep_wide"),
+            f"fn is_finite(a: real) -> bool {{ return ({bits} & {exponent}) != {exponent}; }}",
+        ]
+    )
 
 
 def source(features: Features, precision: str, float64: bool) -> str:
     """The whole WGSL of a step."""
-    names = [arithmetic_file(precision, float64), "layout", "contact", "step", "check"]
-    written = [shared_numbers(), springs(), features.after_contacts()]
-    if features.continuous:
-        names += ["continuous", "left_over"]
-        written.append(spring_energies())
-    return "\n".join([*map(shader_text, names), *written])
+    names = ["layout", "contact", "wide" if float64 else "narrow", "step", "check"]
+    written = [arithmetic_of(precision, float64), shared_numbers(), springs()]
+    return "\n".join([*written, *map(shader_text, names), features.after_contacts()])
 
 
 class Pipelines:
-    """Compiled pipelines for given features: the four stages of a step, the contact passes and the check."""
+    """Compiled pipelines for given features: the four stages of a step and the check."""
 
     def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
         handle = device.handle
@@ -144,9 +134,6 @@ class Pipelines:
             constants = features.constants(strict)
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
             self.check = pipeline("check", {})
-            self.settle = None
-            if features.continuous:
-                self.settle = pipeline("settle", {**constants, "stage": 4})
 
 
 def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:
@@ -156,3 +143,29 @@ def pipelines(device: Device, features: Features, precision: str, strict: bool) 
         device.pipelines[key] = Pipelines(device, features, precision, strict)
     found: Pipelines = device.pipelines[key]
     return found
+
+
+def check_scenes(scenes: Sequence[Scene]) -> None:
+    """Raise a ValueError if the shader lacks a feature of a scene, or if the features of the scenes differ."""
+    first = Features.of(scenes[0])
+    for member, scene in enumerate(scenes):
+        if scene.cloth.driven:
+            pin = next(iter(scene.cloth.driven))
+            raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
+        if scene.force is not None:
+            raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
+        for k, sphere in enumerate(scene.spheres):
+            if sphere.response not in RESPONSES:
+                accepted = " or ".join(map(repr, RESPONSES))
+                raise ValueError(
+                    f"response of spheres[{k}] must be {accepted} with backend 'gpu', got {sphere.response!r}; "
+                    "backend='cpu' has it"
+                )
+        own = Features.of(scene)
+        for name in first.__dataclass_fields__:
+            expected, got = getattr(first, name), getattr(own, name)
+            if got != expected:
+                raise ValueError(
+                    f"{name} of all members must be equal with backend 'gpu', where a dispatch serves all members: "
+                    f"member 0 has {expected}, got {got} for member {member}; step them apart, or with backend='cpu'"
+                )

@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
 from ..model.scene import Scene
 from . import device as devices
-from .batches import MOST_STEPS_UNCHECKED, Blocks
+from .block import MOST_STEPS_UNCHECKED, Block
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .interrupts import Interrupts
 from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
 from .safe import SafeCopy
-from .watch import EnergyWatches
+from .shader import check_scenes
 
 # The state is looked at after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
@@ -60,6 +59,7 @@ class Simulation:
                 f"precision must be 'single' on the graphics adapter {self.adapter.name}, "
                 "whose shaders have no float64, got 'double'"
             )
+        check_scenes(scenes)
         self._scenes = list(scenes)
         self._precision, self._strict = precision, strict
         self._single = precision == "single"
@@ -68,21 +68,28 @@ class Simulation:
         self._stable_dt = [math.inf] * self._members
         self._frozen = [False] * self._members
         self._contacts = [0] * self._members
-        self._watches = EnergyWatches(self._scenes)
         self._origins = np.zeros((self._members, 3))
-        self._blocks = Blocks(self.device, self._scenes, precision, strict)
-        self._make_blocks()
+        self._make_block()
         self._busy = threading.Lock()
         self._steps_unchecked = 1
         self._lost = False
 
-    def _make_blocks(self) -> None:
+    def _make_block(self) -> None:
+        self._block: Block | None = None  # frees the memory of the one that there is
         try:
-            self._blocks.make(self._frozen, self._origins)
+            self._block = self._new_block(self._scenes)
         except MemoryError:
             self._lost = True
             raise
         self._step_set = 0.0
+
+    def _new_block(self, scenes: Sequence[Scene]) -> Block | None:
+        """The members that are not frozen; None: all are."""
+        members = [member for member, frozen in enumerate(self._frozen) if not frozen]
+        chosen = [scenes[member] for member in members]
+        if not members:
+            return None
+        return Block(self.device, members, chosen, self._origins[members], self._precision, self._strict)
 
     # State in and out -----------------------------------------------------------------------------
 
@@ -107,12 +114,12 @@ class Simulation:
         """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
         with self._used():
             self._need_adapter()
+            check_scenes(scenes)
             parts = [np.array(part) for part in self._state()]
-            blocks = Blocks(self.device, scenes, self._precision, self._strict)
-            blocks.make(self._frozen, self._origins)
+            block = self._new_block(scenes)
             for part in parts:
                 stop_pinned_points(part, scenes)
-            self._scenes, self._blocks, self._watches = list(scenes), blocks, EnergyWatches(scenes)
+            self._scenes, self._block = list(scenes), block
             self._contacts = [0] * self._members
             self.set_stable_dt(stable_dt)
             self._take(parts)
@@ -120,19 +127,16 @@ class Simulation:
     def _set_origins(self, origins: np.ndarray) -> None:
         if (origins != self._origins).any():
             self._origins = origins
-            self._make_blocks()
+            self._make_block()
 
     def _take(self, parts: Sequence[np.ndarray]) -> None:
-        self._watches.restart()
-        self._put(parts)
-
-    def _put(self, parts: Sequence[np.ndarray]) -> None:
         self._safe = SafeCopy([np.array(part) for part in parts], self._clock)
-        self._blocks.upload(parts)
+        if self._block:
+            self._block.upload(parts)
 
     def _copy_back(self) -> None:
         start = time.monotonic()
-        parts = self._blocks.download(self._safe.parts)
+        parts = self._block.download(self._safe.parts) if self._block else self._safe.parts
         self._safe = SafeCopy(parts, self._clock, time.monotonic() - start)
 
     def _state(self) -> list[np.ndarray]:
@@ -179,7 +183,7 @@ class Simulation:
             names = ("", "_low") if self._single else ("",)
             parts = [planes_of(fields["positions" + n], fields["velocities" + n], self._scenes) for n in names]
             self._frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
-            self._make_blocks()
+            self._make_block()
             self._clock = Clock(float(fields["clock_origin"]), int(fields["clock_steps"]), float(fields["clock_step"]))
             self._take([part.astype(self._safe.parts[0].dtype) for part in parts])
 
@@ -222,8 +226,8 @@ class Simulation:
             parts = self._state()
             self._frozen[member] = frozen
             if not self._lost:
-                self._make_blocks()
-                self._put(parts)
+                self._make_block()
+                self._take(parts)
 
     @property
     def frozen(self) -> list[bool]:
@@ -231,7 +235,7 @@ class Simulation:
 
     @property
     def contacts(self) -> list[int]:
-        """Number of responses to mass points so far, without continuous contacts."""
+        """Number of responses to mass points so far."""
         return list(self._contacts)
 
     def set_watch(self, every: int, interval: float) -> None:
@@ -244,18 +248,12 @@ class Simulation:
     def watched(self) -> list[dict[str, Any]]:
         """Extremes per member, with the keys of the core. Each is NaN with a "reason", because the adapter does not
         watch them.
-
-        Contacts with "continuous" spheres are assumed, as the adapter does not count them.
         """
         names = ("first_contact", "point_depth", "triangle_depth", "stretch", "energy_gained")
         untold = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
         none_inside = {"point_depth": 0.0, "triangle_depth": 0.0}
         return [
-            {
-                **untold,
-                **(none_inside if not scene.spheres else {}),
-                "in_contact": count > 0 or any(s.response == "continuous" for s in scene.spheres),
-            }
+            {**untold, **(none_inside if not scene.spheres else {}), "in_contact": count > 0}
             for scene, count in zip(self._scenes, self._contacts, strict=True)
         ]
 
@@ -266,22 +264,12 @@ class Simulation:
         with self._used(), Interrupts() as interrupts, self._all_or_nothing():
             self._need_adapter()
             self._set_step(dt)
-            self._pinned_inside: tuple[int, int] | None = None
-            outcome = self._advance(steps, interrupts)
-            if self._pinned_inside:
-                outcome["pinned_inside"] = self._pinned_inside
-            return outcome
+            return self._advance(steps, interrupts)
 
     def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
         done = 0
-        self._watched = self._watches.choose(self._clock.dt, self._stable_dt, self._frozen, self._contacts)
-        if self._watched and steps > 0:
-            self._runaway()  # notes the energies to begin with
         while done < steps:
             count = min(self._steps_unchecked, steps - done)
-            if self._watched:  # at the same steps whatever the clock on the wall says
-                count = _core.steps_between_checks - self._clock.steps % _core.steps_between_checks
-                count = min(count, steps - done)
             start = time.monotonic()
             if self._try(count):
                 found = self._rewind_to_last_good(count)
@@ -299,36 +287,31 @@ class Simulation:
     def _set_step(self, dt: float) -> None:
         self._clock = self._clock.with_step(dt)
         if dt != self._step_set:
-            self._blocks.set_step(dt, self._stable_dt)
+            if self._block:
+                self._block.set_step(dt, self._stable_dt)
             self._step_set = dt
 
-    def _try(self, steps: int) -> dict[str, Any] | None:
+    def _try(self, steps: int) -> tuple[int, int] | None:
         """Take `steps` steps that can be undone; return the first member with a bad point, and the point."""
-        told = self._blocks.run([self._clock.at(k) for k in range(steps + 1)])
-        self._pinned_inside = self._pinned_inside or told.pinned_inside
-        found = [told.bad] if told.bad else []
-        if self._watched and (runaway := self._runaway()):
-            found.append(runaway)
-        return min(found, key=lambda one: one["member"], default=None)
+        return self._block.run([self._clock.at(k) for k in range(steps + 1)]) if self._block else None
 
     def _accept(self, steps: int) -> None:
-        self._blocks.accept(self._contacts)
+        if self._block:
+            self._block.accept(self._contacts)
         self._clock = self._clock.after(steps)
 
-    def _runaway(self) -> dict[str, Any] | None:
-        """The first watched member whose energy has run away, in the form of `Told.bad`."""
-        parts = self._blocks.download(self._safe.parts)
-        found = self._watches.runaway(joined(parts, self._origins), self._contacts)
-        return found and {"member": found[0], "point": found[1], "trapped": False}
+    def _take_back(self) -> None:
+        if self._block:
+            self._block.take_back()
 
     def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
         """Find the failing step and stop before it. Repeated steps give the same bits, so the search is exact."""
-        self._blocks.take_back()
+        self._take_back()
         for k in range(1, steps + 1):
             bad = self._try(1)
             if bad:
-                self._blocks.take_back()
-                return {**bad, "step": k, "time": self._clock.at(1)}
+                self._take_back()
+                return {"member": bad[0], "point": bad[1], "trapped": False, "step": k, "time": self._clock.at(1)}
             self._accept(1)
         raise RuntimeError(f"the graphics adapter {self.adapter.name} gave another result for the same steps")
 
@@ -357,7 +340,7 @@ class Simulation:
         try:
             yield
         except Exception:
-            self._blocks.take_back()
+            self._take_back()
             raise
 
     def _need_adapter(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from .. import _core
@@ -17,43 +17,28 @@ def springs(neighbours: Sequence[Neighbour] = _core.neighbours) -> str:
     The forces add up in the order of `neighbours`, which is a part of the strict class.
     """
     families = dict.fromkeys(family for _, _, family, _ in neighbours)
-    kinds = 1 + max(kind for *_, kind in neighbours)
     return "\n".join(
         [
             "// From cpp/model/stencil.hpp.",
             *(f"override {family}: bool = true;" for family in families),
-            f"const spring_kinds = {kinds}u;",
             "",
             "fn spring_forces(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {",
             "    let first = id.z * constants.parameter_stride + first_spring;",
             "    let columns = constants.columns;",
             "    let at = place(id);",
             "    var a = vec3<real>();",
-            *_by_family(neighbours, _pull),
+            *_by_family(neighbours),
             "    return a;",
             "}",
         ]
     )
 
 
-def spring_energies(neighbours: Sequence[Neighbour] = _core.neighbours) -> str:
-    """WGSL of the energy of all springs of a mass point, if it were at x."""
-    return "\n".join(
-        [
-            "fn spring_energies(o: Owner, x: vec3<wide>) -> wide {",
-            "    var energy = zero;",
-            *_by_family(neighbours, lambda row, column, kind: f"energy += spring_energy(o, x, {row}, {column}, {kind}u);"),
-            "    return energy;",
-            "}",
-        ]
-    )
-
-
-def _by_family(neighbours: Iterable[Neighbour], line: Callable[[int, int, int], str]) -> list[str]:
+def _by_family(neighbours: Iterable[Neighbour]) -> list[str]:
     lines = []
     for family, group in groupby(neighbours, lambda neighbour: neighbour[2]):
         lines.append(f"    if ({family}) {{")
-        lines += [f"        {line(row, column, kind)}" for row, column, _, kind in group]
+        lines += [f"        {_pull(row, column, kind)}" for row, column, _, kind in group]
         lines.append("    }")
     return lines
 

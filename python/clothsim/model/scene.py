@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -225,6 +226,45 @@ class Scene(Record):
         from ..viewing.notebook import scene_bundle
 
         return scene_bundle(self)
+
+    def to_live_html(self, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
+        """Write one self-contained page that simulates the scene in a browser.
+
+        The page runs the compute shader of `backend="gpu"` by WebGPU, in compensated float32, and makes no request.
+        A pointer turns and zooms the view, and drags spheres and pinned mass points. Sliders change stiffness, damping,
+        gravity, time step and radius. Without WebGPU the page says what is missing, and shows a picture of the scene.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write.
+        dt : float, optional
+            Time step [s], > 0. Default: half of the guaranteed stable step.
+        title : str, optional
+            Heading of the page. Default: the shape of the cloth.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument is not as above. Also for a scene that the shader lacks: with `force`, or with the response
+            "continuous".
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = cs.scenes.paper_static().to_live_html(folder + "/live.html")
+        ...     path.name, path.stat().st_size < 400_000
+        ('live.html', True)
+        """
+        from ..gpu.live_page import live_page
+
+        return live_page(self, path, dt, title)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +23,7 @@ from ..base.files import write_bytes
 from ..base.keywords import suggests
 from ..base.plots import COLORS
 from ..base.progress import ProgressBar
+from ..model.scene import Scene
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
@@ -224,30 +225,38 @@ def run_to_frame(run: Run, height: int) -> Frame:
 def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None, difference: bool = False) -> str:
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
     meta, data = _contents(runs, cameras, advance, difference)
+    posters = [poster(r.scene, r.x[-1], float(r.t[-1]), camera) for r, camera in zip(runs.values(), cameras, strict=True)]
     panels = "".join(
         f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
         f'<span id="says-{k}"></span>'
-        f'</figcaption><div class="stage">{_poster(run, cameras[k])}<canvas id="canvas-{k}" '
+        f'</figcaption><div class="stage">{posters[k]}<canvas id="canvas-{k}" '
         f'tabindex="0" role="application" aria-label="Cloth and spheres of {escape(label or title)}. {TURNED_BY}">'
         "</canvas></div></figure>"
-        for k, (label, run) in enumerate(runs.items())
+        for k, label in enumerate(runs)
     )
     size = len(runs) if len(runs) <= 4 else MOST_RUNS
-    scripts = "\n".join(map(_file, ("draw.js", "charts.js", "page.js")))
+    body = (
+        f"<header><h1>{escape(title)}</h1>{views()}</header>\n"
+        f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
+        f"{controls(meta, runs)}\n{few(runs)}"
+        f'<div id="curves"></div>\n<p class="small">{escape(small_print(meta))}</p>\n'
+        f"{data}"
+        f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
+    )
+    return page_text(title, body, ("draw.js", "orbit.js", "charts.js", "page.js"))
+
+
+def page_text(title: str, body: str, scripts: Sequence[str]) -> str:
+    """The text of a self-contained page that makes no request; `scripts` are files of web/."""
+    code = "\n".join(map(_file, scripts))
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
         "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:\">\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
-        f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n"
-        f"<header><h1>{escape(title)}</h1>{views()}</header>\n"
-        f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
-        f"{controls(meta, runs)}\n{few(runs)}"
-        f'<div id="curves"></div>\n<p class="small">{escape(small_print(meta))}</p>\n'
-        f"{data}"
-        f'<script type="application/json" id="meta">{_json(meta)}</script>\n'
-        f"<script>\nconst LOOK = {_json(LOOK)};\n{scripts}</script>\n</body>\n</html>\n"
+        f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n{body}"
+        f"<script>\nconst LOOK = {json_text(LOOK)};\n{code}</script>\n</body>\n</html>\n"
     )
 
 
@@ -320,10 +329,10 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     }
 
 
-def _poster(run: Run, camera: Camera) -> str:
-    """The last frame as a picture, for readers without scripts or WebGL."""
-    png = picture(run.scene, run.x[-1], float(run.t[-1]), camera=camera, width=POSTER_WIDTH)._repr_png_()
-    return f'<img alt="Last frame" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
+def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
+    """A state as a picture, for readers without scripts, WebGL or WebGPU."""
+    png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
+    return f'<img alt="Cloth and spheres at t = {t:g} s" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:
@@ -332,7 +341,8 @@ def _rounded(values: Any, digits: int) -> list[float | None]:
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
 
 
-def _json(meta: Mapping[str, Any]) -> str:
+def json_text(meta: Mapping[str, Any]) -> str:
+    """JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 

@@ -1,5 +1,5 @@
-// The collision pass of section 5 of Kim et al. (cpp/contact is the same on the CPU). `after_contacts`, which
-// meets the scene's spheres in their order, is written by the host.
+// The collision pass of section 5 of Kim et al. (cpp/contact is the same on the CPU). The host writes `after_contacts`,
+// which goes through the scene's spheres in their order.
 struct Body {
     position: vec3<real>,
     position_low: vec3<real>,
@@ -25,7 +25,7 @@ struct Answer {
 }
 
 fn contact_place(member: u32, sphere: u32) -> u32 {
-    let at = constants.first_contact + member * constants.contact_member_stride + sphere * contact_size;
+    let at = member * constants.contact_member_stride + sphere * contact_size;
     if (moving) {
         return at + (atomicLoad(&results[0]) - 1u) * constants.contact_step_stride;
     }
@@ -75,7 +75,7 @@ fn outward_normal(m: vec3<wide>) -> vec3<wide> {
     return vec3<wide>(wide(0.0), wide(1.0), wide(0.0));
 }
 
-// Velocity that a response looks at: relative to the sphere, or absolute as printed.
+// Velocity that a response reflects: relative to the sphere, or absolute as printed.
 fn relative(contact: Contact, velocity: vec3<wide>, as_printed: bool) -> vec3<wide> {
     if (as_printed) {
         return velocity;
@@ -136,21 +136,21 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed:
     return Answer(true, on_surface, turned);
 }
 
-// The body after it has met one sphere. `ray`: method 2, else method 1, which leaves the position alone.
-fn met(body: Body, contact: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
+// The body after the response to one sphere. `ray`: method 2, else method 1, which leaves the position alone.
+fn respond(body: Body, contact: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
     let from_center = body.position - vec3<real>(contact.center);
     if (!(inner(from_center, from_center) < real(contact.outer_radius_squared))) {
-        return body;  // so say single numbers, with a margin; nearly all points end here
+        return body;  // outside by rounded numbers, with a margin: nearly all points end here
     }
     let m = position_from(body, contact);
     if (!(wide_inner(m, m) < wide_product(contact.radius, contact.radius))) {
         return body;
     }
-    atomicAdd(&results[1u + 3u * constants.members + member], 1u);
+    atomicAdd(&results[1u + constants.members + member], 1u);
     let velocity = velocity_of(body);
     if (ray) {
-        return answered(body, contact, ray_answer(contact, m, velocity, as_printed, rough));
+        return moved_body(body, contact, ray_answer(contact, m, velocity, as_printed, rough));
     }
     let turned = reflected(contact, velocity, outward_normal(m), as_printed, rough);
-    return answered(body, contact, Answer(false, m, turned));
+    return moved_body(body, contact, Answer(false, m, turned));
 }

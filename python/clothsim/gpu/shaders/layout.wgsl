@@ -1,15 +1,14 @@
-// What the passes read and write. One invocation is one mass point, one workgroup 16 x 16 x 1 of them, the
-// third dimension of a dispatch is the member of a batch:
+// The buffers of the passes. One invocation is one mass point, one workgroup 16 x 16 x 1 of them, and the third
+// dimension of a dispatch is the member of a batch:
 //
 //   dispatch id (x, y) = workgroup (x, y) * 16 + local id (x, y)        row = y, column = x
 //   index              = y * width + x                                  width = columns
 //
-// A state is six planes (x, y, z, vx, vy, vz) of one value a point, member after member, so that
-// neighbouring invocations read neighbouring memory. `real` is the arithmetic of a step, `wide` that of a
-// collision response; the file of a precision defines both.
+// A state is six planes (x, y, z, vx, vy, vz) of one value a point, member after member, so that neighbouring
+// invocations read neighbouring memory. `real` is the arithmetic of a step, `wide` that of a collision response.
 
-// What a scene leaves out is compiled out: the host sets these when it makes a pipeline. The host writes the
-// constants of the spring families, `spring_kinds`, and the numbers that it or the core needs too (parameters.py).
+// Absent features are compiled out: the host sets these constants when it makes a pipeline. The host also writes the
+// aliases `real` and `wide`, `keep`, the springs and the numbers that it shares with the core (shader.py).
 override stage: u32 = 1u;
 override spring_damping: bool = true;
 override drag: bool = true;
@@ -30,20 +29,10 @@ struct Constants {
     contact_step_stride: u32,    // from step to step
     zero: u32,                   // 0; no compiler knows
     members: u32,
-    energy_stride: u32,          // of `contacts`, from member to member; 0: they share one scene
-    first_contact: u32,          // of `contacts`
 }
 
-// A kind of spring, whose springs share a rest length.
-struct Spring {
-    stiffness: real,
-    rest_length: real,
-    damping: real,
-}
-
-// `parameters` of a member: gravity (3), drag, the largest speed, from `first_spring` on 3 numbers per kind of
-// spring, and from `first_weight` on one weight a point: 0 where it is pinned, else 1/mass (used if it is per point).
-
+// `parameters` of a member: gravity (3), drag, the largest speed, from `first_spring` on stiffness, rest length and
+// damping of each kind of spring, and from `first_weight` on one weight a point: 0 where it is pinned, else 1/mass.
 @group(0) @binding(0) var<uniform> constants: Constants;
 @group(0) @binding(1) var<storage, read_write> state: array<real>;
 @group(0) @binding(2) var<storage, read_write> compensation: array<real>;
@@ -53,9 +42,8 @@ struct Spring {
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// Steps since the host set it to 0; for every member the first bad point, the first pinned point in a sphere and the
-// first point that spheres have shut in, and how many answers spheres have given; with continuous contact a bit a point
-// for those left over.
+// Steps since the host set it to 0, then for every member the first bad point, then for every member the number of
+// contact responses.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
 fn points() -> u32 {
@@ -66,7 +54,7 @@ fn inside(id: vec3<u32>) -> bool {
     return id.x < constants.columns && id.y < constants.rows;
 }
 
-// Where the first of a point's planes is.
+// Index of a point's value in the first plane.
 fn place(id: vec3<u32>) -> u32 {
     return id.z * 6u * points() + id.y * constants.columns + id.x;
 }

@@ -4,7 +4,7 @@
 //
 //   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
 
-// The state at which a stage looks: x_n for the first, then what the stage before has left.
+// A vector of the state at which a stage evaluates forces: x_n for the first, then the result of the stage before.
 fn source(at: u32) -> vec3<real> {
     let n = points();
     if (stage == 1u) {
@@ -16,17 +16,12 @@ fn source(at: u32) -> vec3<real> {
     return vec3<real>(stage_a[at], stage_a[at + n], stage_a[at + 2u * n]);
 }
 
-fn set_target(at: u32, value: vec3<real>) {
-    let n = points();
-    if (stage == 2u) {
-        stage_b[at] = value.x;
-        stage_b[at + n] = value.y;
-        stage_b[at + 2u * n] = value.z;
-    } else {
-        stage_a[at] = value.x;
-        stage_a[at + n] = value.y;
-        stage_a[at + 2u * n] = value.z;
-    }
+fn state_at(at: u32) -> vec3<real> {
+    return vec3<real>(state[at], state[at + points()], state[at + 2u * points()]);
+}
+
+fn acceleration_at(at: u32) -> vec3<real> {
+    return vec3<real>(accelerations[at], accelerations[at + points()], accelerations[at + 2u * points()]);
 }
 
 fn product(a: real, b: real) -> real {
@@ -44,19 +39,26 @@ fn inner(a: vec3<real>, b: vec3<real>) -> real {
     return product(a.z, b.z) + (product(a.y, b.y) + product(a.x, b.x));
 }
 
-// `force` with that of the spring to the point `other` added.
+// `force` plus the force of the spring to the point `other`.
 fn pulled(force: vec3<real>, x: vec3<real>, v: vec3<real>, other: u32, first: u32) -> vec3<real> {
-    let spring = Spring(parameters[first], parameters[first + 1u], parameters[first + 2u]);
     let d = source(other) - x;
     // Coincident points: a spring without direction gives no force instead of a NaN.
     let l = sqrt(max(inner(d, d), real(1e-36)));
     let r = real(1.0) / l;
-    var scale = product(spring.stiffness, l - spring.rest_length);
+    var scale = product(parameters[first], l - parameters[first + 1u]);
     if (spring_damping) {
         let w = source(other + 3u * points()) - v;
-        scale = product(product(spring.damping, inner(w, d)), r) + scale;
+        scale = product(product(parameters[first + 2u], inner(w, d)), r) + scale;
     }
     return scaled(product(scale, r), d) + force;
+}
+
+fn weight(id: vec3<u32>) -> real {
+    return parameters[id.z * constants.parameter_stride + first_weight + id.y * constants.columns + id.x];
+}
+
+fn is_pinned(id: vec3<u32>) -> bool {
+    return pinned && weight(id) == real(0.0);
 }
 
 fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
@@ -73,14 +75,6 @@ fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
         a = vec3<real>();
     }
     return a;
-}
-
-fn weight(id: vec3<u32>) -> real {
-    return parameters[id.z * constants.parameter_stride + first_weight + id.y * constants.columns + id.x];
-}
-
-fn is_pinned(id: vec3<u32>) -> bool {
-    return pinned && weight(id) == real(0.0);
 }
 
 @compute @workgroup_size(group_size, group_size, 1)
@@ -104,60 +98,55 @@ fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
     if (stage == 3u) {
         h = constants.h;
     }
-    let x_n = vec3<real>(state[at], state[at + n], state[at + 2u * n]);
-    let v_n = vec3<real>(state[at + 3u * n], state[at + 4u * n], state[at + 5u * n]);
-    set_target(at, scaled(h, v) + x_n);
-    set_target(at + 3u * n, scaled(h, a) + v_n);
+    let next_x = scaled(h, v) + state_at(at);
+    let next_v = scaled(h, a) + state_at(at + 3u * n);
     var into = at;
     var kept = a;
     if (stage != 1u) {
         into = at + 3u * n;
     }
     if (stage == 3u) {
-        kept = vec3<real>(accelerations[into], accelerations[into + n], accelerations[into + 2u * n]) + a;
+        kept = acceleration_at(into) + a;
     }
-    accelerations[into] = kept.x;
-    accelerations[into + n] = kept.y;
-    accelerations[into + 2u * n] = kept.z;
+    for (var k = 0u; k < 3u; k++) {
+        if (stage == 2u) {
+            stage_b[at + k * n] = next_x[k];
+            stage_b[at + (3u + k) * n] = next_v[k];
+        } else {
+            stage_a[at + k * n] = next_x[k];
+            stage_a[at + (3u + k) * n] = next_v[k];
+        }
+        accelerations[into + k * n] = kept[k];
+    }
 }
 
 // The last stage's sums, then the collision pass: a point is moved by its own invocation only.
 fn finish(id: vec3<u32>, a: vec3<real>) {
     let n = points();
     let at = place(id);
-    let first = vec3<real>(accelerations[at], accelerations[at + n], accelerations[at + 2u * n]);
-    let middle = vec3<real>(
-        accelerations[at + 3u * n], accelerations[at + 4u * n], accelerations[at + 5u * n]);
-    let x = vec3<real>(state[at], state[at + n], state[at + 2u * n]);
-    let v = vec3<real>(state[at + 3u * n], state[at + 4u * n], state[at + 5u * n]);
+    let first = acceleration_at(at);
+    let middle = acceleration_at(at + 3u * n);
+    let v = state_at(at + 3u * n);
     let dx = scaled(constants.h, v) + scaled(constants.h2_6, first + middle);
     let dv = scaled(constants.h_6, (first + a) + (middle + middle));
-    var before = Body(x, vec3<real>(), v, vec3<real>());
+    var before = Body(state_at(at), vec3<real>(), v, vec3<real>());
     var body = before;
     if (compensated) {
-        let low = array<real, 6>(
-            compensation[at], compensation[at + n], compensation[at + 2u * n],
-            compensation[at + 3u * n], compensation[at + 4u * n], compensation[at + 5u * n]);
-        before.position_low = vec3<real>(low[0], low[1], low[2]);
-        before.velocity_low = vec3<real>(low[3], low[4], low[5]);
-        let sx = added(x.x, low[0], dx.x);
-        let sy = added(x.y, low[1], dx.y);
-        let sz = added(x.z, low[2], dx.z);
-        let su = added(v.x, low[3], dv.x);
-        let sv = added(v.y, low[4], dv.y);
-        let sw = added(v.z, low[5], dv.z);
-        body = Body(
-            vec3<real>(sx.x, sy.x, sz.x), vec3<real>(sx.y, sy.y, sz.y),
-            vec3<real>(su.x, sv.x, sw.x), vec3<real>(su.y, sv.y, sw.y));
+        for (var k = 0u; k < 3u; k++) {
+            before.position_low[k] = compensation[at + k * n];
+            before.velocity_low[k] = compensation[at + (3u + k) * n];
+            let x_sum = added(before.position[k], before.position_low[k], dx[k]);
+            let v_sum = added(before.velocity[k], before.velocity_low[k], dv[k]);
+            body.position[k] = x_sum.x;
+            body.position_low[k] = x_sum.y;
+            body.velocity[k] = v_sum.x;
+            body.velocity_low[k] = v_sum.y;
+        }
     } else {
-        body.position = x + dx;
+        body.position = before.position + dx;
         body.velocity = v + dv;
     }
-    store_body(at, after_contacts(body, before, id));
-}
-
-fn store_body(at: u32, body: Body) {
-    let n = points();
+    body = after_contacts(body, before, id);
     for (var k = 0u; k < 3u; k++) {
         state[at + k * n] = body.position[k];
         state[at + (3u + k) * n] = body.velocity[k];
@@ -168,7 +157,7 @@ fn store_body(at: u32, body: Body) {
     }
 }
 
-// old + increment, and what rounding takes of it (Kahan 1965).
+// old + increment, and its rounding error (Kahan 1965).
 fn added(old: real, low: real, increment: real) -> vec2<real> {
     let whole = keep(increment + low);
     let next = keep(old + whole);

@@ -1,24 +1,7 @@
-// Single precision on an adapter without float64: as in single.wgsl, but the responses are float32 too. A point
-// is taken relative to the centre first, both with their low parts, so that a response errs by a few units
-// in the last place of the radius, not of the coordinates.
-alias real = f32;
-alias wide = f32;
-const compensated = true;
-
-fn keep(a: f32) -> f32 {
-    return bitcast<f32>(bitcast<u32>(a) | constants.zero);
-}
-
-fn keep_wide(a: f32) -> f32 {
-    return keep(a);
-}
-
+// Responses in float32, for adapters without float64. A point is taken relative to the centre first, both with their
+// low parts, so that a response errs by units in the last place of the radius, not of the coordinates.
 fn keep_all(a: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(keep(a.x), keep(a.y), keep(a.z));
-}
-
-fn is_finite(a: f32) -> bool {
-    return (bitcast<u32>(a) & 0x7f800000u) != 0x7f800000u;
 }
 
 fn position_from(body: Body, contact: Contact) -> vec3<f32> {
@@ -30,7 +13,7 @@ fn velocity_of(body: Body) -> vec3<f32> {
 }
 
 // center + on_surface with its rounding error (Knuth's two-sum).
-fn answered(body: Body, contact: Contact, answer: Answer) -> Body {
+fn moved_body(body: Body, contact: Contact, answer: Answer) -> Body {
     var result = body;
     if (answer.moved) {
         let a = contact.center;

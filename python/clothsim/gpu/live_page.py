@@ -1,0 +1,203 @@
+"""One self-contained page that simulates a scene in the browser: `Scene.to_live_html`.
+
+The page runs the WGSL of this room through WebGPU (`viewing/web/solver.js`), and `viewing/web/draw.js` draws it.
+WebGPU has no float64: the page computes in compensated float32, and responses in float32 relative to the sphere.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from base64 import b64encode
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..base import check
+from ..base.files import write_bytes
+from ..engine.options import Options
+from ..engine.plan import core_plan
+from ..model.mesh import GROUP
+from ..model.scene import Scene
+from ..stability.limit import max_stable_dt
+from ..viewing.camera import DIRECTIONS, camera_for
+from ..viewing.drawing import PIN_SIZE
+from ..viewing.page import json_text, page_text, poster
+from ..viewing.picture import file_path
+from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, rest_lengths
+from .shader import Features, check_scenes, shader_text, source
+
+STIFFNESS_FACTORS = tuple(2.0**k for k in range(-4, 5))
+DAMPING_FACTORS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
+UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
+ROOM = 1.6  # a view this many times as wide as the scene at its start has room for a cloth that falls
+METHODS = (
+    ("1 (reflect)", "reflect", False),
+    ("1, as printed", "reflect", True),
+    ("2 (ray)", "ray", False),
+    ("2, as printed", "ray", True),
+)
+SLIDERS = {"stiffness": "stiffness K", "damping": "damping", "gravity": "gravity", "dt": "time step", "radius": "radius"}
+
+
+def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
+    """`Scene.to_live_html`."""
+    path = file_path("path", path)
+    rows, columns = scene.cloth.shape
+    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.text("title", str(title))
+    guaranteed = max_stable_dt(scene)
+    if dt is None:
+        dt = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
+    dt = check.number("dt", dt, minimum=0, exclusive=True)
+    check_scenes([scene])
+    return write_bytes(path, _page(scene, dt, title).encode())
+
+
+def _page(scene: Scene, dt: float, title: str) -> str:
+    data = _data(scene, dt)
+    picture = poster(scene, scene.initial_position, 0.0, camera_for(None, scene, scene.initial_position, [0.0]))
+    sliders = "".join(
+        f'<label>{text} <input type="range" id="{name}"><output id="{name}-says"></output></label>'
+        for name, text in SLIDERS.items()
+    )
+    options = "".join(
+        f"<option{' selected' if k == data['method'] else ''}>{name}</option>" for k, name in enumerate(data.pop("names"))
+    )
+    body = (
+        f"<header><h1>{escape(title)}</h1></header>\n"
+        '<p id="problem" hidden></p>\n<noscript><p>This page needs scripts and WebGPU. The picture shows the scene at its '
+        "start.</p></noscript>\n"
+        f'<div id="runs" class="of-1"><figure class="run"><div class="stage">{picture}'
+        f'<canvas id="canvas-0" aria-label="Cloth and spheres of {escape(title)}"></canvas></div></figure></div>\n'
+        '<div id="controls"><button type="button" id="play">pause</button><button type="button" id="one">one step</button>'
+        '<button type="button" id="reset">reset</button><output id="clock"></output><output id="speed"></output>'
+        f'<output id="measures"></output></div>\n<div id="sliders">{sliders}<span id="above" hidden></span>'
+        f'<label>method <select id="method">{options}<option disabled>continuous (needs float64: CPU only)</option>'
+        "</select></label></div>\n"
+        '<p class="small">Drag to turn, shift-drag to move, wheel or two fingers to zoom. A sphere or a pinned mass point '
+        "follows the pointer that takes it. The shader is the WGSL of clothsim, in compensated float32.</p>\n"
+        f'<script type="application/octet-stream" id="state">{_state(scene)}</script>\n'
+        f'<script type="application/json" id="meta">{json_text(data)}</script>\n'
+    )
+    return page_text(title, body, ("draw.js", "orbit.js", "solver.js", "live.js"))
+
+
+def _state(scene: Scene) -> str:
+    """The planes of the initial state in float64, deflated, in base64."""
+    x, v = scene.initial_position, np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
+    planes = np.concatenate([x, v], axis=2).transpose(2, 0, 1)
+    return b64encode(zlib.compress(planes.astype("<f8").tobytes(), 9)).decode("ascii")
+
+
+def _methods(scene: Scene) -> tuple[list[str], list[str], int]:
+    """Names and WGSL of the collision methods of the page, and the index of the scene's own."""
+    features = Features.of(scene)
+    names, texts = [], []
+    for name, response, as_printed in METHODS:
+        spheres = tuple(replace(one, response=response, as_printed=as_printed) for one in features.spheres)
+        names.append(name)
+        texts.append(replace(features, spheres=spheres).after_contacts())
+    own = features.after_contacts()
+    if own not in texts:  # spheres of different methods
+        names.append("as in the scene")
+        texts.append(own)
+    return names, texts, texts.index(own)
+
+
+def _data(scene: Scene, dt: float) -> dict[str, Any]:
+    """Everything that solver.js and live.js know of the scene."""
+    cloth, eps = scene.cloth, float(np.finfo(np.float32).eps)
+    names, methods, own = _methods(scene)
+    damping = DAMPING_FACTORS if any(cloth.family_damping.values()) else (1.0,)
+    features = replace(Features.of(scene), moving=True)
+    lengths = rest_lengths(scene)
+    kinds = list(enumerate(_core.spring_kinds))
+    masses = cloth.mass_per_point.ravel()
+    return {
+        "shape": list(cloth.shape),
+        "group": GROUP[0],
+        "dt": dt,
+        "limits": _limits(scene, damping),
+        "stiffnessFactors": STIFFNESS_FACTORS,
+        "dampingFactors": damping,
+        "mass": (masses[:1] if cloth.uniform_mass else masses).tolist(),
+        "uniformMass": cloth.uniform_mass,
+        "stiffness": dict(cloth.family_stiffness),
+        "damping": dict(cloth.family_damping),
+        "drag": cloth.drag,
+        "gravity": list(scene.gravity),
+        "springs": [{"family": family, "rest": lengths[k]} for k, (family, *_) in kinds],
+        "pairs": [
+            {"row": row, "column": column, "family": family, "rest": lengths[kind]}
+            for row, column, family, kind in _core.neighbours
+            if (row, column) > (0, 0)
+        ],
+        "pins": np.flatnonzero(cloth.pinned).tolist(),
+        "dots": [] if min(cloth.shape) > 1 else np.flatnonzero(~cloth.pinned).tolist(),
+        "dotSize": PIN_SIZE * max(cloth.size),
+        "longest": 2 * math.hypot(*cloth.spacing),
+        "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
+        "spheres": [_sphere(sphere, scene) for sphere in scene.spheres],
+        "firstSpring": FIRST_SPRING,
+        "firstWeight": FIRST_WEIGHT,
+        "contactSize": CONTACT_SIZE,
+        "outerEpsilons": _core.outer_epsilons * eps,
+        "largestFloat": float(np.finfo(np.float32).max),
+        "constants": features.constants(strict=True),
+        "wgsl": source(replace(features, spheres=()), "single", False).removesuffix(
+            replace(features, spheres=()).after_contacts()
+        ),
+        "methods": methods,
+        "names": names,
+        "method": own,
+        "threadIds": shader_text("thread_ids"),
+        "camera": _camera(scene),
+    }
+
+
+def _limits(scene: Scene, damping: tuple[float, ...]) -> list[list[float | None]]:
+    """The guaranteed time step for every pair of factors of stiffness and damping [s]; None: nothing limits it."""
+    cloth = scene.cloth
+    table: list[list[float | None]] = []
+    for k in STIFFNESS_FACTORS:
+        row: list[float | None] = []
+        for c in damping:
+            changed = cloth.replace(
+                stiffness={family: k * value for family, value in cloth.family_stiffness.items()},
+                damping={family: c * value for family, value in cloth.family_damping.items()},
+            )
+            limit = max_stable_dt(scene.replace(cloth=changed))
+            row.append(limit if math.isfinite(limit) else None)
+        table.append(row)
+    return table
+
+
+def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
+    # Length of the cloth in eq 13; 0: the offset is a number.
+    side = {"edge": max(scene.cloth.spacing), "cell": math.hypot(*scene.cloth.spacing)}.get(sphere.offset, 0.0)
+    return {
+        "center": list(sphere.center),
+        "radius": sphere.radius,
+        "restitution": sphere.restitution,
+        "friction": sphere.friction,
+        "side": side,
+        "mostSide": 2.0 if sphere.offset == "cell" else None,  # radii
+        "offset": 0.0 if side else sphere.offset_length(scene.cloth),
+        "motion": sphere.motion.to_dict() if sphere.motion else None,
+    }
+
+
+def _camera(scene: Scene) -> dict[str, Any]:
+    view = camera_for(None, scene, scene.initial_position, [0.0])
+    size = ROOM * max(view.width, view.height)
+    return {
+        "direction": list(DIRECTIONS["corner"]),
+        "target": list(view.target),
+        "reach": 4 * size,
+        "width": size,
+        "height": size,
+    }

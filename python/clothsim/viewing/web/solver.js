@@ -1,0 +1,180 @@
+// The cloth on the graphics adapter: the WGSL of backend="gpu" through WebGPU, in float32 with compensation.
+// Four dispatches a step, workgroups of 16 x 16 x 1. The host's numbers are made as in gpu/parameters.py, in double.
+"use strict";
+
+const NONE_BAD = 0xffffffff;
+const MOST_STEPS = 512;  // a frame; the table of sphere places has as many rows
+
+// Centre and velocity of a sphere at a time, as in model/motion.py.
+function motionAt(sphere, t) {
+  const m = sphere.motion, c = sphere.center;
+  if (!m) return [c, [0, 0, 0]];
+  if (m.kind === "linear") return [c.map((k, i) => k + t * m.velocity[i]), m.velocity];
+  if (m.kind === "keyframes") {
+    const n = m.times.findLastIndex((k) => k <= t), last = m.times.length - 1;
+    if (n < 0 || n === last) return [m.centers[n < 0 ? 0 : last], [0, 0, 0]];
+    const v = m.centers[n].map((k, i) => (m.centers[n + 1][i] - k) / (m.times[n + 1] - m.times[n]));
+    return [m.centers[n].map((k, i) => k + (t - m.times[n]) * v[i]), v];
+  }
+  const turns = t / m.period + m.phase, w = turns - Math.floor(turns), back = w >= 0.5 ? 1 : 0;
+  const q = 2 * w - back, k = m.deceleration, sign = back ? -1 : 1, length = Math.hypot(...m.direction);
+  const along = sign * ((k ? Math.expm1(-k * q) / Math.expm1(-k) : q) - 0.5) * m.distance;
+  const speed = sign * (k ? k * Math.exp(-k * q) / -Math.expm1(-k) : 1) * (2 / m.period) * m.distance;
+  const unit = m.direction.map((d) => d / length);
+  return [c.map((x, i) => x + along * unit[i]), unit.map((u) => speed * u)];
+}
+
+// Why there is no solver on this device, in words; "" if there may be one.
+function missing() {
+  if (!window.isSecureContext) return "WebGPU needs a file opened from this device, or a page over https.";
+  return navigator.gpu ? "" : "This browser has no WebGPU: take a recent Chrome, Edge, Safari or Firefox.";
+}
+
+class Solver {
+  static async open(data) {
+    if (missing()) throw new Error(missing());
+    const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
+    if (!adapter) throw new Error("This browser has WebGPU, but offers no graphics adapter to it.");
+    const solver = new Solver();
+    Object.assign(solver, { data, adapter, device: await adapter.requestDevice() });
+    solver.lost = solver.device.lost.then((info) => info.message || info.reason);
+    solver.makeBuffers();
+    return solver;
+  }
+
+  makeBuffers() {
+    const { device, data } = this, [rows, columns] = data.shape, points = rows * columns;
+    const U = GPUBufferUsage, both = U.STORAGE | U.COPY_SRC | U.COPY_DST;
+    const make = (size, usage) => device.createBuffer({ size: Math.ceil(size / 16) * 16, usage });
+    const six = 24 * points;
+    this.points = points;
+    this.state = make(six, both);
+    this.compensation = make(six, both);
+    const working = [0, 1, 2].map(() => make(six, U.STORAGE));
+    this.parameters = make(4 * (data.firstWeight + points), U.STORAGE | U.COPY_DST);
+    this.table = make(4 * (MOST_STEPS * data.spheres.length * data.contactSize || 1), U.STORAGE | U.COPY_DST);
+    this.results = make(16, both);
+    this.constants = make(96, U.UNIFORM | U.COPY_DST);
+    this.kept = [make(six, U.COPY_SRC | U.COPY_DST), make(six, U.COPY_SRC | U.COPY_DST)];
+    this.readback = make(16 + 2 * six, U.MAP_READ | U.COPY_DST);
+    const kinds = ["uniform", ...Array(5).fill("storage"), "read-only-storage", "read-only-storage", "storage"];
+    this.layout = device.createBindGroupLayout({
+      entries: kinds.map((type, binding) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } })),
+    });
+    const bound = [this.constants, this.state, this.compensation, ...working, this.parameters, this.table, this.results];
+    this.bindings = device.createBindGroup({
+      layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })),
+    });
+    this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
+  }
+
+  // Compile the shader for a collision method; the texts differ in `after_contacts` alone.
+  async compile(method) {
+    const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method] });
+    const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
+    if (said.length) throw new Error(`The browser refuses the shader: ${said[0].message}`);
+    const layout = device.createPipelineLayout({ bindGroupLayouts: [this.layout] });
+    const make = (entryPoint, constants) => device.createComputePipelineAsync({ layout, compute: { module, entryPoint, constants } });
+    this.stages = await Promise.all([1, 2, 3, 4].map((stage) => make("advance", { ...data.constants, stage })));
+    this.check = await make("check", {});
+  }
+
+  write(buffer, values, at = 0) { this.device.queue.writeBuffer(buffer, at, values); }
+
+  // Planes of positions and velocities, in double: each is split into two float32.
+  load(planes) {
+    const high = new Float32Array(planes), low = Float32Array.from(planes, (value, k) => value - high[k]);
+    this.write(this.state, high);
+    this.write(this.compensation, low);
+  }
+
+  // Coefficients and the time step. `limit`: the guaranteed time step, above which speeds are bounded.
+  set({ dt, stiffness, damping, gravity, limit }) {
+    const { data } = this, scale = data.uniformMass ? 1 / data.mass[0] : 1;
+    const numbers = new Float32Array(data.firstWeight + this.points);
+    const fast = dt > limit ? data.extent / dt : Infinity;
+    numbers.set([...gravity, data.drag * scale, Math.min(fast, data.largestFloat)]);
+    data.springs.forEach(({ family, rest }, k) => {
+      numbers.set([(data.stiffness[family] ?? 0) * stiffness * scale, rest, (data.damping[family] ?? 0) * damping * scale],
+        data.firstSpring + 3 * k);
+    });
+    for (let p = 0; p < this.points; p++) numbers[data.firstWeight + p] = 1 / data.mass[data.uniformMass ? 0 : p];
+    for (const p of data.pins) numbers[data.firstWeight + p] = 0;
+    this.write(this.parameters, numbers);
+    this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
+    const stride = data.spheres.length * data.contactSize;
+    this.write(this.constants, new Uint32Array([...data.shape, 0, 0, stride, 0, 1]), 16);
+  }
+
+  // Take `spheres.length` steps. Each entry has centre, velocity and contact radius of every sphere after the step.
+  // Resolves to {bad, planes, contacts}; bad is the first mass point that is not finite or too fast, or -1.
+  async run(steps, spheres) {
+    const { device, data } = this, size = data.contactSize, row = data.spheres.length * size;
+    if (row) {
+      const table = new Float32Array(steps * row);
+      spheres.forEach((step, n) => step.forEach(({ center, velocity, radius }, s) => {
+        const { restitution, friction } = data.spheres[s], outer = radius * radius * (1 + data.outerEpsilons);
+        table.set([...center, ...center.map((k) => k - Math.fround(k)), ...velocity, radius, restitution, friction, outer],
+          n * row + s * size);
+      }));
+      this.write(this.table, table);
+    }
+    this.write(this.results, new Uint32Array([0, NONE_BAD, 0]));
+    const encoder = device.createCommandEncoder(), six = 24 * this.points;
+    [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.kept[k], 0, six));
+    const work = encoder.beginComputePass();
+    work.setBindGroup(0, this.bindings);
+    for (let n = 0; n < steps; n++) for (const stage of this.stages) {
+      work.setPipeline(stage);
+      work.dispatchWorkgroups(...this.groups);
+    }
+    work.setPipeline(this.check);
+    work.dispatchWorkgroups(...this.groups);
+    work.end();
+    encoder.copyBufferToBuffer(this.results, 0, this.readback, 0, 16);
+    encoder.copyBufferToBuffer(this.state, 0, this.readback, 16, six);
+    encoder.copyBufferToBuffer(this.compensation, 0, this.readback, 16 + six, six);
+    device.queue.submit([encoder.finish()]);
+    await this.readback.mapAsync(GPUMapMode.READ);
+    const read = this.readback.getMappedRange().slice(0);
+    this.readback.unmap();
+    const [, bad, contacts] = new Uint32Array(read, 0, 3);
+    return {
+      bad: bad === NONE_BAD ? -1 : bad, contacts,
+      planes: new Float32Array(read, 16, 6 * this.points), low: new Float32Array(read, 16 + six, 6 * this.points),
+    };
+  }
+
+  takeBack() {
+    const encoder = this.device.createCommandEncoder();
+    [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(this.kept[k], 0, buffer, 0, 24 * this.points));
+    this.device.queue.submit([encoder.finish()]);
+  }
+
+  // A pinned mass point has no acceleration: with a velocity in its state it moves at that speed.
+  movePin(point, velocity) {
+    velocity.forEach((value, k) => this.write(this.state, new Float32Array([value]), 4 * ((3 + k) * this.points + point)));
+  }
+
+  // Ids that every invocation of the shader writes: rows of (group x, y, thread x, y, dispatch x, y, index).
+  async threadIds() {
+    const { device, data } = this, size = 28 * this.points, U = GPUBufferUsage;
+    const module = device.createShaderModule({ code: data.wgsl + data.methods[0] + data.threadIds });
+    const pipeline = device.createComputePipeline({ layout: "auto", compute: { module, entryPoint: "thread_ids" } });
+    const out = device.createBuffer({ size, usage: U.STORAGE | U.COPY_SRC });
+    const copy = device.createBuffer({ size, usage: U.MAP_READ | U.COPY_DST });
+    const group = device.createBindGroup({
+      layout: pipeline.getBindGroupLayout(0),
+      entries: [{ binding: 0, resource: { buffer: this.constants } }, { binding: 8, resource: { buffer: out } }],
+    });
+    const encoder = device.createCommandEncoder(), work = encoder.beginComputePass();
+    work.setPipeline(pipeline);
+    work.setBindGroup(0, group);
+    work.dispatchWorkgroups(...this.groups);
+    work.end();
+    encoder.copyBufferToBuffer(out, 0, copy, 0, size);
+    device.queue.submit([encoder.finish()]);
+    await copy.mapAsync(GPUMapMode.READ);
+    return Array.from(new Uint32Array(copy.getMappedRange()));
+  }
+}
