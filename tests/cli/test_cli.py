@@ -38,6 +38,7 @@ def _strict(text):
         "sweep paper_swing --stiffness 35000,1e12 --dt 1e-3 --duration 0.01 --metric error,energy_gained",
         "work-precision oscillator --duration 0.2 --method rk4 --windows 1 --out OUT",
         "work-precision oscillator --duration 0.2 --method rk4 --windows 1 --fastest --errors 1e-3,1e-30",
+        "live paper_swing --out OUT/live.html",
     ],
 )
 def test_every_command_prints_strict_json(capsys, tmp_path, monkeypatch, command):

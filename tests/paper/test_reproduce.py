@@ -222,8 +222,10 @@ def test_page_is_whole_and_fetches_nothing(report, folder):
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
     links = [r for r in page.references if not r.startswith("data:image/png;base64,")]
-    assert links == ["table3.html", "table4.html"] and page.tags.count("a") == 2
-    assert page.tags.count("img") == len(page.references) - 2 == 24 + 4 + 1 + with_gpu(report)
+    assert links == ["table3.html", "live.html", "table4.html", "live_moving.html"] and page.tags.count("a") == 4
+    for name in ("live.html", "live_moving.html"):
+        assert (folder / name).stat().st_size < 400_000
+    assert page.tags.count("img") == len(page.references) - 4 == 24 + 4 + 1 + with_gpu(report)
     style = source[source.index("<style>") : source.index("</style>")]
     assert "url(" not in style and "@import" not in style
 

@@ -83,7 +83,7 @@ def test_it_is_small_silent_and_asks_for_nothing(live, tmp_path):
     page = live(cs.scenes.paper_static())
     path = tmp_path / "live.html"
     assert path.stat().st_size < 400_000 and b"://" not in path.read_bytes()
-    page.tab.wait_for_function("window.live.live.counted > 20")
+    page.tab.wait_for_function("() => window.live.live.counted > 20")
     assert page.said == [] and page.asked == [path.as_uri()]
     assert page.tab.is_hidden("#problem")
 
@@ -148,7 +148,7 @@ def test_an_unstable_step_is_marked_and_named_and_reset(live):
     assert np.isfinite(page.tab.evaluate("() => [...window.live.live.planes]")).all()
     page.tab.click("#reset")
     page.tab.wait_for_selector("#problem", state="hidden")
-    page.tab.wait_for_function("window.live.live.counted > 3")
+    page.tab.wait_for_function("() => window.live.live.counted > 3")
     assert page.tab.is_hidden("#above")
 
 
@@ -199,26 +199,18 @@ def place(page, point):
 def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
     page = live(draped())
     mouse = page.tab.mouse
-    for script, point in (
-        ("() => window.live.live.center(0)", ball().center),
-        (
-            "() => { const { planes, points } = window.live.live; return [0, 1, 2].map((k) => planes[k * points]); }",
-            (0, 0, 0),
-        ),
+    for place_now, point in (
+        ("window.live.live.center(0)", ball().center),
+        ("[0, 1, 2].map((k) => window.live.live.planes[k * window.live.live.points])", (0, 0, 0)),
     ):
         x, y = place(page, point)
-        start = np.array(page.tab.evaluate(script))
+        start = page.tab.evaluate(place_now)
         mouse.move(x, y)
         mouse.down()
         mouse.move(x - 40, y + 10, steps=4)
-        page.tab.wait_for_function(
-            "([f, s]) => Math.hypot(...eval(f)().map((k, i) => k - s[i])) > 0.02", arg=[script, list(start)]
-        )
+        page.tab.wait_for_function(f"(s) => Math.hypot(...{place_now}.map((k, i) => k - s[i])) > 0.02", arg=start)
         mouse.up()
     idle(page)
-    pins = page.tab.evaluate(
-        "() => { const { planes, points } = window.live.live; return [3, 4, 5].map((k) => planes[k * points]); }"
-    )
     angle = "() => [window.live.camera.azimuth, window.live.camera.zoom]"
     before = page.tab.evaluate(angle)
     box = page.tab.locator("#canvas-0").bounding_box()
@@ -229,7 +221,7 @@ def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
     mouse.wheel(0, -200)
     page.tab.wait_for_function("(z) => window.live.camera.zoom > z", arg=before[1])
     assert page.tab.evaluate(angle)[0] != before[0]
-    assert page.tab.is_hidden("#problem") and np.isfinite(pins).all()
+    assert page.tab.is_hidden("#problem")
 
 
 def test_two_fingers_zoom_and_one_drags_a_sphere(live):
@@ -271,7 +263,7 @@ def test_two_tabs_run_and_128_x_128_fits(live, opened, tmp_path):
     for page in (first, second):
         page.ready()
         page.tab.bring_to_front()
-        page.tab.wait_for_function("window.live.live.counted > 5")
+        page.tab.wait_for_function("() => window.live.live.counted > 5")
         assert page.said == []
 
 
@@ -292,7 +284,7 @@ def test_without_webgpu_it_says_so_and_shows_the_scene(opened, tmp_path):
     "change, error, told",
     [
         ({"dt": 0.0}, ValueError, "^dt must be"),
-        ({"title": 3j}, TypeError, "^title must be"),
+        ({"title": "\udc80"}, ValueError, "^title must be"),
         ({"path": "/no/such/folder/live.html"}, ValueError, "folder"),
     ],
 )

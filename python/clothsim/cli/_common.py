@@ -27,7 +27,7 @@ COMMANDS = {
 }
 """The help of every command, in the order of `clothsim --help`; each is a module of this package."""
 
-MODULES = {"scene": "print_scene"}
+MODULES = {"scene": "print_scene", "live": "write_live"}
 """Modules that cannot have the name of their command, because a module of another room has it."""
 
 SCRIPTS = {"bench": "python benchmarks/bench", "contact": "python benchmarks/contact", "--peers": "python benchmarks/peers"}

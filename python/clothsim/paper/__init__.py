@@ -31,6 +31,8 @@ __all__ = ["FULL", "QUICK", "Settings", "reproduce", "text"]
 
 SCHEMA = 1
 EXPERIMENTS = (1, 2, 3, 4, 5)
+LIVE = {"1": "live.html", "2": "live_moving.html"}
+"""Pages that simulate the scene of an experiment in the browser."""
 
 
 def reproduce(
@@ -66,7 +68,7 @@ def reproduce(
     dict
         The contents of report.json: "schema", "settings", "reductions", "provenance" and
         "experiments", a mapping from "1" to "5". "folder" holds report.txt, report.json,
-        index.html, the pictures and the pages of Tables 3 and 4.
+        index.html, the pictures, the pages of Tables 3 and 4, and live.html and live_moving.html.
 
     Raises
     ------
@@ -125,7 +127,8 @@ def _contact(
     pictures.draw_cells(experiment, cases, settings, folder)
     study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
-    radius = contact.scene_of(experiment, 2, "corrected").spheres[0].radius
+    scene = contact.scene_of(experiment, 2, "corrected")
+    live = scene.to_live_html(folder / LIVE[number], title=f"Experiment {number}: {experiment.title}")
     entry = {
         "title": experiment.title,
         "paper": paper.CLAIMS[number],
@@ -133,12 +136,13 @@ def _contact(
         "dt": experiment.dt,
         "frame_dt": settings.frame_dt,
         "frames": list(experiment.frames),
-        "radius": radius,
+        "radius": scene.spheres[0].radius,
         "cells": [cell for case in cases for cell in case.cells],
         "histories": [{"method": c.method, "variant": c.variant, "failure": c.failure, **c.history} for c in cases],
         "step_study": study,
         "sheet": pictures.draw_sheet(experiment, cases, folder),
         "page": pictures.play(experiment, cases, folder),
+        "live": live.name,
         "plot": plots.history(experiment, cases, folder),
         "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
     }

@@ -79,7 +79,8 @@ def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]
             "<p>Blue: the cloth's upper face as it starts; sand: its lower face. "
             '<span class="red">Red</span>: the sphere\'s surface where cloth lies under it, '
             "stronger with depth. "
-            f'<a href="{experiment["page"]}">Play this table</a>: all methods side by side, in step.</p>'
+            f'<a href="{experiment["page"]}">Play this table</a>: all methods side by side, in step. '
+            f'<a href="{experiment["live"]}">Simulate this scene in the browser</a>, by the compute shader.</p>'
         )
         parts += _cells(experiment, folder)
     parts += [_table(table) for table in tables(key, experiment)]

@@ -316,12 +316,15 @@ async function start() {
   }
 
   function fail(error) {
-    live.problem = error.message;
+    live.problem = state.lost || error.message;  // work that the loss ended fails too, with words of its own
     $("problem").hidden = false;
-    $("problem").textContent = error.message;
+    $("problem").textContent = live.problem;
     pause(true);
   }
-  solver.lost.then((why) => fail(new Error(`The graphics adapter was lost (${why}). Load the page again.`)));
+  solver.lost.then((why) => {
+    state.lost = `The graphics adapter was lost (${why}). Load the page again.`;
+    fail(new Error(state.lost));
+  });
   camera.listen(canvas, redraw, () => {}, grab);
   new ResizeObserver(redraw).observe($("runs"));
   limits();
