@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo docs lint test test-export test-gpu test-peers test-slow test-view bench wheel clean
+.PHONY: demo docs lint sanitize test test-export test-gpu test-peers test-slow test-view torture bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -40,6 +40,16 @@ test: $(VENV)/.built-test
 # Tests that take minutes; those of pages want Chromium and are skipped without.
 test-slow: $(VENV)/.built-test
 	$(BIN)/python -m pytest -m "slow and not peers"
+
+# The core under ASan, UBSan and TSan; tools/sanitize.sh names the packages.
+sanitize: $(VENV)/.built-test
+	$(BIN)/pip install --quiet --disable-pip-version-check 'pybind11>=3' cmeel-eigen==3.4.1 pythran==0.19.0 cmake ninja
+	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh address
+	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh thread
+
+# Fuzzers for 20 minutes, from a seed at random that is printed: calls, files, kills, threads, forks, memory.
+torture: $(VENV)/.built-test
+	$(BIN)/python tools/torture.py
 
 # Other programs' cloths and solvers, with numba, SciPy and diffrax installed; one that is missing fails.
 test-peers: $(VENV)/.built-test $(VENV)/.built-peers

@@ -27,8 +27,11 @@ constexpr std::int64_t steps_between_energies = most_steps_unchecked,
 // the steps of earlier calls cannot be interrupted, and takes no longer than this.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
+// Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
+// contact pass each. That takes ten times as long and cannot be interrupted.
+constexpr double most_seconds_behind_planes = 0.004;
 // Of a batch later: each member has to come into cache, and should then be stepped more than once.
-constexpr double seconds_of_batch = 0.1;
+constexpr double seconds_of_batch = 0.05;
 
 // Seconds by which one thread and a team are compared, and seconds until the alternative is tried again. It
 // is tried sooner at first, as a trial may fall into a busy moment.
@@ -369,6 +372,9 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     const bool of_earlier_calls = checkpoint_.steps() > 0;
     if (of_earlier_calls && (above_stable_dt() || checkpoint_.seconds() > most_seconds_of_earlier_calls))
         checkpoint_.drop();
+    const bool continuous = !above_stable_dt() &&
+        std::any_of(members_.begin(), members_.end(),
+                    [](const auto& member) { return member->has_continuous(); });
     auto last_poll = steady_clock::now(), start = last_poll;
     while (outcome.steps < steps) {
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
@@ -380,7 +386,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const bool choose = choosing(threads, optional);
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
         const std::int64_t waits = long_waits;
-        run({n, n == to_inspection}, team(threads, optional));
+        const bool renew = continuous && checkpoint_.seconds() > most_seconds_behind_planes;
+        run({n, n == to_inspection || renew}, team(threads, optional));
         outcome.steps += n;
         const auto end = steady_clock::now();
         const double seconds = seconds_between(start, end);
@@ -389,7 +396,9 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
         else note_waits(waits, optional);
-        const double longest = members_.size() == 1 ? seconds_between_polls : seconds_of_batch;
+        const double longest = members_.size() > 1 ? seconds_of_batch
+            : continuous                           ? most_seconds_behind_planes
+                                                   : seconds_between_polls;
         chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1),
                             most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {
@@ -401,7 +410,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         }
         const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
         if (poll) outcome.interrupted = interrupted();
-        if (outcome.interrupted && n < to_inspection) inspect();
+        if (outcome.interrupted && n < to_inspection && !renew) inspect();
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, interrupted);
             return outcome;
@@ -409,7 +418,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
         // The next checkpoint is the state of this inspection, so that steps which are repeated pass none.
-        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample)
+        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample || renew)
             checkpoint_.drop();
         if (outcome.interrupted || outcome.grown) return outcome;
         if (poll) start = last_poll = steady_clock::now();

@@ -10,6 +10,8 @@ import types
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.run.fixed_steps import RunOptions, run_fixed
+from clothsim.run.recording import Recording, Watch
 from tables import each
 
 SCENE = cs.scenes.paper_swing()
@@ -265,6 +267,19 @@ def test_ctrl_c_with_error_control_counts_its_steps():
     assert run.t[0] == 0 < run.t[-1] and len(run.t) == 2
     assert run.report["steps"] > 4
     assert 0 < run.report["dt"] < 0.1 and run.report["energy"]["end"]["kinetic"] > 0
+
+
+def test_ctrl_c_before_the_first_frame_of_another_run_leaves_the_run_before(monkeypatch):
+    def interrupt(recording):
+        raise KeyboardInterrupt
+
+    watch, options = Watch(), RunOptions()
+    run_fixed(SMALL, 0.01, 1e-3, options, watch=watch)
+    before = watch.recording
+    monkeypatch.setattr(Recording, "arrays_now", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_fixed(SMALL, 0.01, 1e-3, options, watch=watch)
+    assert watch.recording is before and before.t == [0.0, 0.01]
 
 
 def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):

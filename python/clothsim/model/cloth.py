@@ -49,6 +49,10 @@ _ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
 )
 
 
+# Springs that `spring_table` fills between two chances for Ctrl-C: some 10 ms. Half costs nothing.
+_SPRINGS_AT_ONCE = 2**18
+
+
 @suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloth(Record):
@@ -322,22 +326,23 @@ class Cloth(Record):
         >>> table[["i", "j", "rest_length"]].tolist()
         [(0, 1, 1.0), (2, 3, 1.0), (0, 2, 1.0), (1, 3, 1.0)]
         """
-        index = np.arange(self.rows * self.columns).reshape(self.shape)
         stiffness, damping = self.family_stiffness, self.family_damping
-        blocks = [np.empty(0, SPRING_DTYPE)]
+        table, done = np.empty(self.spring_count(), SPRING_DTYPE), 0
         for family, first, second in _ENDS:
             if family not in self.springs:
                 continue
             rows, columns = self._cells(first, second)
-            block = np.empty(rows * columns, SPRING_DTYPE)
-            for field, (r, c) in (("i", first), ("j", second)):
-                block[field] = index[r : r + rows, c : c + columns].ravel()
-            block["family"] = family
-            block["rest_length"] = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
-            block["stiffness"] = stiffness[family]
-            block["damping"] = damping[family]
-            blocks.append(block)
-        return np.concatenate(blocks)
+            length = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
+            several = max(1, _SPRINGS_AT_ONCE // max(1, columns))
+            for begin in range(0, rows, several):
+                here = np.arange(begin, min(begin + several, rows))[:, None] * self.columns + np.arange(columns)
+                block = table[done : done + here.size]
+                for field, (r, c) in (("i", first), ("j", second)):
+                    block[field] = here.ravel() + (r * self.columns + c)
+                block["family"], block["rest_length"] = family, length
+                block["stiffness"], block["damping"] = stiffness[family], damping[family]
+                done += here.size
+        return table
 
 
 def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:

@@ -117,7 +117,7 @@ class Attempts:
         except UnstableError:
             return 0.0
         except KeyboardInterrupt:
-            self._watch.recording = watch.recording
+            self._watch.recording = watch.recording or self._watch.recording
             raise
         self._done.append(run)
         return run.steps / PILOT

@@ -203,7 +203,6 @@ class Recording:
         self._ahead = False  # the present state comes after the last frame, which is interpolated
         self._watched: Mapping[str, Any] = {}
         self._chunk = 1
-        watch.begin(self, earlier.seconds)
         self.store(earlier.seconds, self._start + earlier.seconds)
 
     def advance(self, steps: int, dt: float) -> None:
@@ -278,6 +277,8 @@ class Recording:
         self._x.append(x)
         self._v.append(v)
         self.t.append(t)  # last: a frame counts from here on
+        if len(self.t) == 1:  # until then the recording before has the frames
+            self._watch.begin(self, seconds)
         self._steps_at_frame, self._ahead, self._seconds = self.steps, ahead, seconds
         self._watch.frame(t, x, v)
 

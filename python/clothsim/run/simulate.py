@@ -244,7 +244,7 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
 
     def so_far(reason: str) -> Run | None:
         recording = watch.recording
-        if recording is None or not recording.t:
+        if recording is None:
             return None
         if reason == "callback":
             recording.end_at_frame()

@@ -1,0 +1,131 @@
+"""Kills, memory limits, and calls from several threads at random; `make torture` runs more rounds from another seed."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+
+ROUNDS = int(os.environ.get("CLOTHSIM_TEST_ROUNDS", "1"))
+SEED = int(os.environ.get("CLOTHSIM_TEST_SEED", "0"))
+
+BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
+
+_MEMORY = """
+import os, resource, sys, warnings
+import clothsim as cs
+warnings.simplefilter("ignore")
+scene = cs.Scene(cs.Cloth((160, 160)), cs.Sphere((0.6, -0.2, 0.4), 0.25))
+small = cs.scenes.paper_static()
+
+def calls():
+    x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-6, 3, threads=2)
+    cs.Stepper([scene] * 4, threads=2).advance(2, 1e-6)
+    cs.simulate(small, 1e-3, dt=1e-4, every="step").picture()
+    cs.simulate(small, 1e-2, rtol=1e-4)
+    cs.energy(scene, x, v), scene.cloth.spring_table()
+
+calls()  # loads what is loaded late
+cs.step(small, small.initial_position, small.initial_velocity, 1e-6, threads=1)
+ended = {"whole": 0, "MemoryError": 0}
+for size in map(int, sys.argv[1:]):
+    child = os.fork()
+    if child == 0:
+        here = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (here + size, here + size))
+        try:
+            calls()
+        except MemoryError:
+            os._exit(1)
+        except BaseException as error:
+            os.write(2, f"{size} more bytes: {error!r}\\n".encode())
+            os._exit(2)
+        os._exit(0)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if code not in (0, 1):
+        sys.exit(f"{size} more bytes: ended with {code}")
+    ended["whole" if code == 0 else "MemoryError"] += 1
+print(ended)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_too_little_memory_is_a_memory_error():
+    rng = random.Random(SEED)
+    sizes = [int(10 ** rng.uniform(4, 8.3)) for _ in range(5 * ROUNDS)] + [2**40]
+    run = subprocess.run(
+        [sys.executable, "-c", _MEMORY, *map(str, sizes)], capture_output=True, text=True, timeout=30 + 20 * ROUNDS
+    )
+    assert run.returncode == 0, f"seed {SEED}: {run.stderr}"
+    ended = eval(run.stdout)
+    assert ended["whole"] > 0 and ended["MemoryError"] > 0, ended
+
+
+def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
+    rng, path = random.Random(SEED), tmp_path / "run.npz"
+    runs = [cs.simulate(cs.scenes.hanging(), seconds, dt=1e-3, every="step") for seconds in (0.01, 0.02)]
+    runs[0].save(path)
+    for _ in range(10 * ROUNDS):
+        child = os.fork()
+        if child == 0:
+            while True:
+                for run in runs:
+                    run.save(path)
+        time.sleep(rng.uniform(0, 0.03))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        assert cs.load_run(path) in runs, f"seed {SEED}"
+    runs[1].save(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
+
+
+def _work(seed):
+    """Calls at random, of a scene at random; all arrays that they give."""
+    rng = random.Random(seed)
+    shape = rng.choice([(2, 2), (9, 7), (32, 32), (40, 33)])
+    kernel, precision = rng.choice(["edge", "gather"]), rng.choice(["double", "single"])
+    scene = cs.Scene(cs.Cloth(shape), rng.choice([(), (BALL,)]))
+    dt = 0.3 * cs.max_stable_dt(scene)
+    options = {"kernel": kernel, "precision": precision, "threads": rng.choice([None, 1, 2, 3])}
+    stepper, found = cs.Stepper(scene, **options), []
+    for _ in range(30):
+        call = rng.randrange(5)
+        if call == 0:
+            stepper.advance(rng.randrange(20), dt)
+        elif call == 1:
+            stepper = cs.Stepper.restore(stepper.snapshot())
+        elif call == 2:
+            x, v = cs.step(scene, stepper.positions, stepper.velocities, dt, rng.randrange(1, 9), t=0.0, **options)
+            stepper.set_state(x, v, 0.0)
+        elif call == 3:
+            found.append(cs.acceleration(scene, stepper.positions, stepper.velocities, precision=precision))
+        else:
+            stepper.set_scene(scene.replace(gravity=(0.0, -rng.uniform(5, 15), 0.0)))
+        found += [stepper.positions, stepper.velocities]
+    return found
+
+
+def test_calls_from_several_threads_give_the_bits_of_one():
+    for first in range(SEED, SEED + 4 * ROUNDS, 4):
+        seeds, together = range(first, first + 4), {}
+
+        def work(seed, together=together):
+            together[seed] = _work(seed)
+
+        workers = [threading.Thread(target=work, args=(seed,)) for seed in seeds]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for worker in workers:
+                worker.start()
+            for worker in workers:
+                worker.join()
+            for seed in seeds:
+                for one, other in zip(_work(seed), together[seed], strict=True):
+                    assert np.array_equal(one, other, equal_nan=True), f"seed {seed}"
