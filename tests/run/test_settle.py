@@ -105,6 +105,17 @@ def test_moving_spheres_are_held_where_they_are_at_the_time(same_bits):
     assert same_bits([cs.settle(moving, t=0.5).x], [cs.settle(still).x])
 
 
+def test_driven_pins_are_held_where_they_are_at_the_time():
+    pins = {(0, 0): cs.Linear((0.0, 0.2, 0.0)), (-1, 0): None}
+    run = cs.settle(LIGHT.replace(cloth=LIGHT.cloth.replace(pins=pins)), t=0.5)
+    assert run.report["residual"] < 1e-6
+    assert run.x[-1, 0, 0] == pytest.approx([0, 0.1, 0]) and run.x[-1, -1, 0] == pytest.approx([0, 0, 1])
+    x = LIGHT.initial_position.copy()
+    x[0, 0, 1] = 0.1
+    still = cs.settle(LIGHT.replace(position=x))
+    assert (run.x[-1] == still.x[-1]).all()
+
+
 @pytest.mark.parametrize(
     "arguments, message",
     [

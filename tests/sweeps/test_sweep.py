@@ -357,3 +357,15 @@ def test_dt_is_by_default_half_of_the_stable_one():
 def test_durations_may_differ():
     result = sweep(SMALL, {"duration": [0.1, 0.2]}, dt=1e-3, metrics=ends)
     assert result.ends_last.values.tolist() == [0.1, 0.2]
+
+
+def test_sag_is_that_of_the_rest_state():
+    scene = cs.Scene(
+        cs.Cloth((2, 2), mass=4.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (0, 1)]), gravity=(0, 0, 10)
+    )
+    result = sweep(scene, {"stiffness": [250.0, 500.0]}, duration=0.01, dt=1e-3, metrics="sag")
+    assert result.sag.values == pytest.approx([10 / 250, 10 / 500], abs=1e-7)  # m g / K of the two lower points
+    falls = sweep(
+        scene.replace(cloth=scene.cloth.replace(pins=())), {"stiffness": [500.0]}, duration=0.01, dt=1e-3, metrics="sag"
+    )
+    assert np.isnan(falls.sag.values).all()

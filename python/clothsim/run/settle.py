@@ -141,9 +141,15 @@ def settle(
 
 def scene_at(scene: Scene, t: float) -> Scene:
     """The scene with everything that moves held at its place at a time [s]."""
-    return scene.replace(
+    still = scene.replace(
         spheres=[sphere.replace(center=tuple(sphere.center_at(t)), motion=None) for sphere in scene.spheres]
     )
+    if not scene.cloth.driven:
+        return still
+    x = scene.initial_position.copy()
+    for pins in scene.driven_pins:
+        x[pins.rows, pins.columns] = pins.places_at(t)
+    return still.replace(cloth=scene.cloth.replace(pins=scene.cloth.pinned), position=x)
 
 
 class _Relaxation:

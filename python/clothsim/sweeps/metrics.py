@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base import check
 from ..measure.measures import energy
+from ..run.settle import settle
 from .member import Outcome
 from .reference import incomparable
 
@@ -63,6 +64,17 @@ def _watched(name: str, variables: Mapping[str, tuple[str, str, str]], needs: tu
     )
 
 
+def _sag(outcome: Outcome) -> dict[str, float]:
+    """Of the rest state, which does not depend on the run; NaN where the scene does not rest."""
+    scene, pull = outcome.scene, np.linalg.norm(outcome.scene.gravity)
+    if pull == 0:
+        return {"sag": np.nan}
+    rest = settle(scene)
+    if rest.report["reason"]:
+        return {"sag": np.nan}
+    return {"sag": float(((rest.x[-1] - rest.x[0]) @ scene.gravity).max() / pull)}
+
+
 _ALL = (
     Metric(
         "error",
@@ -98,6 +110,7 @@ _ALL = (
         lambda outcome: {"steps_per_second": outcome.steps / max(outcome.seconds, 1e-9)},
         {"steps_per_second": _attrs("steps over the member's share of its batch's time", "1/s")},
     ),
+    Metric("sag", _sag, {"sag": _attrs("largest way along gravity from the initial to the rest state", "m")}),
     _watched("first_contact", {"first_contact": ("first_contact", "end of the first step that a sphere changed", "s")}, ()),
 )
 
