@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 
-if TYPE_CHECKING:
-    from .result import Run
 
-
-def run_lines(run: Run) -> list[str]:
-    """Six lines: the scene, frames, steps, energy, penetration, and speed."""
-    report = run.report
+def run_lines(scene: Scene, t: Any, report: Mapping[str, Any], adaptive: bool) -> list[str]:
+    """Six lines: the scene, frames at the times `t`, steps, energy, penetration, and speed."""
     steps, dt = report.get("steps"), report.get("dt")
     how = " in ".join(str(report[k]) for k in ("integrator", "precision") if k in report)
-    adaptive = run.continuation is not None and run.continuation.dt is None
     step = "" if dt is None else f" of {'about ' if adaptive else ''}{quantity(dt, 's')}"
     stopped = report.get("stopped")
     end = f", stopped early ({stopped})" if stopped else ""
-    frames = "1 frame" if len(run.t) == 1 else f"{len(run.t):,} frames"
+    frames = "1 frame" if len(t) == 1 else f"{len(t):,} frames"
     return [
-        f"Run of {cloth_text(run.scene)}, {spheres_text([run.scene])}",
-        f"{frames} from t = {run.t[0]:.6g} to {run.t[-1]:.6g} s{end}",
+        f"Run of {cloth_text(scene)}, {spheres_text([scene])}",
+        f"{frames} from t = {t[0]:.6g} to {t[-1]:.6g} s{end}",
         f"{'steps' if steps is None else counted(steps, 'step')}{step}{f' by {how}' if how else ''}",
         _energy_line(report.get("energy", {})),
-        _penetration_line(run.scene, report.get("penetration", {})),
+        _penetration_line(scene, report.get("penetration", {})),
         _speed_line(report),
     ]
 

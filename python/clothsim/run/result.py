@@ -83,7 +83,8 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
         return hash((self.x.shape, self.t.tobytes()))
 
     def __repr__(self) -> str:
-        return "\n".join(run_lines(self))
+        adaptive = self.continuation is not None and self.continuation.dt is None
+        return "\n".join(run_lines(self.scene, self.t, self.report, adaptive))
 
     @suggests
     def resume(
