@@ -1,12 +1,12 @@
 """Experiment 4 of Kim et al.: CPU against GPU over cloth sizes and batches. Runs unattended.
 
     pip install 'clothsim[gpu,plot]'
-    python benchmarks/gpu.py                    # all adapters, an hour or two
+    python benchmarks/gpu.py                    # every adapter, some hours
     python benchmarks/gpu.py --quick            # a minute
     python benchmarks/gpu.py --adapter NVIDIA --sizes 32 256 --batches 64 --precision single
 
-Writes <name>.csv and <name>_first_frames.csv after every scene, so that what was measured survives
-an interruption, and <name>.png to --out at the end, and prints the tables with the crossover. A
+Writes <name>_<adapter>.csv and <name>_<adapter>_first_frames.csv after every scene, so that what was measured survives
+an interruption, and <name>_<adapter>.png to --out at the end, and prints the tables with the crossover. A
 target that cannot do a scene (memory, limits, an adapter lost) is left out and named; a window of
 frames that takes long ends early, and the tables say after how many steps.
 
@@ -44,7 +44,7 @@ def arguments():
         help=f"longest window of the paper's one cloth of 32 x 32, default {default.paper_seconds} s",
     )
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR")
-    parser.add_argument("--name", help="of the files; default: gpu_ and the adapter")
+    parser.add_argument("--name", help="begin of the files' names, before the adapter; default: gpu")
     return parser.parse_args()
 
 
@@ -70,8 +70,14 @@ def main():
     if not measured:
         names = ", ".join(repr(a.name) for a in found) or "none on this machine"
         sys.exit(f"no graphics adapter to measure; there are: {names}")
-    name = args.name or "gpu_" + re.sub(r"\W+", "_", measured[0].name).strip("_").lower()
-    total, done = count(settings, measured), 0
+    for adapter in measured:
+        own = re.sub(r"\W+", "_", adapter.name).strip("_").lower()
+        measure(settings, adapter, args.out, f"{args.name or 'gpu'}_{own}")
+
+
+def measure(settings, adapter, out, name):
+    """Measure one adapter beside the CPU, and write its files."""
+    total, done = count(settings, [adapter]), 0
 
     def advance(runs):
         nonlocal done
@@ -80,7 +86,7 @@ def main():
 
     def finished(measurements):
         if measurements:
-            report.write_tables(measurements, args.out, name)
+            report.write_tables(measurements, out, name)
 
     missing = []
 
@@ -88,12 +94,12 @@ def main():
         what = f"{m.target.name}, {m.precision}, method {m.method}, {m.size} x {m.size}"
         missing.append(f"{what}, {m.members} cloths: {type(why).__name__}: {why}")
 
-    measurements = run(settings, measured, advance=advance, finished=finished, left_out=left_out)
+    measurements = run(settings, [adapter], advance=advance, finished=finished, left_out=left_out)
     print(file=sys.stderr)
     print(report.text(measurements))
     if missing:
         print("\nLeft out:", *missing, sep="\n  ")
-    files = report.write(measurements, args.out, name)
+    files = report.write(measurements, out, name)
     print("\nWritten: " + ", ".join(map(str, files)))
 
 

@@ -109,8 +109,8 @@ class Settings:
         taken four times this.
     """
 
-    sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
-    batches: tuple[int, ...] = (4, 16, 64, 256, 1024)
+    sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024, 2048, 4096)
+    batches: tuple[int, ...] = (4, 16, 64, 256, 1024, 16384)
     batch_size: int = 32
     methods: tuple[int, ...] = (1, 2)
     precisions: tuple[Precision, ...] = ("single", "double")
