@@ -29,7 +29,9 @@ t, frames, velocities = [0.0], [stepper.positions], [stepper.velocities]
 for _ in range(60):
     stepper.set_force(wind_force(frames[-1], velocities[-1]))
     stepper.advance(100, 1 / 6000)
-    t.append(stepper.time), frames.append(stepper.positions), velocities.append(stepper.velocities)
+    t.append(stepper.time)
+    frames.append(stepper.positions)
+    velocities.append(stepper.velocities)
 run = cs.Run(scene, np.array(t), np.array(frames), np.array(velocities), {})
 run.animate("flag.webp", fps=20, speed=0.5)
 tip = frames[-1][-1, -1]

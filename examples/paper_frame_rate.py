@@ -6,8 +6,8 @@ import matplotlib.pyplot as plt
 WINDOW = 0.02  # s of simulated time
 
 figure, axes = plt.subplots(figsize=(6, 4))
-for name, response in (("method 1", "reflect"), ("method 2", "ray")):
-    run = cs.simulate(cs.scenes.paper_static(response=response), WINDOW, dt=1e-4, threads=1)
+for name, scene in (("method 1", cs.scenes.paper_static("reflect")), ("method 2", cs.scenes.paper_static("ray"))):
+    run = cs.simulate(scene, WINDOW, dt=1e-4, threads=1)
     rates = []
     for _ in range(20):
         run = run.resume(WINDOW)

@@ -71,6 +71,19 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
     snapshot: Snapshot | None = None
     continuation: Continuation | None = None
 
+    if TYPE_CHECKING:  # frames of a user's own have an empty report
+
+        def __init__(
+            self,
+            scene: Scene,
+            t: Floats,
+            x: Floats,
+            v: Floats,
+            report: Report | dict[str, Any],
+            snapshot: Snapshot | None = None,
+            continuation: Continuation | None = None,
+        ) -> None: ...
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
             return NotImplemented
