@@ -260,7 +260,12 @@ def test_pictures_decode_and_show_something(report, folder):
         assert len(np.unique(pixels[::2, ::2].reshape(-1, 3), axis=0)) > 50
         assert 0.005 < np.mean((pixels < 0.95).any(axis=-1)) < 0.9
     shown = {p.relative_to(folder).as_posix() for p in pictures}
-    assert {c["picture"] for n in "12" for c in report["experiments"][n]["cells"]} <= shown
+    cells = {c["picture"] for n in "12" for c in report["experiments"][n]["cells"]}
+    assert cells <= shown
+    for name in cells:
+        pixels = imread(folder / name)[..., :3]
+        ink = (pixels[: -round(pixels.shape[1] / 20)] < 0.95).any(axis=-1)  # without the strip
+        assert max(ink.any(axis=0).mean(), ink.any(axis=1).mean()) > 0.8, name  # the camera is that of the cell
 
 
 def test_unstable_run_is_reported_not_hidden(tmp_path):

@@ -20,8 +20,9 @@ from .responses import Case, Experiment
 FRONT = (1.0, 0.6, 1.3)
 BACK = (-0.6, 0.9, 0.7)
 BACK_FRAMES = {"2": (200,)}  # the paper draws this frame from the back face
-STAGE = (-0.7, -1.1, -0.1), (1.1, 0.2, 1.1)  # m; what a cloth that is thrown about leaves is cut
+STAGE = (-1.2, -1.6, -0.6), (1.6, 1.1, 1.6)  # m; mass points that a collision throws further are cut
 OVERVIEW_HEIGHT = 420  # pixels
+LABELLED = 320  # pixels; the least width of a picture that has room for a scale
 # (which of the experiment's frames, method, variant)
 OVERVIEW = {"1": ((1, 2, "corrected"), (2, 2, "corrected")), "2": ((0, 1, "as printed"), (0, 2, "corrected"))}
 
@@ -29,7 +30,8 @@ OVERVIEW = {"1": ((1, 2, "corrected"), (2, 2, "corrected")), "2": ((0, 1, "as pr
 def draw_cells(experiment: Experiment, cases: Sequence[Case], settings: Settings, folder: Path) -> None:
     """Write the picture of each cell and enter its path, relative to `folder`, in the cell.
 
-    All cells of a frame share one camera, which holds the sphere and every cloth within `STAGE`.
+    Each cell has a camera that holds its sphere and its cloth within `STAGE`. A strip below it states the scale, where the
+    picture is wide enough.
     """
     from matplotlib.image import imsave
 
@@ -38,8 +40,8 @@ def draw_cells(experiment: Experiment, cases: Sequence[Case], settings: Settings
         reached = [case for case in cases if frame in case.states]
         if not reached:
             continue
-        camera = _camera(experiment, reached, frame)
         for case in reached:
+            camera = _camera(experiment, case, frame)
             cell = next(cell for cell in case.cells if cell["frame"] == frame)
             name = f"frame{frame}_method{case.method}_{case.variant.replace(' ', '_')}.png"
             cell["picture"] = f"{experiment.table}/{name}"
@@ -51,24 +53,20 @@ def _direction(experiment: Experiment, frame: int) -> tuple[float, float, float]
     return BACK if frame in BACK_FRAMES.get(experiment.number, ()) else FRONT
 
 
-def _camera(experiment: Experiment, cases: Sequence[Case], frame: int) -> cs.Camera:
+def _camera(experiment: Experiment, case: Case, frame: int) -> cs.Camera:
     direction = _direction(experiment, frame)
     axes = cs.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
-    points = []
-    for case in cases:
-        if frame in case.states:
-            positions, time = case.states[frame]
-            sphere = contact.scene_of(experiment, case.method, case.variant).spheres[0]
-            center, outline = sphere.center_at(time), sphere.radius * axes[:2]
-            points += [np.clip(positions.reshape(-1, 3), *STAGE)]
-            points += [center + outline, center - outline]
-    return cs.Camera.around(direction, np.concatenate(points))
+    positions, time = case.states[frame]
+    sphere = contact.scene_of(experiment, case.method, case.variant).spheres[0]
+    center, outline = sphere.center_at(time), sphere.radius * axes[:2]
+    cloth = np.clip(positions.reshape(-1, 3), *STAGE)
+    return cs.Camera.around(direction, np.concatenate([cloth, center + outline, center - outline]))
 
 
-def _draw(experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int) -> np.ndarray:
+def _draw(experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int, label: bool = True) -> np.ndarray:
     positions, time = case.states[frame]
     scene = contact.scene_of(experiment, case.method, case.variant)
-    return cs.picture(scene, positions, time, camera=camera, width=width).pixels
+    return cs.picture(scene, positions, time, camera=camera, width=width, label=label and width >= LABELLED).pixels
 
 
 def draw_sheet(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
@@ -117,20 +115,26 @@ def play(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
 
 
 def draw_overview(drawn: Sequence[tuple[Experiment, Sequence[Case]]], folder: Path) -> str | None:
-    """The `OVERVIEW` cells side by side, for the README; None where there are none."""
-    from matplotlib.image import imsave
-
-    strip = []
+    """The `OVERVIEW` cells side by side with captions, for the README; None where there are none."""
+    strip, captions = [], []
     for experiment, cases in drawn:
         for at, method, variant in OVERVIEW[experiment.number]:
             frame = experiment.frames[min(at, len(experiment.frames) - 1)]
             case = next(c for c in cases if (c.method, c.variant) == (method, variant))
             if frame in case.states:
-                camera = _camera(experiment, [case], frame)
+                camera = _camera(experiment, case, frame)
                 width = round(OVERVIEW_HEIGHT * camera.width / camera.height)
-                strip.append(_draw(experiment, case, frame, camera, width)[:OVERVIEW_HEIGHT])
+                strip.append(_draw(experiment, case, frame, camera, width, label=False))
+                captions.append(
+                    f"Experiment {experiment.number}, t = {case.states[frame][1]:.2f} s\nmethod {method}, {variant}"
+                )
     if not strip:
         return None
-    rows = min(picture.shape[0] for picture in strip)
-    imsave(folder / "overview.png", np.concatenate([p[:rows] for p in strip], axis=1))
+    widths = [picture.shape[1] / picture.shape[0] for picture in strip]
+    overview, (panels,) = figure(3.4 * sum(widths), 3.9, 1, len(strip), width_ratios=widths)
+    for panel, picture, caption in zip(panels, strip, captions, strict=True):
+        panel.imshow(picture, interpolation="antialiased")
+        panel.set(xticks=[], yticks=[], xlabel=caption)
+        panel.spines[:].set_visible(False)
+    save(overview, folder / "overview.png")
     return "overview.png"
