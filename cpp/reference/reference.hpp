@@ -14,7 +14,9 @@ namespace clothsim::reference {
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
                      const Points& v);
 
-// Classic RK4 steps followed by the collision pass, the first of them from time t. x and v are advanced.
+// Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act at the
+// end of a step. A step in which a sphere with the response "continuous" touches a point is taken in short
+// substeps (impacts.hpp); the paper's responses follow it.
 void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t);
 
 // Kim et al., eq 2-6 as printed: the time step multiplies the slopes and the sum. Kept to show that it is

@@ -1,0 +1,29 @@
+// The response "continuous" by another way than the code that it judges: laws of motion over a short substep.
+// A mass point falls freely. At an impact, found by bisection in time, its normal speed turns round with the
+// restitution, and Coulomb's friction acts. Forces that press it against a sphere are cancelled.
+//
+// Errors are of the first order in the substep h. Where a point presses with the acceleration a, its speed is
+// wrong by at most a h. Each impact adds at most a h^2 to the error of its place.
+#pragma once
+
+#include <vector>
+
+#include "reference/contact.hpp"
+
+namespace clothsim::reference {
+
+// A sphere with the response "continuous", straight on its way within one substep.
+struct MovingSphere {
+    Vec3 start, velocity;  // of the centre
+    double radius;  // of contact
+    double restitution, friction, push_out_speed;
+
+    MovingSphere(const Sphere& sphere, double t0, double t1);
+    Vec3 at(double s) const { return start + s * velocity; }
+};
+
+// `point`, a mass point's free state after a substep of length h from `before`, responds to the spheres.
+// Returns whether one of them touched it.
+bool respond(const std::vector<MovingSphere>& spheres, const State& before, State& point, double h);
+
+}  // namespace clothsim::reference
