@@ -20,12 +20,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 PACKAGE = ROOT / "python" / "clothsim"
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "gpu" and path.stem not in {"page", "raster"})
-SOURCES = [
-    *sorted(path for path in (ROOT / "cpp").rglob("*.[ch]pp") if path.parent.name != "picture"),
-    *sorted(PACKAGE.rglob("*.pyi")),
-    ROOT / "CMakeLists.txt",
-]
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "gpu" and path.stem != "page")
+SOURCES = [*sorted((ROOT / "cpp").rglob("*.[ch]pp")), *sorted(PACKAGE.rglob("*.pyi")), ROOT / "CMakeLists.txt"]
 TESTS = sorted(path for path in (ROOT / "tests").rglob("test_*.py") if path.parent.name != "gpu")
 
 WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer limits pass sentences with two ideas
@@ -269,7 +265,7 @@ def main(arguments: list[str]) -> int:
             for sentence in sentences(block)
             for fault in faults(sentence)
         ]
-        if path.suffix in {".py", ".wgsl"}:
+        if path.suffix in {".py", ".pyi", ".cpp", ".hpp", ".wgsl"}:
             found += [(line, fault, name) for line, name in names_of(path, text) for fault in faults_of_name(name)]
         for line, fault, where in found:
             print(f"{path.relative_to(ROOT)}:{line}: {fault}\n    {where}")

@@ -142,7 +142,7 @@ bool FaceWork::nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& ne
 // sphere to a triangle. It moves with the sphere. All corners stay behind it, so no path of theirs touches
 // the sphere. One sphere alone always leaves such a place, as all corners may move with it. Each corner goes
 // to the nearest.
-bool FaceWork::carry() {
+bool FaceWork::move_with_spheres() {
     constexpr int most_planes = 40;  // of a point: more are seen only between spheres that close
     constexpr int most_rounds_of_planes = 50;
     std::vector<std::vector<HalfSpace>> planes(x.size());
@@ -201,7 +201,7 @@ FaceWork::Fault FaceWork::search(Fault fault) {
         if (fault.energy == 0) fault = next;
         return next.point < 0;
     };
-    if (carry() && is_place()) return {};
+    if (move_with_spheres() && is_place()) return {};
     for (const Sweeps& sweeps : {single_sweeps, all_sweeps})
         for (const std::vector<Vec3>& start : starts()) {
             rows_.clear();

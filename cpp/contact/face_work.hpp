@@ -116,7 +116,7 @@ private:
     double most_energy_made() const;
     Fault fault_of_place();
     bool nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& nearest) const;
-    bool carry();
+    bool move_with_spheres();
     void take_path_speeds();
     void ground();
     bool follow_ways(int first_round);

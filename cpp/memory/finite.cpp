@@ -14,12 +14,12 @@ inline __attribute__((always_inline)) bool finite(const Real* p, const Blocks& b
     typedef Bits Unaligned __attribute__((vector_size(bytes_of_blocks), aligned(sizeof(Real)), may_alias));
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1), one = Bits(1) << mantissa;
     constexpr int lanes = bytes_of_blocks / int(sizeof(Real));
-    Vector carried{};
+    Vector overflow{};
     for (std::ptrdiff_t b = 0; b < blocks.count; ++b)
         for (std::ptrdiff_t i = 0; i < blocks.size; i += lanes)
-            carried |= (*reinterpret_cast<const Unaligned*>(p + b * blocks.stride + i) & ~sign) + one;
+            overflow |= (*reinterpret_cast<const Unaligned*>(p + b * blocks.stride + i) & ~sign) + one;
     Bits any = 0;
-    for (int l = 0; l < lanes; ++l) any |= carried[l];
+    for (int l = 0; l < lanes; ++l) any |= overflow[l];
     return (any & sign) == 0;
 }
 

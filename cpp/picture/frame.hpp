@@ -41,8 +41,8 @@ struct View {
 struct Sheet {
     int rows = 0, columns = 0;
     const double* points = nullptr;  // m
-    // Samples to the right, samples down, and nearness, which is linear in the picture: metres towards the
-    // eye, or in perspective 1 / (distance from the eye in m). A point behind the eye holds NaN.
+    // Samples to the right, samples down, and nearness, which is linear in the picture. Nearness is metres
+    // towards the eye, or in perspective 1 / (distance from the eye in m). A point behind the eye holds NaN.
     const double* screen = nullptr;
     const double* normals = nullptr;  // unit vectors, up where the sheet is flat
     const double* colors = nullptr;  // red, green, blue; null: each face has its own colour
@@ -72,7 +72,7 @@ struct Ground {
     double radius = 0;  // m, where it has faded
 };
 
-struct Look {
+struct Shading {
     Triple background{}, front{}, back{}, penetration{}, ground{};
     double full_red_depth = 0;  // m
     double least_red = 0;  // part of red at no depth
@@ -88,7 +88,7 @@ struct Picture {
     Sheet sheet;
     std::vector<Ball> balls;
     Ground ground;
-    Look look;
+    Shading shading;
 };
 
 // Draw into `pixels`, height x width x 3. Pixels have the same bits for every number of threads.

@@ -12,7 +12,7 @@ namespace clothsim::picture {
 namespace {
 
 // Samples of the map, along and down: 2 ms, 2 mm of a sheet of 1 m. At half, edges of contact shadows are
-// jagged; twice takes four times as long and looks the same.
+// jagged; twice takes four times as long and appears the same.
 constexpr int map_size = 512;
 // Tangent of the angle at which a point sees the light's radius. At half, shadows have hard edges; at twice,
 // the shadow of a sheet 0.5 m above the ground has no dark core.
@@ -24,8 +24,8 @@ constexpr double map_slack = 2.5;
 // Places of the map that a sample inspects. At half, bands show in wide shadows; twice takes twice the time.
 constexpr int taps = 24;
 
-// Every second of them tells the height of what is between. At half a picture takes a third longer and looks
-// the same; at twice it takes 5 % less, and 0.5 % of the values change by more than 3 of 255.
+// Every second ray samples the height of the cover. At half a picture takes a third longer and appears the
+// same. At twice it takes 5 % less, and 0.5 % of the values change by more than 3 of 255.
 constexpr int taps_per_search = 2;
 
 struct Place {
@@ -48,8 +48,8 @@ const std::array<std::array<Place, taps>, 4> discs = seeds();
 }  // namespace
 
 Shadow::Shadow(const Picture& picture, Poll& poll) : picture_(picture) {
-    if (!picture.look.shadow || !picture.sheet.triangles()) return;
-    const Triple up = picture.look.key, aside{up[1], -up[0], 0};
+    if (!picture.shading.shadow || !picture.sheet.triangles()) return;
+    const Triple up = picture.shading.key, aside{up[1], -up[0], 0};
     const Triple right = (1 / std::sqrt(dot(aside, aside))) * aside;
     view_.axes = {right,
                   Triple{up[1] * right[2] - up[2] * right[1], up[2] * right[0] - up[0] * right[2],
@@ -88,7 +88,7 @@ double Shadow::lit(const Triple& point, int column, int row, const Ball* on) con
     for (const Ball& ball : picture_.balls) {
         if (!ball.solid || &ball == on) continue;
         const Triple way = ball.center - point;
-        const double towards = dot(way, picture_.look.key);
+        const double towards = dot(way, picture_.shading.key);
         if (towards <= 0) continue;
         const double beside = std::sqrt(std::max(dot(way, way) - towards * towards, 0.0));
         const double edge = light_size * towards;
@@ -103,8 +103,8 @@ double Shadow::above(double x, double y, double height) const {
     return nearness_[std::size_t(y) * map_size + std::size_t(x)] - height;
 }
 
-// First the mean height of what is between point and light, then how much of a disc as wide as the light's
-// edge seems at that height is covered.
+// First the mean height of the cover between point and light. Then the covered part of a disc as wide as the
+// light's edge seems at that height.
 double Shadow::past_sheet(const Triple& point, int which) const {
     const std::array<Place, taps>& disc = discs[std::size_t(which)];
     const Triple seen = view_.to_view(point);

@@ -10,7 +10,7 @@ namespace clothsim::picture {
 
 class Shadow {
 public:
-    // Of nothing where the look has no shadows.
+    // Of nothing where the shading has no shadows.
     Shadow(const Picture& picture, Poll& poll);
 
     // Part of the light that reaches the point of a sample, 0 to 1. A ball throws no shadow on itself.

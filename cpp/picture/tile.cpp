@@ -19,13 +19,13 @@ struct Lit {
 
 // The light on `count` samples whose normals are turned towards the eye. `front` has the sign of the face
 // that is seen.
-CLOTHSIM_VERSIONS void light_samples(const Look& look, const Lit& at, int count, double* __restrict light,
-                                     double* __restrict front) {
+CLOTHSIM_VERSIONS void light_samples(const Shading& shading, const Lit& at, int count,
+                                     double* __restrict light, double* __restrict front) {
     for (int k = 0; k < count; ++k) {
         const double facing = (at.nx[k] * at.ex[k] + at.ny[k] * at.ey[k]) + at.nz[k] * at.ez[k];
         const double side = facing >= 0 ? 1.0 : -1.0;
         front[k] = side;
-        light[k] = light_on(look, side * at.nx[k], side * at.ny[k], side * at.nz[k], at.ex[k], at.ey[k],
+        light[k] = light_on(shading, side * at.nx[k], side * at.ny[k], side * at.nz[k], at.ex[k], at.ey[k],
                             at.ez[k], at.lit[k]);
     }
 }
@@ -57,7 +57,7 @@ bool Tile::draw(int number, Poll& poll, std::uint8_t* pixels) {
     box_ = bins_.tile(number);
     if (!nearest_.find(picture_.sheet, bins_, number, poll)) return false;
     for (int k = 0; k < 3; ++k)
-        std::fill(color_[k].begin(), color_[k].end(), float(picture_.look.background[std::size_t(k)]));
+        std::fill(color_[k].begin(), color_[k].end(), float(picture_.shading.background[std::size_t(k)]));
     if (!nearest_.facets.empty())
         for (int row = box_.top; row < box_.bottom; ++row) paint_row(row);
     for (std::size_t k = 0; k < discs_.size(); ++k) paint_ball(picture_.balls[k], discs_[k]);
@@ -71,7 +71,7 @@ Triple Tile::weights(const Facet& facet, int column, int row) const {
     const double b = facet.b(x, y), c = facet.c(x, y);
     Triple w{1.0 - b - c, b, c};
     if (!perspective_) return w;
-    // What is linear on the sheet is so in the picture after division by the distance.
+    // A function linear on the sheet is linear in the picture after division by the distance.
     w = {w[0] * facet.nearness, b * (facet.nearness + facet.b_nearness),
          c * (facet.nearness + facet.c_nearness)};
     return (1 / ((w[0] + w[1]) + w[2])) * w;
@@ -101,12 +101,12 @@ void Tile::paint_row(int row) {
         last = k;
     }
     if (first >= last) return;
-    const Look& look = picture_.look;
+    const Shading& shading = picture_.shading;
     const Lit lit{&normal_[0][0], &normal_[1][0], &normal_[2][0], &to_eye_[0][0],
                   &to_eye_[1][0], &to_eye_[2][0], &lit_[0]};
-    light_samples(look, lit, last, light_.data(), front_.data());
+    light_samples(shading, lit, last, light_.data(), front_.data());
     for (int k = 0; k < 3; ++k) {
-        const double front = look.front[std::size_t(k)], back = look.back[std::size_t(k)];
+        const double front = shading.front[std::size_t(k)], back = shading.back[std::size_t(k)];
         float* const color = &color_[k][start];
         for (int i = first; i < last; ++i) {
             const double base = picture_.sheet.colors ? base_[k][std::size_t(i)]
@@ -132,8 +132,8 @@ void Tile::gather(const Facet& facet, int row, int first, int last) {
     const double* const b = p.sheet.normals + 3 * facet.corners[1];
     const double* const c = p.sheet.normals + 3 * facet.corners[2];
     const auto near = [&](double place, double line) {
-        return (std::abs(place - line) < p.look.grid_line) |
-            (std::abs(place - (line + 1)) < p.look.grid_line);
+        return (std::abs(place - line) < p.shading.grid_line) |
+            (std::abs(place - (line + 1)) < p.shading.grid_line);
     };
     for (int k = first; k < last; ++k) {
         const Triple w = weights(facet, box_.left + k, row);
@@ -141,9 +141,9 @@ void Tile::gather(const Facet& facet, int row, int first, int last) {
         for (std::size_t n = 0; n < 3; ++n) normal_[n][i] = (w[0] * a[n] + w[1] * b[n]) + w[2] * c[n];
         const double at_row = (w[0] * cell[0][0] + w[1] * cell[1][0]) + w[2] * cell[2][0];
         const double at_column = (w[0] * cell[0][1] + w[1] * cell[1][1]) + w[2] * cell[2][1];
-        grid_[i] = near(at_row, low_row) | near(at_column, low_column) ? p.look.grid_shade : 1.0;
+        grid_[i] = near(at_row, low_row) | near(at_column, low_column) ? p.shading.grid_shade : 1.0;
     }
-    for (int k = first; k < last && (perspective_ || p.look.shadow || p.sheet.colors); ++k) {
+    for (int k = first; k < last && (perspective_ || p.shading.shadow || p.sheet.colors); ++k) {
         const std::size_t i = std::size_t(k);
         const Triple w = weights(facet, box_.left + k, row),
                      color = p.sheet.colors ? blend(w, p.sheet.colors, facet) : w;
@@ -152,7 +152,7 @@ void Tile::gather(const Facet& facet, int row, int first, int last) {
             base_[n][i] = color[n];
             to_eye_[n][i] = to_eye[n];
         }
-        if (p.look.shadow) lit_[i] = shadow_.lit(blend(w, p.sheet.points, facet), k, row);
+        if (p.shading.shadow) lit_[i] = shadow_.lit(blend(w, p.sheet.points, facet), k, row);
     }
 }
 
@@ -167,14 +167,16 @@ void Tile::paint_ball(const Ball& ball, const Disc& disc) {
             if (!disc.hit(column, row, nearness, normal) || nearness <= nearest_.nearness[i]) continue;
             normal = view.to_world(normal);
             const Triple to_eye = ray(view, column, row).to_eye;
-            const double lit = picture_.look.shadow
+            const double lit = picture_.shading.shadow
                 ? shadow_.lit(ball.center + ball.radius * normal, column, row, &ball)
                 : 1.0;
-            const double light = light_on(picture_.look, normal[0], normal[1], normal[2], to_eye[0],
+            const double light = light_on(picture_.shading, normal[0], normal[1], normal[2], to_eye[0],
                                           to_eye[1], to_eye[2], lit);
-            const double red = ball.solid ? red_of(picture_.look, depth_below(ball, disc, column, row)) : 0.0;
+            const double red =
+                ball.solid ? red_of(picture_.shading, depth_below(ball, disc, column, row)) : 0.0;
             for (std::size_t k = 0; k < 3; ++k)
-                color_[k][i] = float(ball.color[k] * light * (1 - red) + picture_.look.penetration[k] * red);
+                color_[k][i] =
+                    float(ball.color[k] * light * (1 - red) + picture_.shading.penetration[k] * red);
             nearest_.nearness[i] = nearness;
         }
 }
@@ -207,11 +209,11 @@ void Tile::paint_ground() {
             if (nearness <= nearest_.nearness[i]) continue;
             const double far = std::sqrt(dot(point - ground.middle, point - ground.middle)) / ground.radius;
             const double part = std::clamp(2 * (1 - far), 0.0, 1.0), drawn = part * part * (3 - 2 * part);
-            const double lit = picture_.look.shadow && drawn > 0 ? shadow_.lit(point, column, row) : 1.0;
+            const double lit = picture_.shading.shadow && drawn > 0 ? shadow_.lit(point, column, row) : 1.0;
             const double shade = 1 - (1 - ground_in_shadow) * (1 - lit);
             for (std::size_t k = 0; k < 3; ++k) {
-                const double background = picture_.look.background[k];
-                color_[k][i] = float(background + drawn * (picture_.look.ground[k] * shade - background));
+                const double background = picture_.shading.background[k];
+                color_[k][i] = float(background + drawn * (picture_.shading.ground[k] * shade - background));
             }
         }
 }

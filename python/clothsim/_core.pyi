@@ -79,7 +79,7 @@ class View:
         distance: float,
     ) -> None: ...
 
-class Look:
+class Shading:
     def __init__(
         self,
         *,
@@ -199,7 +199,7 @@ def available_threads() -> int: ...
 def render(
     *,
     view: View,
-    look: Look,
+    shading: Shading,
     points: Floats,
     screen: Floats,
     normals: Floats,

@@ -30,7 +30,7 @@ GROUND = np.array([0.93, 0.93, 0.92])
 SAMPLES = 2  # a pixel, along each axis
 
 
-_LOOK = _core.Look(
+_SHADING = _core.Shading(
     colors={
         "background": BACKGROUND,
         "front": CLOTH_FRONT,
@@ -106,7 +106,7 @@ def render(
         view=_core.View(
             width=width, height=height, samples=SAMPLES, axes=axes, target=camera.target, scale=scale, distance=distance
         ),
-        look=_LOOK,
+        shading=_SHADING,
         points=points,
         screen=_on_screen(points, camera, axes, scale, SAMPLES * width, SAMPLES * height),
         normals=_normals(points),
