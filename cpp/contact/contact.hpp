@@ -18,9 +18,10 @@ struct Contact {
     Vec3 center;
     Vec3 velocity;
     double time;  // [s]
+    double dt;    // of the step that ends then [s]
 
-    Contact(const Sphere& s, double t)
-        : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t) {}
+    Contact(const Sphere& s, double t, double step)
+        : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t), dt(step) {}
 
     // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }

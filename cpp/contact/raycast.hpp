@@ -11,11 +11,13 @@
 // The paper leaves the point there. Each contact then loses the part s / |v| of the
 // step. A point on the sphere, as with a restitution below 1, slides at (1 + e) / 2
 // of its speed at any time step. So with e < 1 or friction the point goes on from
-// the surface for that time, at its new velocity. With e = 1 and no friction,
+// the surface for that time, at its new velocity. A point that starts inside goes on
+// for the step. With e = 1 and no friction,
 // touches are rare and the loss is of the order of the time step. The paper's
 // reading then stays.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include "contact/contact.hpp"
@@ -49,7 +51,7 @@ inline PointState respond_ray(const Contact& contact, const PointState& point) {
         if (b < 0 && !contact.sphere.as_printed) return point;  // on its way out
         const double way = distance_to_surface(b, m.squaredNorm() - radius * radius);
         on_surface = m + way * back;
-        rest = way / speed;
+        rest = std::min(way / speed, contact.dt);
     }
     const Vec3 velocity = reflected(contact, point.velocity, outward_normal(on_surface));
     const Sphere& sphere = contact.sphere;

@@ -15,6 +15,7 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 }  // namespace
 
 bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
+    step_size = clock.dt;
     if (!has_continuous()) {
         advance(steps, clock, threads);
         return true;
@@ -44,6 +45,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
 }
 
 bool Engine::accept_in_contact(double t0, double t1, int threads) {
+    step_size = t1 - t0;
     AdaptiveEngine& method = *adaptive();
     if (!has_continuous()) {
         const bool touched = method.accept_step(t1, threads);

@@ -36,6 +36,7 @@ public:
     // Raises the depth of mass points by that of all points of the present state, at time t.
     virtual void note_all_depths(double t) = 0;
 
+    double step_size = 0;  // of the newest steps [s]
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.

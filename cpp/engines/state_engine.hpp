@@ -227,7 +227,7 @@ protected:
     void contacts(double t, std::vector<Contact>& result) const {
         result.clear();
         for (const Sphere& sphere : plan_.spheres)
-            if (sphere.response != Response::continuous) result.emplace_back(sphere, t);
+            if (sphere.response != Response::continuous) result.emplace_back(sphere, t, step_size);
     }
     std::vector<Contact> contacts(double t) const {
         std::vector<Contact> result;

@@ -18,7 +18,7 @@ double speed_of(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 
 }  // namespace
 
-State respond(const Sphere& sphere, double t, const State& point) {
+State respond(const Sphere& sphere, double t, double dt, const State& point) {
     const Vec3 center = sphere.center_at(t), m = point.x - center;
     if (m.squaredNorm() >= sphere.contact_radius * sphere.contact_radius) return point;
     const Vec3 moved = sphere.as_printed ? Vec3(Vec3::Zero()) : sphere.velocity_at(t),
@@ -34,7 +34,7 @@ State respond(const Sphere& sphere, double t, const State& point) {
             if (b < 0 && !sphere.as_printed) return point;  // leaves by itself
             const double s = -b + std::sqrt(b * b - c);
             n = direction(m + s * back);
-            since = s / speed;
+            since = std::min(s / speed, dt);
         }
         after.x = center + sphere.contact_radius * n;
     }

@@ -12,6 +12,6 @@ struct State {
 
 // Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere at time t;
 // others stay.
-State respond(const Sphere& sphere, double t, const State& point);
+State respond(const Sphere& sphere, double t, double dt, const State& point);
 
 }  // namespace clothsim::reference

@@ -31,12 +31,12 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 
 namespace {
 
-void collide(const Scene& scene, Points& x, Points& v, double t) {
+void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
     for (const Sphere& sphere : scene.spheres) {
         if (sphere.response == Response::continuous) continue;
         for (int i = 0; i < scene.cloth.points(); ++i) {
             if (scene.cloth.pinned[i]) continue;
-            const State after = respond(sphere, t, {x.row(i), v.row(i)});
+            const State after = respond(sphere, t, dt, {x.row(i), v.row(i)});
             x.row(i) = after.x;
             v.row(i) = after.v;
         }
@@ -132,7 +132,7 @@ void step_as_printed(const Scene& scene, Points& x, Points& v, double dt, std::i
         const Points w4 = v + dt * a3, v4 = dt * w4, a4 = dt * accelerations(scene, list, x + dt * v3, w4);
         x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
         v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
-        collide(scene, x, v, t + double(n + 1) * dt);
+        collide(scene, x, v, t + double(n + 1) * dt, dt);
     }
 }
 

@@ -71,3 +71,17 @@ def test_the_paper_keeps_the_point_at_the_surface():
         scene = alone(sphere, x, v).replace(gravity=(0, 0, 0))
         y, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3)
         assert np.linalg.norm(y[0, 0]) == pytest.approx(R, rel=1e-14)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "velocity_verlet", "dop853"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_point_that_starts_inside_goes_on_for_one_step_alone(integrator, precision):
+    """It has no time of entry. The ray takes it to the surface, and from there it goes on for the step."""
+    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
+    ball = cs.Sphere((0.0, 0.0, 0.0), 0.5, None, "ray", "none", restitution=0.5)
+    x = np.array([[[0.0, 0.3, 0.0], [9.0, 0, 0]], [[0, 0, 9.0], [9.0, 0, 9.0]]])
+    v = np.zeros_like(x)
+    v[0, 0] = (0.0, -1.0, 0.0)
+    x, v = cs.step(cs.Scene(cloth, ball, gravity=(0, 0, 0)), x, v, 1e-6, integrator=integrator, precision=precision)
+    assert x[0, 0] == pytest.approx([0.0, 0.5 + 0.5e-6, 0.0], abs=1e-8 if precision == "single" else 1e-14)
+    assert v[0, 0] == pytest.approx([0.0, 0.5, 0.0])

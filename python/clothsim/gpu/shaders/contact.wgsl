@@ -127,7 +127,7 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed:
             distance = -c / (b + root);
         }
         on_surface = m + wide_scaled(distance, back);
-        rest = distance / speed;
+        rest = min(distance / speed, wide(constants.half_h + constants.half_h));
     }
     let turned = reflected(contact, velocity, outward_normal(on_surface), as_printed, rough);
     if (!as_printed && (contact.restitution < wide(1.0) || contact.friction > wide(0.0))) {
