@@ -1,6 +1,10 @@
 #include "driver/energy_watch.hpp"
 
 #include <algorithm>
+#include <cmath>
+
+#include "integrators/methods.hpp"
+#include "measure/mode_bounds.hpp"
 
 namespace clothsim {
 
@@ -25,6 +29,7 @@ void EnergyWatch::begin(const Engine& engine) {
     if (plan_.has_driven_pins()) return;
     if (std::exchange(started_, true)) return;
     start_ = energy_of(engine).total();
+    guaranteed_ = swings() && guaranteed();
 }
 
 void EnergyWatch::change_force(const Engine& engine, const std::function<void()>& change) {
@@ -33,15 +38,42 @@ void EnergyWatch::change_force(const Engine& engine, const std::function<void()>
     if (started_) start_ += energy_of(engine).total() - before;
 }
 
+void EnergyWatch::set_step(double dt, double stable_dt) {
+    const Splitting* const splitting = method_of(plan_.integrator).splitting;
+    const double swing = splitting && dt <= stable_dt
+        ? energy_swing(*splitting, dt * std::sqrt(mode_bounds(plan_.cloth).stiffness))
+        : 0;
+    swing_ = swing + (1 - swing) / 10;  // modes of several frequencies add up
+}
+
+bool EnergyWatch::guaranteed() const {
+    const Cloth& cloth = plan_.cloth;
+    bool all = true;
+    cloth.each_spring([&](int i, int j, const Neighbour& n) {
+        const Vec3 along = x_.row(j) - x_.row(i), speed = v_.row(j) - v_.row(i);
+        const double length = along.norm();
+        all &= 2 * length >= cloth.rest_length(n) &&
+            cloth.spring_damping[n.family] * speed.norm() <= cloth.stiffness[n.family] * length;
+    });
+    return all;
+}
+
+bool EnergyWatch::beyond(double part, double made, double moving) const {
+    if (!(made > part * moving)) return false;
+    return !(guaranteed_ && swing_ > part && made <= swing_ * moving);
+}
+
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
     if (!started_ || engine.watched.in_contact()) return -1;
     const Energy now = energy_of(engine);
     const double made = now.total() - start_, moving = now.kinetic + now.elastic;
+    guaranteed_ = guaranteed_ && swings() && guaranteed();
     if (record) {
         engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
-        if (made > negligible_ && made > grown_part * moving && !std::exchange(grown_, true)) news_ = true;
+        if (made > negligible_ && beyond(grown_part, made, moving) && !std::exchange(grown_, true))
+            news_ = true;
     }
-    if (!(made > negligible_ && made > runaway_part * moving)) return -1;
+    if (!(made > negligible_ && beyond(runaway_part, made, moving))) return -1;
     Eigen::Index fastest = 0;
     v_.rowwise().squaredNorm().maxCoeff(&fastest);
     return fastest;

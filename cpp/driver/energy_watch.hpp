@@ -26,10 +26,14 @@ public:
     // Another force on points gives a state another energy, which no step has made.
     void change_force(const Engine& engine, const std::function<void()>& change);
 
-    // Part of the kinetic and elastic energy that a run has made of nothing. More than half is a warning,
-    // more than nine tenths an error. An integrator may keep an energy of its own instead of the true
-    // energy. They differ by a factor, for Verlet's (1 - (omega dt / 2)^2); nine tenths leave room for
-    // it.
+    // Steps of `dt` follow. Within the guaranteed time step a splitting method keeps an energy of its own,
+    // and the true energy swings beside it: see energy_swing. Only more than that swing is judged, at states
+    // for which the guarantee holds.
+    void set_step(double dt, double stable_dt);
+
+    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half
+    // of it is worth a warning, more than nine tenths an error. With half of either, harmless errors of a
+    // long step are judged; above 1 nothing is.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
     // Energy below this part counts as nothing: the part of the energy of all springs at twice their rest
     // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
@@ -46,11 +50,20 @@ public:
 
 private:
     Energy energy_of(const Engine& engine);
+    // Whether the guarantee of the time step holds at the state of the last energy: no spring is shorter than
+    // half its rest length, nor turns too fast for its damping (docs/stability.md).
+    bool guaranteed() const;
+    // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
+    bool swings() const { return swing_ > grown_part; }
+    // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
+    bool beyond(double part, double made, double moving) const;
 
     const Plan& plan_;
     double negligible_;  // J, what stretching every spring by a thousandth takes
     double start_ = 0;   // J
+    double swing_ = 0;   // the part that the method itself may make, see set_step
     bool started_ = false, grown_ = false, news_ = false;
+    bool guaranteed_ = false;  // the guarantee held at every inspected state of the run
     Points x_, v_;
 };
 

@@ -192,6 +192,7 @@ void Simulation::set_step(double dt) {
     speed_limits_.clear();
     for (std::size_t i = 0; i < plans_.size(); ++i)
         speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
+    for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
 bool Simulation::above_stable_dt() const {

@@ -53,11 +53,15 @@ public:
         constexpr Real largest = std::numeric_limits<Real>::max();
         const Real limit = Real(std::min(speed_limit, double(largest)));
         if (limit == largest && finite()) return -1;  // the usual case, fast
+        const Vec3 mean = limit < largest ? mean_velocity() : Vec3(Vec3::Zero());
         for (int r = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c)
-                for (int k = 0; k < 6; ++k)
-                    if (!(std::abs(memory_[layout_.at(r, c, k)]) <= (k < 3 ? largest : limit)))
-                        return std::int64_t(r) * columns() + c;
+                for (int k = 0; k < 6; ++k) {
+                    const double value = memory_[layout_.at(r, c, k)];
+                    const bool good =
+                        k < 3 ? std::abs(value) <= largest : std::abs(value - mean[k - 3]) <= limit;
+                    if (!good) return std::int64_t(r) * columns() + c;
+                }
         return -1;
     }
 
@@ -123,6 +127,15 @@ public:
     bool has_continuous() const final { return contact_pass_.needed(); }
 
 protected:
+    // 0 where it is not finite.
+    Vec3 mean_velocity() const {
+        Vec3 sum = Vec3::Zero();
+        for (int r = 0; r < rows(); ++r)
+            for (int c = 0; c < columns(); ++c)
+                for (int k = 0; k < 3; ++k) sum[k] += memory_[layout_.at(r, c, k + 3)];
+        return sum.allFinite() ? Vec3(sum / plan_.cloth.points()) : Vec3(Vec3::Zero());
+    }
+
     static constexpr bool compensated = sizeof(Real) == 4;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)

@@ -1,5 +1,6 @@
 #include "integrators/methods.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <stdexcept>
@@ -233,6 +234,23 @@ const Method& method_of(std::string_view name) {
     for (const Method& m : methods)
         if (m.name == name) return m;
     throw std::invalid_argument("no integrator " + std::string(name));
+}
+
+double energy_swing(const Splitting& splitting, double omega_dt) {
+    double m00 = 1, m01 = 0, m10 = 0, m11 = 1;
+    for (std::size_t i = 0; i < splitting.drifts.size(); ++i) {
+        const double drift = splitting.drifts[i] * omega_dt;
+        m00 += drift * m10;
+        m01 += drift * m11;
+        if (i == splitting.kicks.size()) break;
+        const double kick = splitting.kicks[i] * omega_dt;
+        m10 -= kick * m00;
+        m11 -= kick * m01;
+    }
+    const double middle = (m01 - m10) / 2, radius = std::hypot((-m10 - m01) / 2, (m00 - m11) / 2);
+    if (middle == 0) return 0;
+    const double ratio = (std::abs(middle) - radius) / (std::abs(middle) + radius);
+    return 1 - std::max(0.0, ratio);
 }
 
 }  // namespace clothsim

@@ -54,6 +54,12 @@ struct Splitting {
     bool first_same_as_last() const { return drifts.front() == 0 && drifts.back() == 0; }
 };
 
+// The part of its largest energy by which an undamped oscillator's energy swings under the method, at omega
+// dt. A step maps (omega x, v) by a matrix M of determinant 1. It keeps the quadratic form -M10 X^2 + (M00 -
+// M11) X V + M01 V^2, and 1 minus the ratio of the form's eigenvalues is the swing: (omega dt / 2)^2 for
+// Verlet's method. 1 where no form is definite, which is above the method's stable limit.
+double energy_swing(const Splitting& splitting, double omega_dt);
+
 struct Method {
     std::string_view name;
     MethodFamily family;

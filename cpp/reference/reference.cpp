@@ -115,7 +115,7 @@ void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
             advance(scene, list, x, v, t0, dt);
         }
         drive(scene, x, v, t1, dt, 0);
-        collide(scene, x, v, t1);
+        collide(scene, x, v, t1, dt);
     }
 }
 

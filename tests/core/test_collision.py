@@ -59,7 +59,7 @@ def answered(x, v, sphere, t, radius=RADIUS):
         taken = min(slip, sphere.friction * abs(impulse))
         v[at] = v[at] - impulse * n - taken * tangential / slip
         if sphere.response == "ray" and travels:  # the rest of the step
-            x[at] += s * (v[at] - velocity)
+            x[at] += min(s, DT) * (v[at] - velocity)  # a point that was inside before: the whole step
     return x, v
 
 

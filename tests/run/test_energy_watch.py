@@ -137,3 +137,33 @@ def test_a_batch_is_judged_member_by_member():
     assert (batch.positions[0] == alone.positions).all()
     gained = [stepper._state.core.watched[0]["energy_gained"] for stepper in (batch, alone)]
     assert gained[0] == gained[1] > 0
+
+
+@pytest.mark.parametrize(
+    "integrator", [name for name, method in cs.integrators().items() if method.symplectic and method.explicit]
+)
+@pytest.mark.parametrize("part", [0.9, 0.97, 0.99, 0.999])
+def test_the_energy_of_a_splitting_method_may_swing_within_the_guarantee(integrator, part):
+    """Symplectic Euler swings by the factor (1 + q / 2) / (1 - q / 2), q = omega dt: 1999 at 0.999 of its limit."""
+    scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=1e-3)
+    stepper = cs.Stepper(scene, integrator=integrator)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", cs.StabilityWarning)
+        stepper.advance(20_000, part * cs.max_stable_dt(scene, integrator))
+    with pytest.raises(cs.UnstableError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", cs.StabilityWarning)
+        cs.Stepper(scene, integrator=integrator).advance(20_000, 1.02 * cs.max_stable_dt(scene, integrator))
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
+    """Its points cross more than the sheet within a step above the guarantee, but not relative to each other."""
+    cloth = cs.Cloth((8, 8), mass=1.0, stiffness=10.0, damping=0.0, pins=())
+    velocity = np.broadcast_to([0.0, -300.0, 0.0], (8, 8, 3))
+    scene = cs.Scene(cloth, gravity=(0, 0, 0), velocity=velocity)
+    dt = 1.2 * cs.max_stable_dt(scene)
+    assert 300 * dt > 5
+    stepper = cs.Stepper(scene, precision=precision)
+    with pytest.warns(cs.StabilityWarning, match="is above"):
+        stepper.advance(1000, dt)
+    assert abs(stepper.velocities - velocity).max() < 1e-3
