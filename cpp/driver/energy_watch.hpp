@@ -31,9 +31,9 @@ public:
     // for which the guarantee holds.
     void set_step(double dt, double stable_dt);
 
-    // Of the kinetic and elastic energy at a state, the part that a run has made of nothing: more than half
-    // of it is worth a warning, more than nine tenths an error. With half of either, harmless errors of a
-    // long step are judged; above 1 nothing is.
+    // Part of the kinetic and elastic energy that a run has made of nothing. More than half is a warning,
+    // more than nine tenths an error. With half of either, harmless errors of a long step are judged; above 1
+    // nothing is.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
     // Energy below this part counts as nothing: the part of the energy of all springs at twice their rest
     // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
@@ -50,8 +50,8 @@ public:
 
 private:
     Energy energy_of(const Engine& engine);
-    // Whether the guarantee of the time step holds at the state of the last energy: no spring is shorter than
-    // half its rest length, nor turns too fast for its damping (docs/stability.md).
+    // Whether the guarantee of the time step holds at the state of the last energy (docs/stability.md). No
+    // spring is shorter than half its rest length, and none turns too fast for its damping.
     bool guaranteed() const;
     // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
     bool swings() const { return swing_ > grown_part; }

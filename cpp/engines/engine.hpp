@@ -69,8 +69,8 @@ public:
     // The force on each mass point from now on [N], shape (rows, columns, 3).
     virtual void set_force(const double* force) = 0;
 
-    // Index of the first mass point whose state is not finite or whose velocity differs from the mean one by
-    // more than `speed_limit` [m/s], or -1.
+    // Index of the first mass point whose state is not finite, or -1. A point counts too whose velocity
+    // differs from the mean velocity by more than `speed_limit` [m/s].
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
     // The whole state; an engine of another layout or scene may continue it. The numbers of values must be
