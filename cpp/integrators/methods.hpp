@@ -55,9 +55,10 @@ struct Splitting {
 };
 
 // The part of its largest energy by which an undamped oscillator's energy swings under the method, at omega
-// dt. A step maps (omega x, v) by a matrix M of determinant 1. It keeps the quadratic form -M10 X^2 + (M00 -
-// M11) X V + M01 V^2, and 1 minus the ratio of the form's eigenvalues is the swing: (omega dt / 2)^2 for
-// Verlet's method. 1 where no form is definite, which is above the method's stable limit.
+// dt. A step maps (omega x, v) by a matrix M of determinant 1. It keeps the quadratic form
+//   -M10 X^2 + (M00 - M11) X V + M01 V^2
+// The swing is 1 minus the ratio of the form's eigenvalues, for Verlet's method (omega dt / 2)^2. It is 1
+// where no form is definite, which is above the method's stable limit.
 double energy_swing(const Splitting& splitting, double omega_dt);
 
 struct Method {
