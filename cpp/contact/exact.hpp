@@ -151,11 +151,13 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
     const Vec3 gain = end.velocity - start.velocity;
     Vec3 x = start.position;
     double elapsed = 0;  // part of the step
+    const SweptSphere* last = nullptr;  // away from a convex body there is no second contact with it
     bool done = false;
     for (int contact = 0; contact < most_contacts && !done; ++contact) {
         const SweptSphere* first = nullptr;
         Touch<double> soonest{};
         for (const SweptSphere& s : spheres) {
+            if (&s == last) continue;  // rounding would find a point that slides on it again and again
             const Vec3 center = vec(s.start) + elapsed * (vec(s.end) - vec(s.start));
             const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0,
                        v = end.velocity - vec(s.velocity);
@@ -170,7 +172,7 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         end = respond(points, i, *first, soonest, end);
         elapsed += soonest.time * (1 - elapsed);
         x = vec(first->start) + elapsed * (vec(first->end) - vec(first->start)) + vec(soonest.place);
-        done = spheres.size() == 1;  // away from a convex body there is no second contact with it
+        last = first;
     }
     if (!done) end.position = x;
     const bool out = resolve(points, i, spheres, start.position, end);
