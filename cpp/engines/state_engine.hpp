@@ -240,7 +240,8 @@ protected:
     void contacts(double t, std::vector<Contact>& result) const {
         result.clear();
         for (const Sphere& sphere : plan_.spheres)
-            if (sphere.response != Response::continuous) result.emplace_back(sphere, t, step_size);
+            if (sphere.response != Response::continuous)
+                result.emplace_back(sphere, t, 2 * double(Real(step_size / 2)));  // as the shader has it
     }
     std::vector<Contact> contacts(double t) const {
         std::vector<Contact> result;

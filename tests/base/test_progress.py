@@ -89,7 +89,6 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
             ("work-precision", "oscillator", "--duration", "0.1", "--method", "rk4", "--windows", "1", "--out", "{}/wp"),
             "methods",
         ),
-        (("contact", "cone"), "1/1"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else None,
 )

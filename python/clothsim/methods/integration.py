@@ -232,8 +232,8 @@ def integrators() -> Mapping[str, Integrator]:
     semi_implicit_euler 1 1 True 2.0
     velocity_verlet 2 1 True 2.0
     pefrl 4 4 True 2.9894
-    dopri5 5 6 True 0.9971
-    dop853 8 12 True 5.9603
+    dopri5 5 6 True 0.9972
+    dop853 8 12 True 5.9604
     implicit_midpoint 2 1 False inf
     """
     return _INTEGRATORS

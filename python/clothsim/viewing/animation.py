@@ -123,13 +123,13 @@ def _write_webp(path: Path, film: Film) -> None:
     first.save(path, format="WEBP", quality=85, method=WEBP_METHOD, **options)
 
 
-def _write_gif(path: Path, film: Film) -> None:
+def _write_gif(part: Path, film: Film) -> None:
     """One palette for all pictures, since palettes of their own flicker. Of a picture, the changed rectangle is written."""
     image = needed("PIL.Image", "a film as '.gif'", "plot")
     gif, chops = needed("PIL.GifImagePlugin", "a film as '.gif'", "plot"), needed("PIL.ImageChops", "a film", "plot")
     palette = _common_palette(image, film)
     last = None
-    with path.open("wb") as file:
+    with part.open("wb") as file:
         for k, duration in enumerate(film.durations(10)):
             frame = image.fromarray(film[k]).quantize(palette=palette, dither=image.Dither.NONE)
             if last is None:
