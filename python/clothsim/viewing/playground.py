@@ -1,8 +1,8 @@
 """A scene that is stepped in real time while it is changed: the live viewer without its browser.
 
 `Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the stepper by an
-equal simulated time, or by less if the machine is too slow. A dragged sphere travels to its new place during a tick, on
-a straight line at constant speed. A contact therefore includes the velocity of the drag. A dragged pin travels there
+equal simulated time, or by less if the machine is too slow. A dragged sphere travels to its new place in pieces, each on
+a straight line at constant speed (`Stepper.advance` with centers). A contact therefore includes the velocity of the drag. A dragged pin travels there
 too, in short pieces.
 """
 
@@ -207,9 +207,7 @@ class Playground:
             steps = 1 if single else int(min(self._owed / self.dt, MOST_STEPS))
             if not steps:
                 return 0
-            self._aim_spheres(steps * self.dt)
             done = self._advance(steps, budget)
-            self._stop_spheres()
             self._owed = 0.0 if done < steps or single else self._owed - done * self.dt
             if wall > 0 and not single:
                 factor = done * self.dt / wall
@@ -232,7 +230,7 @@ class Playground:
             before = perf_counter()
             try:
                 self._silence()
-                self.stepper.advance(piece, self.dt)
+                self.stepper.advance(piece, self.dt, centers=self._next_centers(piece * self.dt))
             except UnstableError as error:
                 self.problem = (
                     f"UNSTABLE at point {error.point}, t = {self.time:.4g} s: the time step of "
@@ -243,6 +241,8 @@ class Playground:
             except ContactError as error:
                 self.problem = f"STOPPED at t = {self.time:.4g} s: {error}"
                 return done
+            finally:
+                self.scene = cast("Scene", self.stepper.scene)  # with the spheres where they are
             self.cost = 0.8 * self.cost + 0.2 * (perf_counter() - before) / piece
             done += piece
             self._steps += piece
@@ -254,31 +254,14 @@ class Playground:
         state.announced = True
         state.judge.warned_of_dt = state.judge.warned_of_growth = state.judge.warned_of_pins = True
 
-    def _aim_spheres(self, span: float) -> None:
-        """Let dragged spheres travel to their targets within `span` seconds."""
-        if not self._sphere_targets:
-            return
-        t, spheres = self.stepper.time, list(self.scene.spheres)
-        for k, target in self._sphere_targets.items():
-            here = spheres[k].center_at(t)
-            there = _towards(here, target, DRAG_SPEED * span)
-            motion = Keyframes(np.array([t, t + span]), np.array([here, there])) if (there != here).any() else None
-            spheres[k] = spheres[k].replace(center=tuple(there), motion=motion)
-        self.scene = self.scene.replace(spheres=spheres)
-        self.stepper.set_scene(self.scene)
-
-    def _stop_spheres(self) -> None:
-        """Stop spheres that have reached their targets."""
-        if not self._sphere_targets:
-            return
-        t, spheres = self.stepper.time, list(self.scene.spheres)
+    def _next_centers(self, span: float) -> dict[int, Floats] | None:
+        """Where dragged spheres travel within `span` seconds, for `Stepper.advance`."""
+        centers = {}
         for k, target in list(self._sphere_targets.items()):
-            here = spheres[k].center_at(t)
-            spheres[k] = spheres[k].replace(center=tuple(here), motion=None)
-            if np.allclose(here, target, rtol=0, atol=1e-9):
+            centers[k] = _towards(self.scene.spheres[k].center_at(self.stepper.time), target, DRAG_SPEED * span)
+            if (centers[k] == target).all():
                 del self._sphere_targets[k]
-        self.scene = self.scene.replace(spheres=spheres)
-        self.stepper.set_scene(self.scene)
+        return centers or None
 
     def _move_pins(self, span: float) -> None:
         if not self._pin_targets:
