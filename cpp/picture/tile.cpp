@@ -123,7 +123,8 @@ void Tile::gather(const Facet& facet, int row, int first, int last) {
     const std::int64_t columns = p.sheet.columns;
     double cell[3][2];
     for (std::size_t k = 0; k < 3; ++k) {
-        cell[k][0] = double(facet.corners[k] / columns);
+        const std::int64_t corner_row = facet.corners[k] / columns;
+        cell[k][0] = double(corner_row);
         cell[k][1] = double(facet.corners[k] % columns);
     }
     const double low_row = std::min({cell[0][0], cell[1][0], cell[2][0]});

@@ -2,8 +2,8 @@
 
 `Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the stepper by an
 equal simulated time, or by less if the machine is too slow. A dragged sphere travels to its new place in pieces, each on
-a straight line at constant speed (`Stepper.advance` with centers). A contact therefore includes the velocity of the drag. A dragged pin travels there
-too, in short pieces.
+a straight line at constant speed (`Stepper.advance` with centers). A contact therefore includes the velocity of the
+drag. A dragged pin travels there too, in short pieces.
 """
 
 from __future__ import annotations
