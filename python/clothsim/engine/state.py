@@ -63,7 +63,6 @@ class State:
         start = Start.checked(scene, x, v, t, options.precision, inspect)
         self.batched, self.options = start.batched, options
         self.shape, self.dtype = start.x.shape, start.x.dtype
-        self._start_time = start.t
         self.threads = 1
         compiled = self._compiled(start.scenes, isinstance(scene, Scene))
         if options.backend == "gpu":
@@ -243,7 +242,7 @@ class State:
         x, v = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
         self.store(x, v)
         scene = self.scenes if self.batched else self.scenes[0]
-        copy = State(scene, x, v, self._start_time, self.options, inspect=False)
+        copy = State(scene, x, v, self.core.time, self.options, inspect=False)
         copy.judge.warned_of_dt = copy.judge.warned_of_growth = copy.announced = True
         return seconds_per_step(lambda steps: copy.advance(steps, dt), _SECONDS_TIMED, _TIMINGS, _MOST_STEPS_TIMED)
 

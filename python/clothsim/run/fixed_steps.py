@@ -276,7 +276,8 @@ def pass_frames(run: Stepped, moments: list[Moment], dt: float) -> None:
     def advance(steps: int) -> None:
         """To the end of so many steps."""
         nonlocal done
-        run.advance(min(steps, whole) - done, dt) if min(steps, whole) > done else None
+        if min(steps, whole) > done:
+            run.advance(min(steps, whole) - done, dt)
         if steps > whole >= done:
             run.advance(1, rest)
         done = max(done, steps)
