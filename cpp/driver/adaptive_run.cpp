@@ -49,7 +49,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         const auto start = steady_clock::now();
         const bool choose = choosing(request.threads, request.optional);
         const int team = this->team(request.threads, request.optional);
-        const std::int64_t waits = long_waits;
+        const std::int64_t slept_before = slept;
         const double wanted = std::min(controller.h, request.longest);
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
@@ -111,7 +111,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double seconds = seconds_since(start);
         if (choose) choice_.observe(1, seconds);
-        else note_waits(waits, request.optional);
+        else note_waits(slept_before, seconds);
         if (outcome.grown) return outcome;
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {

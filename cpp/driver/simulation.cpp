@@ -38,6 +38,9 @@ constexpr double seconds_of_batch = 0.05;
 constexpr double seconds_of_trial = 2e-4;
 constexpr double seconds_between_trials = 0.5;
 constexpr double least_gain = 1.05, disaster = 3;  // times what the alternative cost
+// A requested team is crowded if its threads sleep for this part of a window [s]. Half would take a quiet
+// virtual machine's pauses for load. Twice would let a team beside two busy processes wait for longer.
+constexpr double most_slept = 0.25, seconds_of_window = 0.05;
 // From so many mass points on, waking a team takes less than it saves in a step.
 constexpr std::int64_t least_points_per_team = 16384;
 
@@ -179,10 +182,14 @@ void Simulation::set_frozen(std::size_t i, bool frozen) {
     checkpoint_.drop();
 }
 
-void Simulation::note_waits(std::int64_t waits, bool optional) {
-    if (optional || crowded_ || long_waits == waits) return;
-    crowded_ = true;
-    choice_ = TeamChoice(true);
+void Simulation::note_waits(std::int64_t slept_before, double seconds) {
+    seconds_of_team_ += seconds;
+    seconds_slept_ += 1e-9 * double(slept - slept_before);
+    if (seconds_slept_ > most_slept * seconds_of_window) {
+        crowded_ = true;
+        choice_ = TeamChoice(true);
+    }
+    if (seconds_of_team_ > seconds_of_window) seconds_of_team_ = seconds_slept_ = 0;
 }
 
 void Simulation::set_step(double dt) {
@@ -386,7 +393,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
             {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
         const bool choose = choosing(threads, optional);
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
-        const std::int64_t waits = long_waits;
+        const std::int64_t slept_before = slept;
         const bool renew = continuous && checkpoint_.seconds() > most_seconds_behind_planes;
         run({n, n == to_inspection || renew}, team(threads, optional));
         outcome.steps += n;
@@ -396,7 +403,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         start = end;
         checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
-        else note_waits(waits, optional);
+        else note_waits(slept_before, seconds);
         const double longest = members_.size() > 1 ? seconds_of_batch
             : continuous                           ? most_seconds_behind_planes
                                                    : seconds_between_polls;

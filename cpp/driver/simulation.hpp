@@ -156,8 +156,8 @@ private:
     int team(int threads, bool optional) const {
         return choosing(threads, optional) && !choice_.team() ? 1 : threads;
     }
-    // After steps of a team whose waits were counted from `waits` on.
-    void note_waits(std::int64_t waits, bool optional);
+    // After steps that took so long, by a team whose threads had slept for `slept_before` [ns] before.
+    void note_waits(std::int64_t slept_before, double seconds);
     void set_step(double dt);
     bool above_stable_dt() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
@@ -177,7 +177,8 @@ private:
     void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
     TeamChoice choice_{false};
-    bool crowded_ = false;  // threads that are not optional have waited long
+    bool crowded_ = false;  // threads that are not optional have slept for much of the time
+    double seconds_of_team_ = 0, seconds_slept_ = 0;  // in the present window
     std::int64_t chunk_ = 1;  // steps between two readings of the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;

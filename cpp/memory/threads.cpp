@@ -85,11 +85,13 @@ void wait_long(const std::atomic<int>& reached, int wanted) {
     // for it.
     const auto end = steady_clock::now() + spinning;
     while (reached.load(std::memory_order_acquire) < wanted) {
-        if (steady_clock::now() < end) {
+        const auto now = steady_clock::now();
+        if (now < end) {
             for (int turn = 0; turn < 20; ++turn) pause_briefly();
         } else {
-            long_waits.fetch_add(1, std::memory_order_relaxed);
             std::this_thread::sleep_for(sleep);
+            const std::chrono::nanoseconds took = steady_clock::now() - now;
+            slept.fetch_add(took.count(), std::memory_order_relaxed);
         }
     }
 }

@@ -49,8 +49,8 @@ inline void pause_briefly() {
 #endif
 }
 
-// Number of sleeps in `wait_long`: more of them show that other processes have the processors.
-inline std::atomic<std::int64_t> long_waits{0};
+// Nanoseconds that threads have slept in `wait_long`: many show that other processes have the processors.
+inline std::atomic<std::int64_t> slept{0};
 
 // Spins for a while longer, then sleeps until `wanted` is reached.
 void wait_long(const std::atomic<int>& reached, int wanted);
