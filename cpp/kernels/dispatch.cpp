@@ -8,7 +8,6 @@ namespace {
 
 #if defined(CLOTHSIM_PORTABLE)
 bool processor_has(InstructionSet) { return true; }
-bool takes_512_bits_at_once() { return false; }
 #else
 bool processor_has(InstructionSet set) {
     __builtin_cpu_init();
@@ -21,13 +20,6 @@ bool processor_has(InstructionSet set) {
         case InstructionSet::portable: break;  // built alone
     }
     return false;
-}
-
-// AMD's processors of family 19h (Zen 4) take 512 bits in two halves, those after them (Zen 5) at once;
-// earlier ones have no AVX-512.
-bool takes_512_bits_at_once() {
-    __builtin_cpu_init();
-    return __builtin_cpu_is("amd") && !__builtin_cpu_is("amdfam19h");
 }
 #endif
 
@@ -103,20 +95,8 @@ const StateRowKernels& state_row_kernels(InstructionSet set) { return kernels_in
 const FaceKernels& face_kernels(InstructionSet set) { return kernels_in<FaceKernelsOf>(set); }
 
 std::string kernel_environment() {
-    std::string all;
-    for (const char* name : {"CLOTHSIM_ISA", "CLOTHSIM_FORWARD"}) {
-        const char* const value = std::getenv(name);
-        all.append(value ? value : "").append(1, ' ');
-    }
-    return all;
-}
-
-bool forwards_in_registers() {
-    const char* const environment = std::getenv("CLOTHSIM_FORWARD");
-    const std::string wanted = environment ? environment : "";
-    if (wanted.empty()) return !takes_512_bits_at_once();
-    if (wanted == "registers" || wanted == "memory") return wanted == "registers";
-    throw std::invalid_argument("CLOTHSIM_FORWARD is " + shown(wanted) + "; accepted: registers, memory");
+    const char* const value = std::getenv("CLOTHSIM_ISA");
+    return value ? value : "";
 }
 
 }  // namespace clothsim

@@ -24,12 +24,7 @@ const StateRowKernels& state_row_kernels(InstructionSet set);
 // The kernels of contact of faces.
 const FaceKernels& face_kernels(InstructionSet set);
 
-// Environment variables that may choose other kernels for the next engine.
+// The environment variable that chooses the kernels of the next engine.
 std::string kernel_environment();
-
-// Where the edge kernel's rows of two vectors keep the forces for the next row (edge_two_vectors.hpp). The
-// environment variable CLOTHSIM_FORWARD says "registers" or "memory"; the default is faster on this
-// processor. The bits are the same. Throws std::invalid_argument for another word.
-bool forwards_in_registers();
 
 }  // namespace clothsim

@@ -224,32 +224,6 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
         np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
-@pytest.mark.parametrize("damping", [0.4, 0.0])
-@pytest.mark.parametrize("integrator", ["rk4", "dopri5"])
-def test_rows_hand_on_in_registers_or_memory_with_the_same_bits(
-    monkeypatch, crumpled, same_bits, integrator, damping, threads
-):
-    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
-    springs = ("structural", "shear")
-    scene, x, v, dt = crumpled(shape=(32, 32), springs=springs, spheres=ball)
-    scene = scene.replace(cloth=scene.cloth.replace(damping=damping))
-    done = {}
-    for place in ("registers", "memory"):
-        monkeypatch.setenv("CLOTHSIM_FORWARD", place)
-        options = {"precision": "single", "kernel": "edge", "threads": threads}
-        state = cs.step(scene, x, v, dt, 15, integrator=integrator, **options)
-        done[place] = [*state, cs.acceleration(scene, x, v, **options)]
-    assert same_bits(done["registers"], done["memory"])
-
-
-def test_a_wrong_place_to_hand_on_is_an_error_that_lists_the_right_ones(monkeypatch, crumpled):
-    scene, x, v, dt = crumpled()
-    monkeypatch.setenv("CLOTHSIM_FORWARD", "cache")
-    with pytest.raises(ValueError, match="CLOTHSIM_FORWARD is 'cache'; accepted: registers, memory"):
-        cs.step(scene, x, v, dt, 1, kernel="edge")
-
-
 def test_a_family_that_the_edge_kernel_lacks_is_left_to_the_gather_kernel(monkeypatch):
     """As docs/howto/add-a-spring-family.md has it."""
     scene = cs.Scene(cs.Cloth((4, 5), springs=("structural", "bend")))

@@ -160,16 +160,12 @@ else:
 
 
 @pytest.mark.parametrize(
-    ("variable", "name", "shown"),
-    [
-        ("CLOTHSIM_ISA", "garbage", "'garbage'"),
-        ("CLOTHSIM_ISA", "x" * 100_000, f"'{'x' * 40}...'"),
-        ("CLOTHSIM_FORWARD", "\udcff\x01a", "'??a'"),
-    ],
+    ("name", "shown"),
+    [("garbage", "'garbage'"), ("x" * 100_000, f"'{'x' * 40}...'"), ("\udcff\x01a", "'??a'")],
 )
-def test_a_wrong_name_in_the_environment_is_shown_short(variable, name, shown):
-    last = python("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", **{variable: name})
-    assert last.startswith(f"ValueError: {variable} is {shown}; ") and len(last) < 150
+def test_a_wrong_name_in_the_environment_is_shown_short(name, shown):
+    last = python("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", CLOTHSIM_ISA=name)
+    assert last.startswith(f"ValueError: CLOTHSIM_ISA is {shown}; ") and len(last) < 150
 
 
 def test_explain_names_the_fused_operations():

@@ -14,9 +14,8 @@
 // the opposite force on. Within the row it stays in registers. `received` holds forces for the next row,
 // `received_2` for the row after it. Forces past the row's end belong to its first vectors, a lane
 // further, and reach them last. A row's forces are complete at its end. Its Runge-Kutta stage is finished
-// vector by vector while the next row's springs are summed, between operations that wait for each other
-// (or sooner, edge_two_vectors.hpp). The row's old stage state is not needed any more: the new state
-// replaces it.
+// vector by vector while the next row's springs are summed, between operations that wait for each other.
+// The row's old stage state is not needed any more: the new state replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //
@@ -34,7 +33,6 @@
 #include <utility>
 
 #include "kernels/edge/edge_row.hpp"
-#include "kernels/edge/edge_two_vectors.hpp"
 #include "kernels/kernel_table.hpp"
 
 namespace clothsim {
@@ -75,9 +73,6 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = vectors_written_out<Arch, Real>;
     if constexpr (fixed > 0 && set.shear && stage != Stage::evaluate)
         if (e.ahead == 0 && e.vectors == fixed && (e.complete || masks_in_registers)) {
-            if constexpr (fixed == 2 && !set.bend)
-                if (e.forward_in_registers)
-                    return edge_rows_of_two<Arch, Real, set.damped, stage>(e, begin, end);
             // With mask registers, to ask which lanes have a spring costs nothing.
             return edge_rows_of<Arch, Real, set, stage, fixed,
                                 masks_in_registers ? Springs::some : Springs::all>(e, begin, end);
