@@ -273,6 +273,9 @@ void bind_simulation(py::module_& m) {
         .def_property_readonly("team", &TeamChoice::team)
         .def("steps", &TeamChoice::steps, py::arg("wanted"))
         .def("observe", &TeamChoice::observe, py::arg("steps"), py::arg("seconds"));
+    py::class_<Crowding>(m, "Crowding")
+        .def(py::init<>())
+        .def("observe", &Crowding::observe, py::arg("slept"), py::arg("seconds"));
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
         .def_property(

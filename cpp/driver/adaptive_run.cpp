@@ -111,7 +111,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double seconds = seconds_since(start);
         if (choose) choice_.observe(1, seconds);
-        else note_waits(slept_before, seconds);
+        else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
         if (outcome.grown) return outcome;
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {

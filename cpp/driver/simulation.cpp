@@ -33,14 +33,6 @@ constexpr double most_seconds_behind_planes = 0.004;
 // Of a batch later: each member has to come into cache, and should then be stepped more than once.
 constexpr double seconds_of_batch = 0.05;
 
-// Seconds by which one thread and a team are compared, and seconds until the alternative is tried again. It
-// is tried sooner at first, as a trial may fall into a busy moment.
-constexpr double seconds_of_trial = 2e-4;
-constexpr double seconds_between_trials = 0.5;
-constexpr double least_gain = 1.05, disaster = 3;  // times what the alternative cost
-// A requested team is crowded if its threads sleep for this part of a window [s]. Half would take a quiet
-// virtual machine's pauses for load. Twice would let a team beside two busy processes wait for longer.
-constexpr double most_slept = 0.25, seconds_of_window = 0.05;
 // From so many mass points on, waking a team takes less than it saves in a step.
 constexpr std::int64_t least_points_per_team = 16384;
 
@@ -57,32 +49,6 @@ double seconds_between(steady_clock::time_point start, steady_clock::time_point 
 }
 
 }  // namespace
-
-std::int64_t TeamChoice::steps(std::int64_t wanted) const {
-    const double expected = std::max(last_, cost_[use_team_]);
-    if (!on_trial_ || expected == 0) return wanted;
-    return std::clamp(std::int64_t(seconds_of_trial / expected), std::int64_t(1), wanted);
-}
-
-void TeamChoice::observe(std::int64_t steps, double seconds) {
-    const double other = cost_[!use_team_];
-    last_ = seconds / double(steps);
-    since_change_ += seconds;
-    const bool too_costly = other > 0 && last_ > disaster * other;
-    // The first steps after a change wake threads and fill caches.
-    if (std::exchange(just_changed_, false) && !too_costly) return;
-    seconds_ += seconds;
-    steps_ += steps;
-    if (seconds_ < seconds_of_trial && !too_costly) return;
-    cost_[use_team_] = std::exchange(seconds_, 0) / double(std::exchange(steps_, 0));
-    const bool due = !std::exchange(on_trial_, false) && since_change_ > patience_;
-    if (due) patience_ = std::min(2 * patience_, seconds_between_trials);
-    if (other == 0 || cost_[use_team_] > least_gain * other || due) {
-        use_team_ = !use_team_;
-        just_changed_ = on_trial_ = true;
-        since_change_ = 0;
-    }
-}
 
 Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
     members_.reserve(plans.size());
@@ -180,16 +146,6 @@ void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
     checkpoint_.drop();
-}
-
-void Simulation::note_waits(std::int64_t slept_before, double seconds) {
-    seconds_of_team_ += seconds;
-    seconds_slept_ += 1e-9 * double(slept - slept_before);
-    if (seconds_slept_ > most_slept * seconds_of_window) {
-        crowded_ = true;
-        choice_ = TeamChoice(true);
-    }
-    if (seconds_of_team_ > seconds_of_window) seconds_of_team_ = seconds_slept_ = 0;
 }
 
 void Simulation::set_step(double dt) {
@@ -403,7 +359,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         start = end;
         checkpoint_.spend(seconds);
         if (choose) choice_.observe(n, seconds);
-        else note_waits(slept_before, seconds);
+        else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
         const double longest = members_.size() > 1 ? seconds_of_batch
             : continuous                           ? most_seconds_behind_planes
                                                    : seconds_between_polls;

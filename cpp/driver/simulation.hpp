@@ -6,6 +6,7 @@
 
 #include "driver/checkpoint.hpp"
 #include "driver/energy_watch.hpp"
+#include "driver/team_choice.hpp"
 
 namespace clothsim {
 
@@ -32,29 +33,6 @@ struct Outcome {
 
     // All steps were done, and no event has to be reported.
     bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
-};
-
-// Chooses between one thread and a team by what their steps were seen to cost. The result has the same bits
-// either way, so a machine whose processors are taken by others costs time, not a result.
-class TeamChoice {
-public:
-    // Where steps are long, the team takes the first step too. Else a short run may be over before the team
-    // wakes.
-    explicit TeamChoice(bool team_first) : use_team_(team_first) {}
-    bool team() const { return use_team_; }
-    // Number of steps of a trial: few while the slower alternative may be running.
-    std::int64_t steps(std::int64_t wanted) const;
-    void observe(std::int64_t steps, double seconds);
-
-private:
-    double cost_[2] = {0, 0};  // last seconds per step of one thread and of the team; 0: not seen yet
-    double last_ = 0;  // seconds per step of whichever ran last
-    double seconds_ = 0;  // of `steps_` steps since the last judgement
-    std::int64_t steps_ = 0;
-    double since_change_ = 0;  // seconds
-    double patience_ = 0.01;  // seconds until the other is tried again
-    bool use_team_;
-    bool just_changed_ = true, on_trial_ = true;
 };
 
 // Least mass points of a member for a thread of a team. Such a team is taken to be three quarters as many
@@ -152,12 +130,10 @@ private:
     void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
     void run_member(std::size_t i, const Block& block, bool copy, int threads);
     // Whether `choice_` decides, and how many threads take the next steps.
-    bool choosing(int threads, bool optional) const { return threads > 1 && (optional || crowded_); }
+    bool choosing(int threads, bool optional) const { return threads > 1 && (optional || crowding_.found()); }
     int team(int threads, bool optional) const {
         return choosing(threads, optional) && !choice_.team() ? 1 : threads;
     }
-    // After steps that took so long, by a team whose threads had slept for `slept_before` [ns] before.
-    void note_waits(std::int64_t slept_before, double seconds);
     void set_step(double dt);
     bool above_stable_dt() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
@@ -177,8 +153,7 @@ private:
     void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
 
     TeamChoice choice_{false};
-    bool crowded_ = false;  // threads that are not optional have slept for much of the time
-    double seconds_of_team_ = 0, seconds_slept_ = 0;  // in the present window
+    Crowding crowding_;  // of threads that are not optional
     std::int64_t chunk_ = 1;  // steps between two readings of the clock
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;

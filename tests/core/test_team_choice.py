@@ -1,6 +1,7 @@
 """`threads=None`: one thread or the team, by what steps of each have cost, on a machine made of numbers."""
 
-from clothsim._core import TeamChoice
+import pytest
+from clothsim._core import Crowding, TeamChoice
 from variants import pairs
 
 
@@ -51,3 +52,10 @@ def test_a_team_whose_processor_is_taken_is_left_at_once():
     machine.team = 5e-6
     machine.run(1.0)
     assert machine.choice.team
+
+
+@pytest.mark.parametrize(("slept_every_10_ms", "crowded"), [(0, False), (0.4e6, False), (4e6, True)])
+def test_a_requested_team_is_crowded_if_its_threads_sleep_for_long(slept_every_10_ms, crowded):
+    """Nanoseconds: a quiet virtual machine pauses for some 4 %, two busy processes take half of the time."""
+    crowding = Crowding()
+    assert any(crowding.observe(int(slept_every_10_ms), 0.01) for _ in range(1000)) == crowded

@@ -160,8 +160,7 @@ else:
 
 
 @pytest.mark.parametrize(
-    ("name", "shown"),
-    [("garbage", "'garbage'"), ("x" * 100_000, f"'{'x' * 40}...'"), ("\udcff\x01a", "'??a'")],
+    ("name", "shown"), [("garbage", "'garbage'"), ("x" * 100_000, f"'{'x' * 40}...'"), ("\udcff\x01a", "'??a'")]
 )
 def test_a_wrong_name_in_the_environment_is_shown_short(name, shown):
     last = python("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", CLOTHSIM_ISA=name)
