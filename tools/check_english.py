@@ -20,9 +20,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 PACKAGE = ROOT / "python" / "clothsim"
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "gpu" and path.stem != "page")
-SOURCES = [*sorted((ROOT / "cpp").rglob("*.[ch]pp")), *sorted(PACKAGE.rglob("*.pyi")), ROOT / "CMakeLists.txt"]
-TESTS = sorted(path for path in (ROOT / "tests").rglob("test_*.py") if path.parent.name != "gpu")
+MODULES = sorted(PACKAGE.rglob("*.py"))
+SOURCES = [
+    *sorted((ROOT / "cpp").rglob("*.[ch]pp")),
+    *sorted(PACKAGE.rglob("*.pyi")),
+    *sorted(PACKAGE.rglob("*.wgsl")),
+    ROOT / "CMakeLists.txt",
+]
+TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 
 WORDS = 25  # shorter limits refuse plain sentences with a list in them, longer limits pass sentences with two ideas
 

@@ -53,7 +53,7 @@ def run(*command):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="drivers are taken away as Linux finds them")
-def test_without_an_adapter_tests_skip_with_the_reason_and_commands_tell_it():
+def test_without_an_adapter_tests_skip_and_commands_report_the_reason():
     done = run("-m", "pytest", "-rs", "-p", "no:cacheprovider", "tests/gpu/test_backend.py")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install" in done.stdout

@@ -137,7 +137,7 @@ def test_pinned_points_stand_still_whatever_velocity_is_given(crumpled):
     assert (v_after[pinned] == 0).all()
 
 
-def test_simulate_tells_the_backend(device):
+def test_simulate_reports_the_backend(device):
     scene = cs.scenes.paper_swing()
     run = cs.simulate(scene, 0.0105, dt=1e-3, every=4, backend="gpu", precision="single")
     assert run.report["backend"] == "gpu" and device.adapter.name in run.report["instruction_set"]

@@ -99,7 +99,7 @@ def test_the_scene_is_in_contact_and_stays_well(size):
     assert np.abs(x - free).max() > 1e-9
 
 
-def test_every_target_is_measured_and_a_software_adapter_told(device):
+def test_every_target_is_measured_and_a_software_adapter_reported(device):
     settings = replace(
         SMALL, sizes=(16,), batches=(2,), batch_size=16, runs=2, seconds=0.02, first_frames=2, first_seconds=0.01
     )

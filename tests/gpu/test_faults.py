@@ -168,7 +168,7 @@ def test_a_loss_that_shows_when_the_state_is_read_is_an_error_once():
     np.testing.assert_allclose(stepper.positions, start, rtol=0, atol=1e-14)
 
 
-def test_a_forked_process_is_told_to_be_spawned(monkeypatch):
+def test_a_forked_process_gets_an_error_that_asks_for_spawn(monkeypatch):
     stepper = cs.Stepper(cs.scenes.paper_swing(), **GPU)
     monkeypatch.setattr(os, "getpid", lambda: 1)
     scene = cs.scenes.paper_swing()

@@ -9,7 +9,7 @@ from clothsim.base import plots
 from clothsim.paper import paper_plots
 from clothsim.stability import measure_map
 from clothsim.viewing import sweep_plots
-from clothsim.viewing.page import LOOK
+from clothsim.viewing.page import SHADING
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("xarray")
@@ -28,7 +28,7 @@ def test_distances_are_those_of_the_literature():
 
 def test_the_palette_is_that_of_every_figure_and_page():
     assert min(distance(a, b) for a, b in combinations(plots.COLORS, 2)) >= LEAST
-    assert LOOK["colors"] == plots.COLORS
+    assert SHADING["colors"] == plots.COLORS
     styles = [tuple(map(str, plots.style(k).values())) for k in range(72)]
     assert len(set(styles)) == 72
 

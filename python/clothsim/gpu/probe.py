@@ -20,7 +20,7 @@ _COUNT = 1 << 14
 # Of `results` in layout.wgsl.
 _RESULTS = 8
 
-# What each probe computes from a and b, here and in WGSL; `z` is a zero that no compiler knows.
+# Result of each probe from a and b, here and in WGSL; `z` is a zero that no compiler knows.
 _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "product": ("a * b", lambda a, b: a * b),
     "quotient": ("a / b", lambda a, b: a / b),

@@ -21,7 +21,7 @@ from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinne
 from .safe import SafeCopy
 from .shader import check_scenes
 
-# The state is looked at after as many steps as this takes [s], or fewer.
+# The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
 
 _NOT_WATCHED = "the graphics adapter does not watch the states between frames"
@@ -250,10 +250,10 @@ class Simulation:
         watch them.
         """
         names = ("first_contact", "point_depth", "triangle_depth", "stretch", "energy_gained")
-        untold = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
+        missing = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
         none_inside = {"point_depth": 0.0, "triangle_depth": 0.0}
         return [
-            {**untold, **(none_inside if not scene.spheres else {}), "in_contact": count > 0}
+            {**missing, **(none_inside if not scene.spheres else {}), "in_contact": count > 0}
             for scene, count in zip(self._scenes, self._contacts, strict=True)
         ]
 

@@ -40,7 +40,7 @@ Advance = Callable[[int], object]
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
-LOOK = {
+SHADING = {
     "front": raster.CLOTH_FRONT.tolist(),
     "back": raster.CLOTH_BACK.tolist(),
     "sphere": raster.SPHERE.tolist(),
@@ -205,8 +205,8 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
 def _title_of(run: Run) -> str:
     rows, columns = run.scene.cloth.shape
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in run.scene.spheres))
-    meets = f", response {responses}" if responses else ""
-    return f"Cloth of {rows} x {columns} points{meets}"
+    response = f", response {responses}" if responses else ""
+    return f"Cloth of {rows} x {columns} points{response}"
 
 
 def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
@@ -256,7 +256,7 @@ def page_text(title: str, body: str, scripts: Sequence[str]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
         f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n{body}"
-        f"<script>\nconst LOOK = {json_text(LOOK)};\n{code}</script>\n</body>\n</html>\n"
+        f"<script>\nconst SHADING = {json_text(SHADING)};\n{code}</script>\n</body>\n</html>\n"
     )
 
 

@@ -18,7 +18,7 @@ struct Contact {
     outer_radius_squared: wide,
 }
 
-struct Answer {
+struct Response {
     moved: bool,
     on_surface: vec3<wide>,  // from the centre
     velocity: vec3<wide>,
@@ -109,7 +109,7 @@ fn reflected(
 
 // Method 2 (eq 8-12): back along the ray to the surface, reflected there. With a restitution below 1 or friction the
 // point goes on for the rest of the step (cpp/contact/raycast.hpp).
-fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Answer {
+fn ray_response(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Response {
     let v = relative(contact, velocity, as_printed);
     let speed = length_of(v);
     var on_surface = wide_scaled(contact.radius, outward_normal(m));
@@ -118,7 +118,7 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed:
         let back = -v / speed;
         let b = wide_inner(m, back);
         if (b < wide(0.0) && !as_printed) {
-            return Answer(false, m, velocity);  // on its way out
+            return Response(false, m, velocity);  // on its way out
         }
         let c = wide_inner(m, m) - wide_product(contact.radius, contact.radius);
         let root = sqrt(wide_product(b, b) - c);
@@ -133,7 +133,7 @@ fn ray_answer(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed:
     if (!as_printed && (contact.restitution < wide(1.0) || contact.friction > wide(0.0))) {
         on_surface = on_surface + wide_scaled(rest, relative(contact, turned, as_printed));
     }
-    return Answer(true, on_surface, turned);
+    return Response(true, on_surface, turned);
 }
 
 // The body after the response to one sphere. `ray`: method 2, else method 1, which leaves the position alone.
@@ -149,8 +149,8 @@ fn respond(body: Body, contact: Contact, member: u32, ray: bool, as_printed: boo
     atomicAdd(&results[1u + constants.members + member], 1u);
     let velocity = velocity_of(body);
     if (ray) {
-        return moved_body(body, contact, ray_answer(contact, m, velocity, as_printed, rough));
+        return moved_body(body, contact, ray_response(contact, m, velocity, as_printed, rough));
     }
     let turned = reflected(contact, velocity, outward_normal(m), as_printed, rough);
-    return moved_body(body, contact, Answer(false, m, turned));
+    return moved_body(body, contact, Response(false, m, turned));
 }

@@ -1,11 +1,11 @@
-// The buffers of the passes. One invocation is one mass point, one workgroup 16 x 16 x 1 of them, and the third
-// dimension of a dispatch is the member of a batch:
+// The buffers of the passes. One invocation is one mass point, and one workgroup 16 x 16 x 1 of them. The third dimension
+// of a dispatch is the member of a batch:
 //
 //   dispatch id (x, y) = workgroup (x, y) * 16 + local id (x, y)        row = y, column = x
 //   index              = y * width + x                                  width = columns
 //
-// A state is six planes (x, y, z, vx, vy, vz) of one value a point, member after member, so that neighbouring
-// invocations read neighbouring memory. `real` is the arithmetic of a step, `wide` that of a collision response.
+// A state is six planes (x, y, z, vx, vy, vz) of one value a point, member after member. So neighbouring invocations read
+// neighbouring memory. `real` is the arithmetic of a step, `wide` that of a collision response.
 
 // Absent features are compiled out: the host sets these constants when it makes a pipeline. The host also writes the
 // aliases `real` and `wide`, `keep`, the springs and the numbers that it shares with the core (shader.py).
@@ -31,8 +31,8 @@ struct Constants {
     members: u32,
 }
 
-// `parameters` of a member: gravity (3), drag, the largest speed, from `first_spring` on stiffness, rest length and
-// damping of each kind of spring, and from `first_weight` on one weight a point: 0 where it is pinned, else 1/mass.
+// `parameters` of a member: gravity (3), drag, the largest speed. From `first_spring` on: stiffness, rest length and
+// damping of each kind of spring. From `first_weight` on: one weight a point, 0 where it is pinned, else 1/mass.
 @group(0) @binding(0) var<uniform> constants: Constants;
 @group(0) @binding(1) var<storage, read_write> state: array<real>;
 @group(0) @binding(2) var<storage, read_write> compensation: array<real>;

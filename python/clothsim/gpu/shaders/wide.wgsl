@@ -20,10 +20,10 @@ fn velocity_of(body: Body) -> vec3<wide> {
     return widened(body.velocity, body.velocity_low);
 }
 
-fn moved_body(body: Body, contact: Contact, answer: Answer) -> Body {
+fn moved_body(body: Body, contact: Contact, responded: Response) -> Body {
     var position = widened(body.position, body.position_low);
-    if (answer.moved) {
-        position = contact.center + answer.on_surface;
+    if (responded.moved) {
+        position = contact.center + responded.on_surface;
     }
-    return narrowed(position, answer.velocity);
+    return narrowed(position, responded.velocity);
 }

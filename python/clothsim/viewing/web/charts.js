@@ -11,7 +11,7 @@ const FEW = 20;  // frames of a run whose curves have marks; up to two frames ha
 const LEFT = 58, RIGHT = 10, TOP = 6, BOTTOM = 20;  // pixels beside a chart
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const look = (k) => ({ color: LOOK.colors[k % LOOK.colors.length], dash: DASHES[k % DASHES.length] });
+const look = (k) => ({ color: SHADING.colors[k % SHADING.colors.length], dash: DASHES[k % DASHES.length] });
 // Black is the colour of the text, which is light on a dark page.
 const inked = (color) => (color === "#000000" ? css("--ink") : color);
 

@@ -1,16 +1,16 @@
 // Drawing with WebGL 2: the cloth as triangles, balls intersected exactly in the fragment shader.
 // The view is orthographic, so a depth is a length: a first pass stores the cloth's depth, and a
 // sphere's surface turns red where cloth lies under it, as in the pictures of raster.py.
-// The page writes the colours and lights of raster.py into LOOK before this file.
+// The page writes the colours and lights of raster.py into SHADING before this file.
 "use strict";
 
 const float = (number) => number.toFixed(4);
 const vec3 = (numbers) => `vec3(${numbers.map(float)})`;
-const [AMBIENT, ABOVE, FROM_KEY, FROM_EYE] = LOOK.light.map(float);
+const [AMBIENT, ABOVE, FROM_KEY, FROM_EYE] = SHADING.light.map(float);
 
 const SHADE = `
 vec3 shade(vec3 color, vec3 n, vec3 eye) {
-  float light = ${AMBIENT} + ${ABOVE} * n.y + ${FROM_KEY} * max(dot(n, normalize(${vec3(LOOK.key)})), 0.0)
+  float light = ${AMBIENT} + ${ABOVE} * n.y + ${FROM_KEY} * max(dot(n, normalize(${vec3(SHADING.key)})), 0.0)
     + ${FROM_EYE} * max(dot(n, eye), 0.0);
   return color * light;
 }`;
@@ -47,7 +47,7 @@ ${SHADE}
 void main() {
   vec3 normal = normalize(n);
   bool front = dot(normal, eye) >= 0.0;
-  vec3 c = front ? ${vec3(LOOK.front)} : ${vec3(LOOK.back)};
+  vec3 c = front ? ${vec3(SHADING.front)} : ${vec3(SHADING.back)};
   if (mode > 0) {
     float shown = amount;
     if (mode == 2) {
@@ -104,8 +104,8 @@ void main() {
     float z = (2.0 * behind - 1.0) / scale.z - middle.z;  // the cloth, seen from the middle
     float under = b.w - length(vec3(at * b.w, z));
     // Cloth on the far half of the ball is not what the eye sees here.
-    float red = alpha == 1.0 && z >= 0.0 && under > 0.0 ? mix(${float(LOOK.leastRed)}, 1.0, min(under / ${float(LOOK.fullRedDepth)}, 1.0)) : 0.0;
-    c = mix(c, ${vec3(LOOK.red)}, red);
+    float red = alpha == 1.0 && z >= 0.0 && under > 0.0 ? mix(${float(SHADING.leastRed)}, 1.0, min(under / ${float(SHADING.fullRedDepth)}, 1.0)) : 0.0;
+    c = mix(c, ${vec3(SHADING.red)}, red);
   }
   color = vec4(c, l.a > 0.0 ? alpha : 1.0);
 }`;
@@ -212,9 +212,9 @@ class Drawing {
     pointNormals(x, run.shape, this.normals);
     run.values(frame, mode, values);
     [x, this.normals, null, values].forEach((data, k) => { if (data) this.upload(this.buffers[k], data); });
-    const balls = run.spheres.map((s, k) => [...run.center(k, frame), s.radius, ...LOOK.sphere, 1]);
-    for (const p of run.pins) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...LOOK.pin, 0]);
-    for (const p of run.dots) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...LOOK.front, 0]);
+    const balls = run.spheres.map((s, k) => [...run.center(k, frame), s.radius, ...SHADING.sphere, 1]);
+    for (const p of run.pins) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...SHADING.pin, 0]);
+    for (const p of run.dots) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...SHADING.front, 0]);
     this.sphereData = balls.slice(0, run.compared).flatMap((ball) => ball.slice(0, 4));
     balls.forEach((ball, k) => this.ballData.set(ball, 8 * k));
     this.upload(this.ballBuffer, this.ballData);

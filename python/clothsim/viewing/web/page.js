@@ -235,8 +235,8 @@ async function start() {
   // Firefox presses a button when space is released.
   document.addEventListener("keyup", (e) => { if (e.key === " " && !isText(e.target)) e.preventDefault(); });
   for (const p of panels) camera.listen(p.canvas, redraw, (x, y) => pick(p, x, y));
-  const dark = matchMedia("(prefers-color-scheme: dark)"), pin = LOOK.pin;
-  const theme = () => { LOOK.pin = dark.matches ? pin.map((k) => 1 - k) : pin; };
+  const dark = matchMedia("(prefers-color-scheme: dark)"), pin = SHADING.pin;
+  const theme = () => { SHADING.pin = dark.matches ? pin.map((k) => 1 - k) : pin; };
   dark.addEventListener("change", () => { theme(); show(state.t, true); curves.draw(true); });
   theme();
   new ResizeObserver(() => { redraw(); curves.draw(); }).observe($("runs"));
