@@ -130,6 +130,9 @@ void bind_build(py::module_& m) {
     m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("outer_epsilons") = outer_epsilons;
+    m.attr("slop_epsilons") = slop_epsilons;
+    m.attr("cell_bands") = py::make_tuple(cell_band<float>, cell_band<double>);
+    m.attr("cell_rounding_epsilons") = int(CellBand::rounding);
 }
 
 namespace {

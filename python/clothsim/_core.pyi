@@ -10,6 +10,9 @@ State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 group_size: int
 outer_epsilons: float
+slop_epsilons: float
+cell_bands: tuple[float, float]
+cell_rounding_epsilons: int
 most_threads: int
 least_points_per_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]

@@ -24,7 +24,7 @@ def swing(size=16):
 
 
 def ball(**changes):
-    return cs.Sphere((0.5, -0.29, 0.5), 0.25, response="ray", offset="edge", **changes)
+    return cs.Sphere(**{"center": (0.5, -0.29, 0.5), "radius": 0.25, "response": "ray", "offset": "edge", **changes})
 
 
 def draped(**changes):
@@ -99,9 +99,10 @@ def test_free_cloth_has_the_bits_of_the_strict_core_after_1000_steps(live, same_
 
 
 @pytest.mark.parametrize("motion", [None, cs.Linear((0.1, 0.3, 0.0))])
-def test_contact_follows_the_core_up_to_responses_in_float32(live, motion):
+@pytest.mark.parametrize("response, offset", [("ray", "edge"), ("continuous", "cell"), ("continuous", "none")])
+def test_contact_follows_the_core_up_to_responses_in_float32(live, motion, response, offset):
     """WebGPU has no float64, so a response rounds in float32; contact lets that grow."""
-    scene = draped(motion=motion, friction=0.2)
+    scene = draped(motion=motion, friction=0.2, response=response, offset=offset, restitution=float(response == "ray"))
     page = live(scene)
     pause(page)
     (planes, _), out = after(page, 300)
@@ -113,14 +114,15 @@ def test_contact_follows_the_core_up_to_responses_in_float32(live, motion):
     assert out["depths"] == pytest.approx({"points": depths["points"], "triangles": depths["triangles"]}, abs=1e-7)
 
 
-def test_contact_has_the_bits_of_the_adapter_without_float64(live, same_bits, monkeypatch):
+@pytest.mark.parametrize("response", ["ray", "continuous"])
+def test_contact_has_the_bits_of_the_adapter_without_float64(live, same_bits, monkeypatch, response):
     devices = pytest.importorskip("clothsim.gpu.device")
     try:
         narrow = devices.Device(devices.chosen_adapter(), float64=False)
     except (ImportError, RuntimeError) as error:
         pytest.skip(str(error))
     monkeypatch.setattr(devices, "opened", lambda: narrow)
-    scene = draped(friction=0.2)
+    scene = draped(friction=0.2, response=response, offset="cell", motion=cs.Linear((0.1, 0.3, 0.0)))
     page = live(scene)
     pause(page)
     found, _ = after(page, 300)
@@ -167,7 +169,7 @@ def test_the_guarantee_of_the_sliders_is_that_of_python(live):
         assert page.tab.evaluate("() => window.live.live.limit") == cs.max_stable_dt(scene.replace(cloth=cloth))
 
 
-def test_one_step_is_one_step_and_methods_change(live):
+def test_one_step_is_one_step(live):
     page = live(draped())
     pause(page)
     idle(page)
@@ -175,14 +177,30 @@ def test_one_step_is_one_step_and_methods_change(live):
     page.tab.click("#one")
     idle(page)
     assert page.tab.evaluate("() => window.live.live.counted") == before + 1
-    page.tab.select_option("#method", index=0)
-    idle(page)
-    _, ray = after(page, 0)
-    scene = draped().replace(spheres=ball().replace(response="reflect"))
-    (planes, _), _ = after(page, 250)
-    cpu, other = core_after(scene, 250), core_after(draped(), 250)
-    x = planes[:3].T.reshape(cpu.positions.shape)
-    assert np.abs(x - cpu.positions).max() < 1e-4 < np.abs(x - other.positions).max()
+
+
+def test_the_list_of_methods_has_those_of_python(live):
+    options = {"offset": "cell", "restitution": 0.0, "motion": cs.Linear((0.1, 0.3, 0.0))}
+    page = live(draped(**options))
+    pause(page)
+    names = page.tab.locator("#method option").all_inner_texts()
+    assert names == ["1 (reflect)", "1, as printed", "2 (ray)", "2, as printed", "continuous"]
+    expected = []
+    for name, response, printed in zip(
+        names, ("reflect", "reflect", "ray", "ray", "continuous"), (0, 1, 0, 1, 0), strict=True
+    ):
+        page.tab.select_option("#method", label=name)
+        idle(page)
+        (planes, _), _ = after(page, 250)
+        cpu = core_after(draped(response=response, as_printed=bool(printed), **options), 250).positions
+        assert np.abs(planes[:3].T.reshape(cpu.shape) - cpu).max() < 1e-5, name
+        assert all(np.abs(other - cpu).max() > 1e-4 for other in expected), name
+        expected.append(cpu)
+
+
+def test_several_spheres_have_no_continuous_method(live):
+    page = live(draped().replace(spheres=(ball(), ball(center=(0.2, -0.4, 0.2), radius=0.1))))
+    assert "continuous" not in page.tab.locator("#method option").all_inner_texts()
 
 
 def place(page, point):
@@ -294,6 +312,6 @@ def test_bad_arguments_are_named(change, error, told, tmp_path):
 
 
 def test_a_scene_that_the_shader_lacks_is_refused(tmp_path):
-    scene = draped().replace(spheres=ball().replace(response="continuous"))
-    with pytest.raises(ValueError, match=r"^response of spheres\[0\] must be 'reflect' or 'ray'"):
+    scene = draped(response="continuous", offset="face")
+    with pytest.raises(ValueError, match=r"^offset of spheres\[0\] must be 'cell', .* got 'face'"):
         scene.to_live_html(tmp_path / "live.html")

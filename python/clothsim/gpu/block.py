@@ -16,9 +16,13 @@ from . import parameters
 from .device import Device, translated
 from .shader import Features, pipelines
 
-NONE_BAD = 0xFFFFFFFF
+NONE = 0xFFFFFFFF
 # Steps between two checks of the state, at most. The exact step of a failure is then found by repeating steps.
 MOST_STEPS_UNCHECKED = 96
+# Rounds of `raise` a step, at most; each leaves at most 0.71 of the last move (cpp/contact/contact_pass.hpp).
+MOST_ROUNDS = 127
+# Runs after which a step gets fewer rounds. Half tries again more often, twice keeps rounds that nothing needs for longer.
+RUNS_WITH_EQUAL_ROUNDS = 16
 # Steps a submission: the adapter works on one while the host records the next.
 STEPS_PER_SUBMISSION = 32
 
@@ -61,12 +65,14 @@ class Block:
         self.scenes = [scenes[0]] if shared else list(scenes)
         self.origins = origins[: len(self.scenes)]
         self.contacts = np.zeros(len(members), np.int64)  # responses since the last `run` began
+        self.found: dict[str, tuple[int, int]] = {}  # member and point of a finding in it
         self.plans = [core_plan(scene, Options()) for scene in self.scenes]
         self.rows, self.columns = scenes[0].cloth.shape
         self.points = self.rows * self.columns
         self.features = Features.of(scenes[0])
         self.groups = workgroups(scenes[0].cloth.shape, len(members))
         self._ahead = False
+        self._rounds, self._runs, self._settled = 1, 0, True
         self._check_limits()
         self.pipelines = pipelines(device, self.features, precision, strict)
         self._make_buffers()
@@ -104,10 +110,10 @@ class Block:
         self.parameters = create(size, "STORAGE", "COPY_DST")
         per_scene = len(self.features.spheres) * parameters.CONTACT_SIZE
         per_step = per_scene * len(self.scenes)
-        tables = MOST_STEPS_UNCHECKED if self.features.moving else 1
+        tables = 1 + MOST_STEPS_UNCHECKED if self.features.moving else 1
         self.contact_table = create((tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST")
-        self._results = np.zeros(1 + 2 * len(self.members), np.uint32)
-        self._results[1 : 1 + len(self.members)] = NONE_BAD
+        self._results = np.zeros(2 + 4 * len(self.members), np.uint32)
+        self._results[1 : 1 + 3 * len(self.members)] = NONE
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
@@ -156,13 +162,14 @@ class Block:
         pairs = zip(self.scenes, limits, strict=True)
         tables = [parameters.scene_parameters(scene, limit, self.real) for scene, limit in pairs]
         self._write(self.parameters, np.concatenate(tables))
+        self._dt = dt
         if self.features.spheres and not self.features.moving:
             self._write_contacts([0.0])
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        self._write(
-            self.contact_table, parameters.contacts(self.scenes, self.plans, self.origins, times, self.single, self.wide)
-        )
+        scenes, single = self.scenes, self.single
+        table = parameters.contacts(scenes, self.plans, self.origins, times, self._dt, single, self.wide)
+        self._write(self.contact_table, table)
 
     def run(self, times: Sequence[float]) -> tuple[int, int] | None:
         """Save a checkpoint and take the steps between `times`. `accept` keeps them, and `take_back` undoes them.
@@ -172,9 +179,20 @@ class Block:
         (int, int) or None
             Member of the batch and mass point of the first bad state.
         """
-        handle, steps = self.device.handle, len(times) - 1
         if self.features.moving:
-            self._write_contacts(times[1:])
+            self._write_contacts(times)
+        bad = self._run(len(times) - 1)
+        self._runs += 1
+        while not self._settled and self._rounds < MOST_ROUNDS:
+            self.take_back()
+            self._rounds, self._runs = 2 * self._rounds + 1, 0
+            bad = self._run(len(times) - 1)
+        if self._runs == RUNS_WITH_EQUAL_ROUNDS:
+            self._rounds, self._runs = max(1, self._rounds // 2), 0
+        return bad
+
+    def _run(self, steps: int) -> tuple[int, int] | None:
+        handle = self.device.handle
         self._write(self.results, self._results)
         encoder = handle.create_command_encoder()
         for buffer, copy in zip(self._kept, self.checkpoint, strict=True):
@@ -196,7 +214,9 @@ class Block:
         """Record `steps` steps, and the search for bad points if `check`."""
         work = encoder.begin_compute_pass()
         work.set_bind_group(0, self.bindings)
-        for stage in [*self.pipelines.stages * steps, *[self.pipelines.check] * check]:
+        stages, rounds = self.pipelines.stages, self.pipelines.rounds
+        step = [*stages, *rounds[:2] * (self._rounds // 2), *rounds[2:]]
+        for stage in [*step * steps, *[self.pipelines.check] * check]:
             work.set_pipeline(stage)
             work.dispatch_workgroups(*self.groups)
         work.end()
@@ -206,10 +226,17 @@ class Block:
         self.readback.map_sync("READ")
         results = np.frombuffer(self.readback.read_mapped(), np.uint32)
         self.readback.unmap()
-        bad, contacts = results[1 : len(self._results)].reshape(2, len(self.members))
+        self._settled = not results[len(self._results) - 1]
+        bad, pinned, capped, contacts = results[1 : len(self._results) - 1].reshape(4, -1)
         self.contacts = contacts.astype(np.int64)
-        for k in np.flatnonzero(bad != NONE_BAD)[:1]:
-            return self.members[k], int(bad[k])
+        found = {name: self._first(points) for name, points in (("pinned_inside", pinned), ("capped", capped))}
+        self.found = {name: one for name, one in found.items() if one}
+        return self._first(bad)
+
+    def _first(self, points: np.ndarray) -> tuple[int, int] | None:
+        """The first member with a point, and the point."""
+        for k in np.flatnonzero(points != NONE)[:1]:
+            return self.members[k], int(points[k])
         return None
 
     def take_back(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from base64 import b64encode
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -28,8 +29,8 @@ from ..viewing.camera import DIRECTIONS, camera_for
 from ..viewing.drawing import PIN_SIZE
 from ..viewing.page import json_text, page_text, poster
 from ..viewing.picture import file_path
-from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, rest_lengths
-from .shader import Features, check_scenes, shader_text, source
+from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, NEAR, rest_lengths
+from .shader import Features, SphereFeatures, check_scenes, shader_text, source
 
 STIFFNESS_FACTORS = tuple(2.0**k for k in range(-4, 5))
 DAMPING_FACTORS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -40,6 +41,7 @@ METHODS = (
     ("1, as printed", "reflect", True),
     ("2 (ray)", "ray", False),
     ("2, as printed", "ray", True),
+    ("continuous", "continuous", False),  # of one sphere
 )
 SLIDERS = {"stiffness": "stiffness K", "damping": "damping", "gravity": "gravity", "dt": "time step", "radius": "radius"}
 
@@ -76,8 +78,7 @@ def _page(scene: Scene, dt: float, title: str) -> str:
         '<div id="controls"><button type="button" id="play">pause</button><button type="button" id="one">one step</button>'
         '<button type="button" id="reset">reset</button><output id="clock"></output><output id="speed"></output>'
         f'<output id="measures"></output></div>\n<div id="sliders">{sliders}<span id="above" hidden></span>'
-        f'<label>method <select id="method">{options}<option disabled>continuous (needs float64: CPU only)</option>'
-        "</select></label></div>\n"
+        f'<label>method <select id="method">{options}</select></label></div>\n'
         '<p class="small">Drag to turn, shift-drag to move, wheel or two fingers to zoom. A sphere or a pinned mass point '
         "follows the pointer that takes it. The shader is the WGSL of clothsim, in compensated float32.</p>\n"
         f'<script type="application/octet-stream" id="state">{_state(scene)}</script>\n'
@@ -93,19 +94,31 @@ def _state(scene: Scene) -> str:
     return b64encode(zlib.compress(planes.astype("<f8").tobytes(), 9)).decode("ascii")
 
 
-def _methods(scene: Scene) -> tuple[list[str], list[str], int]:
-    """Names and WGSL of the collision methods of the page, and the index of the scene's own."""
-    features = Features.of(scene)
-    names, texts = [], []
+def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
+    """Names of the page's collision methods, the WGSL and the responses of each, and the index of the scene's own."""
+    features, in_cells = Features.of(scene), [sphere.offset == "cell" for sphere in scene.spheres]
+
+    def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
+        responses = [sphere.response for sphere in spheres]
+        cells = any(one == "continuous" and cell for one, cell in zip(responses, in_cells, strict=True))
+        return {
+            "wgsl": replace(features, spheres=tuple(spheres)).after_contacts(),
+            "responses": responses,
+            "cells": int(cells),
+        }
+
+    names, methods = [], []
     for name, response, as_printed in METHODS:
-        spheres = tuple(replace(one, response=response, as_printed=as_printed) for one in features.spheres)
+        if response == "continuous" and len(scene.spheres) != 1:
+            continue
         names.append(name)
-        texts.append(replace(features, spheres=spheres).after_contacts())
-    own = features.after_contacts()
-    if own not in texts:  # spheres of different methods
+        rough = [sphere.friction > 0 and response != "continuous" for sphere in scene.spheres]
+        methods.append(method([SphereFeatures(response, as_printed, one) for one in rough]))
+    own = method(features.spheres)
+    if own not in methods:  # spheres of different methods
         names.append("as in the scene")
-        texts.append(own)
-    return names, texts, texts.index(own)
+        methods.append(own)
+    return names, methods, methods.index(own)
 
 
 def _data(scene: Scene, dt: float) -> dict[str, Any]:
@@ -145,7 +158,11 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "firstSpring": FIRST_SPRING,
         "firstWeight": FIRST_WEIGHT,
         "contactSize": CONTACT_SIZE,
-        "outerEpsilons": _core.outer_epsilons * eps,
+        "outerEpsilons": _core.outer_epsilons,
+        "slopEpsilons": _core.slop_epsilons,
+        "band": _core.cell_bands[0],
+        "near": NEAR,
+        "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
         "constants": features.constants(strict=True),
         "wgsl": source(replace(features, spheres=()), "single", False).removesuffix(
@@ -185,7 +202,8 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "restitution": sphere.restitution,
         "friction": sphere.friction,
         "side": side,
-        "mostSide": 2.0 if sphere.offset == "cell" else None,  # radii
+        "cells": sphere.offset == "cell",
+        "push": sphere.push_out_speed,
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
         "motion": sphere.motion.to_dict() if sphere.motion else None,
     }

@@ -8,6 +8,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from ..engine.plan import in_cells
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device, translated
@@ -15,7 +16,7 @@ from .parameters import shared_numbers
 from .springs import springs
 
 STAGES = (1, 2, 3, 4)
-RESPONSES = ("reflect", "ray")  # of contact.wgsl
+ROUNDS = (5, 6, 7)  # stages of `raise`: from b to a, from a to b, and the last, from b to the state
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Features:
     mass_per_point: bool
     pinned: bool
     moving: bool
+    cells: bool
     spheres: tuple[SphereFeatures, ...]
 
     @classmethod
@@ -49,24 +51,32 @@ class Features:
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
-            spheres=tuple(SphereFeatures(s.response, s.as_printed, s.friction > 0) for s in scene.spheres),
+            cells=any(map(in_cells, scene.spheres)),
+            spheres=tuple(
+                SphereFeatures(s.response, s.as_printed, s.response != "continuous" and s.friction > 0)
+                for s in scene.spheres
+            ),
         )
 
     def constants(self, strict: bool) -> dict[str, float]:
         """Values of the shader's override constants."""
         switches: dict[str, bool] = {family: family in self.families for family in FAMILIES}
-        for name in ("spring_damping", "drag", "mass_per_point", "pinned", "moving"):
+        for name in ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells"):
             switches[name] = getattr(self, name)
         return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
 
     def after_contacts(self) -> str:
-        """WGSL of the collision pass: the responses of all spheres, in their order."""
-        lines = ["fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
+        """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous one."""
+        continuous = [k for k, s in enumerate(self.spheres) if s.response == "continuous"]
+        lines = [shader_text("continuous").replace("continuous_sphere", f"{k}u") for k in continuous]
+        lines += ["fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
         lines.append("    if (!is_pinned(id)) {")
         for k, s in enumerate(self.spheres):
-            flags = ", ".join(str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough))
-            lines.append(f"        result = respond(result, contact_of(id.z, {k}u), id.z, {flags});")
-        return "\n".join([*lines, "    }", "    return result;", "}"])
+            if k not in continuous:
+                flags = ", ".join(str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough))
+                lines.append(f"        result = respond(result, contact_of(id.z, {k}u, 0u), id.z, {flags});")
+        lines += ["    }", *["    result = respond_continuously(result, before, id);"] * len(continuous)]
+        return "\n".join([*lines, "    return result;", "}"])
 
 
 @cache
@@ -89,20 +99,31 @@ def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
 
 
 def arithmetic_of(precision: str, float64: bool) -> str:
-    """WGSL of the types of a precision: `real` of a step, `wide` of a response. "single" is compensated float32."""
+    """WGSL of the types of a precision and of their products: `real` of a step, `wide` of a response. "single" is
+    compensated float32."""
     real = "f64" if precision == "double" else "f32"
     wide = "f64" if float64 else "f32"
     bits, exponent = _EXPONENT[real]
-    return "\n".join(
-        [
-            f"alias real = {real};",
-            f"alias wide = {wide};",
-            f"const compensated = {str(precision == 'single').lower()};",
-            keep(real),
-            keep(wide, "keep_wide"),
-            f"fn is_finite(a: real) -> bool {{ return ({bits} & {exponent}) != {exponent}; }}",
+    lines = [
+        f"alias real = {real};",
+        f"alias wide = {wide};",
+        f"const compensated = {str(precision == 'single').lower()};",
+        f"fn is_finite(a: real) -> bool {{ return ({bits} & {exponent}) != {exponent}; }}",
+    ]
+    for word, prefix in ((real, ""), (wide, "wide_")):
+        vector, scaled = f"vec3<{word}>", ", ".join(f"{prefix}product(a, b.{k})" for k in "xyz")
+        x, y, z = (f"{prefix}product(a.{k}, b.{k})" for k in "xyz")
+        lines += [
+            keep(word, f"{prefix}keep"),
+            f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{",
+            f"    if (strict) {{ return {prefix}keep(a * b); }}",
+            "    return a * b;",
+            "}",
+            f"fn {prefix}scaled(a: {word}, b: {vector}) -> {vector} {{ return {vector}({scaled}); }}",
+            f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
-    )
+    lines.append("fn keep_all(a: vec3<real>) -> vec3<real> { return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }")
+    return "\n".join(lines)
 
 
 def source(features: Features, precision: str, float64: bool) -> str:
@@ -113,7 +134,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
 
 
 class Pipelines:
-    """Compiled pipelines for given features: the four stages of a step and the check."""
+    """Compiled pipelines for given features: the four stages of a step, the rounds of `raise`, and the check."""
 
     def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
         handle = device.handle
@@ -133,6 +154,7 @@ class Pipelines:
 
             constants = features.constants(strict)
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
+            self.rounds = [pipeline("raise", {**constants, "stage": k}) for k in ROUNDS if features.cells]
             self.check = pipeline("check", {})
 
 
@@ -155,12 +177,17 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
         if scene.force is not None:
             raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
         for k, sphere in enumerate(scene.spheres):
-            if sphere.response not in RESPONSES:
-                accepted = " or ".join(map(repr, RESPONSES))
+            if sphere.offset == "face":
                 raise ValueError(
-                    f"response of spheres[{k}] must be {accepted} with backend 'gpu', got {sphere.response!r}; "
+                    f"offset of spheres[{k}] must be 'cell', 'edge', 'none' or a length with backend 'gpu', got 'face'; "
                     "backend='cpu' has it"
                 )
+        continuous = [k for k, sphere in enumerate(scene.spheres) if sphere.response == "continuous"]
+        if len(continuous) > 1:
+            raise ValueError(
+                "response of at most one sphere can be 'continuous' with backend 'gpu', got "
+                f"spheres {continuous}; backend='cpu' has several"
+            )
         own = Features.of(scene)
         for name in first.__dataclass_fields__:
             expected, got = getattr(first, name), getattr(own, name)

@@ -253,7 +253,11 @@ class Simulation:
         missing = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
         none_inside = {"point_depth": 0.0, "triangle_depth": 0.0}
         return [
-            {**missing, **(none_inside if not scene.spheres else {}), "in_contact": count > 0}
+            {
+                **missing,
+                **(none_inside if not scene.spheres else {}),
+                "in_contact": count > 0 or any(sphere.response == "continuous" for sphere in scene.spheres),
+            }
             for scene, count in zip(self._scenes, self._contacts, strict=True)
         ]
 
@@ -264,7 +268,8 @@ class Simulation:
         with self._used(), Interrupts() as interrupts, self._all_or_nothing():
             self._need_adapter()
             self._set_step(dt)
-            return self._advance(steps, interrupts)
+            self._found: dict[str, Any] = {}
+            return {**self._advance(steps, interrupts), **self._found}
 
     def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
         done = 0
@@ -298,6 +303,7 @@ class Simulation:
     def _accept(self, steps: int) -> None:
         if self._block:
             self._block.accept(self._contacts)
+            self._found = {**self._block.found, **self._found}
         self._clock = self._clock.after(steps)
 
     def _take_back(self) -> None:

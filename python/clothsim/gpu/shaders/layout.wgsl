@@ -15,6 +15,7 @@ override drag: bool = true;
 override mass_per_point: bool = true;
 override pinned: bool = true;
 override moving: bool = true;  // spheres move: each step has contacts of its own
+override cells: bool = true;   // the continuous sphere has the offset "cell"
 override strict: bool = true;  // no product is fused with a sum
 
 struct Constants {
@@ -42,19 +43,18 @@ struct Constants {
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// Steps since the host set it to 0, then for every member the first bad point, then for every member the number of
-// contact responses.
+// Steps since the host set it to 0. Then a value of every member: first bad points, and first pinned points in the
+// continuous sphere. Then first points with cells larger than the sphere, and numbers of contact responses. At the end 1
+// if the last round of `raise` has moved a point.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
-fn points() -> u32 {
-    return constants.rows * constants.columns;
-}
+fn points() -> u32 { return constants.rows * constants.columns; }
 
-fn inside(id: vec3<u32>) -> bool {
-    return id.x < constants.columns && id.y < constants.rows;
+fn inside(id: vec3<u32>) -> bool { return id.x < constants.columns && id.y < constants.rows; }
+
+fn note(finding: u32, id: vec3<u32>) {
+    atomicMin(&results[1u + finding * constants.members + id.z], id.y * constants.columns + id.x);
 }
 
 // Index of a point's value in the first plane.
-fn place(id: vec3<u32>) -> u32 {
-    return id.z * 6u * points() + id.y * constants.columns + id.x;
-}
+fn place(id: vec3<u32>) -> u32 { return id.z * 6u * points() + id.y * constants.columns + id.x; }

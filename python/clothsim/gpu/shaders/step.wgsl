@@ -4,39 +4,38 @@
 //
 //   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
 
-// A vector of the state at which a stage evaluates forces: x_n for the first, then the result of the stage before.
-fn source(at: u32) -> vec3<real> {
-    let n = points();
-    if (stage == 1u) {
-        return vec3<real>(state[at], state[at + n], state[at + 2u * n]);
-    }
-    if (stage == 3u) {
-        return vec3<real>(stage_b[at], stage_b[at + n], stage_b[at + 2u * n]);
-    }
-    return vec3<real>(stage_a[at], stage_a[at + n], stage_a[at + 2u * n]);
-}
+fn state_at(at: u32) -> vec3<real> { return vec3<real>(state[at], state[at + points()], state[at + 2u * points()]); }
 
-fn state_at(at: u32) -> vec3<real> {
-    return vec3<real>(state[at], state[at + points()], state[at + 2u * points()]);
+fn low_at(at: u32) -> vec3<real> {
+    return vec3<real>(compensation[at], compensation[at + points()], compensation[at + 2u * points()]);
 }
 
 fn acceleration_at(at: u32) -> vec3<real> {
     return vec3<real>(accelerations[at], accelerations[at + points()], accelerations[at + 2u * points()]);
 }
 
-fn product(a: real, b: real) -> real {
-    if (strict) {
-        return keep(a * b);
+// A vector that the stage before left for this one: x_n for the first, later of the buffer that the stage does not write.
+fn source(at: u32) -> vec3<real> {
+    let n = points();
+    if (stage == 1u) { return state_at(at); }
+    if (stage % 2u == 1u) { return vec3<real>(stage_b[at], stage_b[at + n], stage_b[at + 2u * n]); }
+    return vec3<real>(stage_a[at], stage_a[at + n], stage_a[at + 2u * n]);
+}
+
+// Two vectors for the stage after this one.
+fn store(at: u32, first: vec3<real>, second: vec3<real>) {
+    for (var k = 0u; k < 6u; k++) {
+        let value = select(second[k % 3u], first[k % 3u], k < 3u);
+        if (stage % 2u == 1u) { stage_a[at + k * points()] = value; } else { stage_b[at + k * points()] = value; }
     }
-    return a * b;
 }
 
-fn scaled(a: real, b: vec3<real>) -> vec3<real> {
-    return vec3<real>(product(a, b.x), product(a, b.y), product(a, b.z));
-}
-
-fn inner(a: vec3<real>, b: vec3<real>) -> real {
-    return product(a.z, b.z) + (product(a.y, b.y) + product(a.x, b.x));
+// A vector of the state after the step.
+fn store_state(at: u32, value: vec3<real>, low: vec3<real>) {
+    for (var k = 0u; k < 3u; k++) {
+        state[at + k * points()] = value[k];
+        if (compensated) { compensation[at + k * points()] = low[k]; }
+    }
 }
 
 // `force` plus the force of the spring to the point `other`.
@@ -57,109 +56,60 @@ fn weight(id: vec3<u32>) -> real {
     return parameters[id.z * constants.parameter_stride + first_weight + id.y * constants.columns + id.x];
 }
 
-fn is_pinned(id: vec3<u32>) -> bool {
-    return pinned && weight(id) == real(0.0);
-}
+fn is_pinned(id: vec3<u32>) -> bool { return pinned && weight(id) == real(0.0); }
 
 fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
     let base = id.z * constants.parameter_stride;
     var a = spring_forces(id, x, v);
-    if (drag) {
-        a = a - scaled(parameters[base + 3u], v);
-    }
-    if (mass_per_point) {
-        a = scaled(weight(id), a);
-    }
+    if (drag) { a = a - scaled(parameters[base + 3u], v); }
+    if (mass_per_point) { a = scaled(weight(id), a); }
     a = a + vec3<real>(parameters[base], parameters[base + 1u], parameters[base + 2u]);
-    if (is_pinned(id)) {
-        a = vec3<real>();
-    }
+    if (is_pinned(id)) { a = vec3<real>(); }
     return a;
 }
 
 @compute @workgroup_size(group_size, group_size, 1)
 fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
-    if (moving && stage == 1u && all(id == vec3<u32>(0u))) {
-        atomicAdd(&results[0], 1u);  // read by the fourth stage
-    }
-    if (!inside(id)) {
-        return;
-    }
-    let n = points();
+    if (moving && stage == 1u && all(id == vec3<u32>(0u))) { atomicAdd(&results[0], 1u); }  // for the fourth stage
+    if (!inside(id)) { return; }
     let at = place(id);
-    let x = source(at);
-    let v = source(at + 3u * n);
-    let a = acceleration(id, x, v);
-    if (stage == 4u) {
-        finish(id, a);
-        return;
-    }
-    var h = constants.half_h;
-    if (stage == 3u) {
-        h = constants.h;
-    }
-    let next_x = scaled(h, v) + state_at(at);
-    let next_v = scaled(h, a) + state_at(at + 3u * n);
-    var into = at;
+    let v_at = at + 3u * points();
+    let v = source(v_at);
+    let a = acceleration(id, source(at), v);
+    if (stage == 4u) { finish(id, a); return; }
+    let h = select(constants.half_h, constants.h, stage == 3u);
+    store(at, scaled(h, v) + state_at(at), scaled(h, a) + state_at(v_at));
+    let into = select(v_at, at, stage == 1u);
     var kept = a;
-    if (stage != 1u) {
-        into = at + 3u * n;
-    }
-    if (stage == 3u) {
-        kept = acceleration_at(into) + a;
-    }
-    for (var k = 0u; k < 3u; k++) {
-        if (stage == 2u) {
-            stage_b[at + k * n] = next_x[k];
-            stage_b[at + (3u + k) * n] = next_v[k];
-        } else {
-            stage_a[at + k * n] = next_x[k];
-            stage_a[at + (3u + k) * n] = next_v[k];
-        }
-        accelerations[into + k * n] = kept[k];
-    }
+    if (stage == 3u) { kept = acceleration_at(into) + a; }
+    for (var k = 0u; k < 3u; k++) { accelerations[into + k * points()] = kept[k]; }
 }
 
 // The last stage's sums, then the collision pass: a point is moved by its own invocation only.
 fn finish(id: vec3<u32>, a: vec3<real>) {
-    let n = points();
     let at = place(id);
+    let v_at = at + 3u * points();
     let first = acceleration_at(at);
-    let middle = acceleration_at(at + 3u * n);
-    let v = state_at(at + 3u * n);
-    let dx = scaled(constants.h, v) + scaled(constants.h2_6, first + middle);
+    let middle = acceleration_at(v_at);
+    var before = Body(state_at(at), vec3<real>(), state_at(v_at), vec3<real>());
+    let dx = scaled(constants.h, before.velocity) + scaled(constants.h2_6, first + middle);
     let dv = scaled(constants.h_6, (first + a) + (middle + middle));
-    var before = Body(state_at(at), vec3<real>(), v, vec3<real>());
-    var body = before;
+    var body = Body(before.position + dx, vec3<real>(), before.velocity + dv, vec3<real>());
     if (compensated) {
-        for (var k = 0u; k < 3u; k++) {
-            before.position_low[k] = compensation[at + k * n];
-            before.velocity_low[k] = compensation[at + (3u + k) * n];
-            let x_sum = added(before.position[k], before.position_low[k], dx[k]);
-            let v_sum = added(before.velocity[k], before.velocity_low[k], dv[k]);
-            body.position[k] = x_sum.x;
-            body.position_low[k] = x_sum.y;
-            body.velocity[k] = v_sum.x;
-            body.velocity_low[k] = v_sum.y;
-        }
-    } else {
-        body.position = before.position + dx;
-        body.velocity = v + dv;
+        before = Body(before.position, low_at(at), before.velocity, low_at(v_at));
+        let x = added(before.position, before.position_low, dx);
+        let v = added(before.velocity, before.velocity_low, dv);
+        body = Body(x[0], x[1], v[0], v[1]);
     }
     body = after_contacts(body, before, id);
-    for (var k = 0u; k < 3u; k++) {
-        state[at + k * n] = body.position[k];
-        state[at + (3u + k) * n] = body.velocity[k];
-        if (compensated) {
-            compensation[at + k * n] = body.position_low[k];
-            compensation[at + (3u + k) * n] = body.velocity_low[k];
-        }
-    }
+    store_state(v_at, body.velocity, body.velocity_low);
+    if (!cells) { store_state(at, body.position, body.position_low); }
+    if (cells) { store(at, body.position, body.position_low); }  // `raise` ends the step
 }
 
 // old + increment, and its rounding error (Kahan 1965).
-fn added(old: real, low: real, increment: real) -> vec2<real> {
-    let whole = keep(increment + low);
-    let next = keep(old + whole);
-    return vec2<real>(next, whole - keep(next - old));
+fn added(old: vec3<real>, low: vec3<real>, increment: vec3<real>) -> array<vec3<real>, 2> {
+    let whole = keep_all(increment + low);
+    let next = keep_all(old + whole);
+    return array<vec3<real>, 2>(next, whole - keep_all(next - old));
 }

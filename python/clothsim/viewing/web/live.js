@@ -72,12 +72,13 @@ class Live {
 
   get time() { return this.origin + this.steps * this.dt; }
 
-  contactRadius(sphere) {
-    const R = sphere.radius, half = Math.min(sphere.side, (sphere.mostSide ?? Infinity) * R) / 2;
+  contactRadius(sphere, s) {
+    if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return sphere.radius;
+    const R = sphere.radius, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
     return R + (sphere.side ? half * half / (Math.sqrt(half * half + R * R) + R) : sphere.offset);
   }
 
-  // Spheres after each of the next steps. A dragged sphere goes on straight to where the pointer is.
+  // Spheres before the next steps and after each. A dragged sphere goes on straight to where the pointer is.
   path(steps) {
     const most = FASTEST_DRAG * steps * this.dt;
     const ways = this.moved.map(({ by, to }) => {
@@ -85,10 +86,10 @@ class Live {
       return way.map((k) => part * k);
     });
     const path = [];
-    for (let n = 1; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
+    for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
       const [center, velocity] = motionAt(sphere, this.origin + (this.steps + n) * this.dt), { by } = this.moved[s];
       return {
-        radius: this.contactRadius(sphere), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
+        radius: this.contactRadius(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
         velocity: velocity.map((k, i) => k + ways[s][i] / (steps * this.dt)),
       };
     }));
@@ -103,10 +104,10 @@ class Live {
       const v = at.map((k, i) => (k - this.planes[i * this.points + point]) / (steps * this.dt)), speed = Math.hypot(...v);
       this.solver.movePin(point, v.map((k) => k * Math.min(1, most / (speed || 1))));
     }
-    const read = await this.solver.run(steps, path);
+    const read = await this.solver.run(path);
     if (read.bad >= 0 && steps > 1) {
       this.solver.takeBack();
-      for (let n = 0; n < steps && !this.problem; n++) await this.take(await this.solver.run(1, [path[n]]), 1);
+      for (let n = 0; n < steps && !this.problem; n++) await this.take(await this.solver.run(path.slice(n, n + 2)), 1);
       return;
     }
     this.take(read, steps);

@@ -2,8 +2,10 @@
 // Four dispatches a step, workgroups of 16 x 16 x 1. The host's numbers are made as in gpu/parameters.py, in double.
 "use strict";
 
-const NONE_BAD = 0xffffffff;
-const MOST_STEPS = 512;  // a frame; the table of sphere places has as many rows
+const NONE = 0xffffffff;
+const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
+const MOST_ROUNDS = 127;  // as in gpu/block.py
+const RESULTS = 24;      // bytes: steps, bad, pinned and too large mass points, contacts, whether the last round moved a point
 
 // Centre and velocity of a sphere at a time, as in model/motion.py.
 function motionAt(sphere, t) {
@@ -52,11 +54,12 @@ class Solver {
     this.compensation = make(six, both);
     const working = [0, 1, 2].map(() => make(six, U.STORAGE));
     this.parameters = make(4 * (data.firstWeight + points), U.STORAGE | U.COPY_DST);
-    this.table = make(4 * (MOST_STEPS * data.spheres.length * data.contactSize || 1), U.STORAGE | U.COPY_DST);
-    this.results = make(16, both);
+    this.table = make(4 * ((MOST_STEPS + 1) * data.spheres.length * data.contactSize || 1), U.STORAGE | U.COPY_DST);
+    this.results = make(RESULTS, both);
+    this.rounds = 1;
     this.constants = make(96, U.UNIFORM | U.COPY_DST);
     this.kept = [make(six, U.COPY_SRC | U.COPY_DST), make(six, U.COPY_SRC | U.COPY_DST)];
-    this.readback = make(16 + 2 * six, U.MAP_READ | U.COPY_DST);
+    this.readback = make(RESULTS + 2 * six, U.MAP_READ | U.COPY_DST);
     const kinds = ["uniform", ...Array(5).fill("storage"), "read-only-storage", "read-only-storage", "storage"];
     this.layout = device.createBindGroupLayout({
       entries: kinds.map((type, binding) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } })),
@@ -70,13 +73,16 @@ class Solver {
 
   // Compile the shader for a collision method; the texts differ in `after_contacts` alone.
   async compile(method) {
-    const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method] });
+    const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method].wgsl });
     const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
     if (said.length) throw new Error(`The browser refuses the shader: ${said[0].message}`);
     const layout = device.createPipelineLayout({ bindGroupLayouts: [this.layout] });
     const make = (entryPoint, constants) => device.createComputePipelineAsync({ layout, compute: { module, entryPoint, constants } });
-    this.stages = await Promise.all([1, 2, 3, 4].map((stage) => make("advance", { ...data.constants, stage })));
+    const { responses, cells } = data.methods[method], constants = { ...data.constants, cells };
+    this.stages = await Promise.all([1, 2, 3, 4].map((stage) => make("advance", { ...constants, stage })));
+    this.raise = await Promise.all((cells ? [5, 6, 7] : []).map((stage) => make("raise", { ...constants, stage })));
     this.check = await make("check", {});
+    this.responses = responses;
   }
 
   write(buffer, values, at = 0) { this.device.queue.writeBuffer(buffer, at, values); }
@@ -101,47 +107,70 @@ class Solver {
     for (let p = 0; p < this.points; p++) numbers[data.firstWeight + p] = 1 / data.mass[data.uniformMass ? 0 : p];
     for (const p of data.pins) numbers[data.firstWeight + p] = 0;
     this.write(this.parameters, numbers);
+    this.dt = dt;
     this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
     const stride = data.spheres.length * data.contactSize;
     this.write(this.constants, new Uint32Array([...data.shape, 0, 0, stride, 0, 1]), 16);
   }
 
-  // Take `spheres.length` steps. Each entry has centre, velocity and contact radius of every sphere after the step.
-  // Resolves to {bad, planes, contacts}; bad is the first mass point that is not finite or too fast, or -1.
-  async run(steps, spheres) {
-    const { device, data } = this, size = data.contactSize, row = data.spheres.length * size;
+  // A sphere after a step, as parameters.contacts writes it; `from`: its centre before.
+  contact(s, { center, velocity, radius }, from) {
+    const { data, dt } = this, { restitution, friction, push } = data.spheres[s], { epsilon, near, band } = data;
+    const low = center.map((k) => k - Math.fround(k)), size = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]);
+    if (this.responses[s] !== "continuous") {
+      return [...center, ...low, ...velocity, radius, restitution, friction, radius * radius * (1 + data.outerEpsilons * epsilon)];
+    }
+    const gone = center.map((k, i) => k - from[i]), slop = data.slopEpsilons * epsilon * (size(center) + radius);
+    const reach = 1.4144 * (radius + slop), outer = reach + 16 * epsilon * (reach + size(center) + size(gone));
+    return [...center, ...low, ...gone.map((k) => k / dt), radius + slop, restitution, friction,
+      (1 + 1 / near) * outer * outer * (1 + 1e-6), slop, push * dt, dt, band, epsilon];
+  }
+
+  // Take the steps of a path: centre, velocity and contact radius of every sphere before the first step and after each.
+  // Resolves to {bad, planes, low, contacts}; bad is the first mass point that is not finite or too fast, or -1.
+  async run(path) {
+    const { data } = this, row = data.spheres.length * data.contactSize;
     if (row) {
-      const table = new Float32Array(steps * row);
-      spheres.forEach((step, n) => step.forEach(({ center, velocity, radius }, s) => {
-        const { restitution, friction } = data.spheres[s], outer = radius * radius * (1 + data.outerEpsilons);
-        table.set([...center, ...center.map((k) => k - Math.fround(k)), ...velocity, radius, restitution, friction, outer],
-          n * row + s * size);
+      const table = new Float32Array(path.length * row);
+      path.forEach((step, n) => step.forEach((sphere, s) => {
+        table.set(this.contact(s, sphere, path[Math.max(n - 1, 0)][s].center), n * row + s * data.contactSize);
       }));
       this.write(this.table, table);
     }
-    this.write(this.results, new Uint32Array([0, NONE_BAD, 0]));
+    for (;;) {
+      const read = await this.take(path.length - 1);
+      if (read.settled || this.rounds >= MOST_ROUNDS) return read;
+      this.takeBack();
+      this.rounds = 2 * this.rounds + 1;
+    }
+  }
+
+  async take(steps) {
+    const { device } = this;
+    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, 0, 0]));
     const encoder = device.createCommandEncoder(), six = 24 * this.points;
     [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.kept[k], 0, six));
     const work = encoder.beginComputePass();
     work.setBindGroup(0, this.bindings);
-    for (let n = 0; n < steps; n++) for (const stage of this.stages) {
+    const pairs = Array(this.rounds >> 1).fill(this.raise.slice(0, 2)).flat();
+    for (let n = 0; n < steps; n++) for (const stage of [...this.stages, ...pairs, ...this.raise.slice(2)]) {
       work.setPipeline(stage);
       work.dispatchWorkgroups(...this.groups);
     }
     work.setPipeline(this.check);
     work.dispatchWorkgroups(...this.groups);
     work.end();
-    encoder.copyBufferToBuffer(this.results, 0, this.readback, 0, 16);
-    encoder.copyBufferToBuffer(this.state, 0, this.readback, 16, six);
-    encoder.copyBufferToBuffer(this.compensation, 0, this.readback, 16 + six, six);
+    encoder.copyBufferToBuffer(this.results, 0, this.readback, 0, RESULTS);
+    encoder.copyBufferToBuffer(this.state, 0, this.readback, RESULTS, six);
+    encoder.copyBufferToBuffer(this.compensation, 0, this.readback, RESULTS + six, six);
     device.queue.submit([encoder.finish()]);
     await this.readback.mapAsync(GPUMapMode.READ);
     const read = this.readback.getMappedRange().slice(0);
     this.readback.unmap();
-    const [, bad, contacts] = new Uint32Array(read, 0, 3);
+    const [, bad, , , contacts, moved] = new Uint32Array(read, 0, 6);
     return {
-      bad: bad === NONE_BAD ? -1 : bad, contacts,
-      planes: new Float32Array(read, 16, 6 * this.points), low: new Float32Array(read, 16 + six, 6 * this.points),
+      bad: bad === NONE ? -1 : bad, contacts, settled: !moved,
+      planes: new Float32Array(read, RESULTS, 6 * this.points), low: new Float32Array(read, RESULTS + six, 6 * this.points),
     };
   }
 
@@ -159,7 +188,7 @@ class Solver {
   // Ids that every invocation of the shader writes: rows of (group x, y, thread x, y, dispatch x, y, index).
   async threadIds() {
     const { device, data } = this, size = 28 * this.points, U = GPUBufferUsage;
-    const module = device.createShaderModule({ code: data.wgsl + data.methods[0] + data.threadIds });
+    const module = device.createShaderModule({ code: data.wgsl + data.methods[0].wgsl + data.threadIds });
     const pipeline = device.createComputePipeline({ layout: "auto", compute: { module, entryPoint: "thread_ids" } });
     const out = device.createBuffer({ size, usage: U.STORAGE | U.COPY_SRC });
     const copy = device.createBuffer({ size, usage: U.MAP_READ | U.COPY_DST });
