@@ -99,6 +99,7 @@ def test_a_bounce_follows_the_core_but_for_the_energy_of_springs(offset):
     assert cs.penetration(gpu.positions, ball(), gpu.time)["points"] == 0
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("name", ["cell, rough and rising", "cell, begins inside", "edge, rough", "none"])
 def test_without_float64_it_is_near_the_core_and_outside(name, device, monkeypatch):
     narrow = devices.Device(device.adapter, float64=False)
