@@ -163,7 +163,12 @@ CAMERA = {
 @contextlib.contextmanager
 def client(viewer, camera=CAMERA):
     port = viewer.server.get_port()
-    options = {"origin": f"http://localhost:{port}", "subprotocols": [f"viser-v{viser.__version__}"], "max_size": None}
+    options = {
+        "origin": f"http://localhost:{port}",
+        "subprotocols": [f"viser-v{viser.__version__}"],
+        "max_size": None,
+        "max_queue": None,
+    }
     with connect(f"ws://localhost:{port}/?token={viewer._gate.token}", **options) as one:
         before = set(viewer.server.get_clients())
         if camera:
@@ -201,6 +206,11 @@ def dragged(position, kind="Update", **more):
     return message | ({"wxyz": [1, 0, 0, 0], "position": position} if kind == "Update" else {}) | more
 
 
+def clicked(origin, direction, **more):
+    message = {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": origin, "ray_direction": direction}
+    return {**message, "screen_pos": [[0.5, 0.5]], "modifier": None, **more}
+
+
 def test_values_pass(viewer):
     play = viewer.playground
     with client(viewer) as one:
@@ -211,10 +221,94 @@ def test_values_pass(viewer):
         send(one, update(viewer, "pause", True))
         wait_for(lambda: play.paused, "the pause")
         send(one, update(viewer, "pause", False))
+        send(one, update(viewer, "integrator", "pefrl"))
+        wait_for(lambda: play.options["integrator"] == "pefrl", "the integrator")
+        send(one, update(viewer, "real time x", 0.25))
+        wait_for(lambda: play.speed == 0.25, "slow motion")
+        send(one, update(viewer, "step follows machine", True))
+        wait_for(lambda: play.follows, "following")
+        send(one, update(viewer, "color", "speed"))
+        wait_for(lambda: viewer.stage.scale is not None and viewer.stage.scale.unit == "m/s", "colours")
         for kind in ("DragStart", "Update", "DragEnd"):
             send(one, dragged([0.5, -0.4, 0.5], kind))
         wait_for(lambda: abs(play.centers()[0, 1] + 0.4) < 1e-6, "the drag")
     assert not play.problem
+
+
+def through(point, play):
+    """A click from 2 m above a mass point, at a slant."""
+    x, origin = play.positions()[point], play.positions()[point] + (0.3, 2.0, 0.4)
+    return clicked(origin.tolist(), (3.0 * (x - origin)).tolist())
+
+
+def test_a_click_on_a_mass_point_shows_its_values(viewer):
+    play = viewer.playground
+    with client(viewer) as one:
+        play.paused = True
+        send(one, through((3, 5), play))
+        wait_for(lambda: viewer.stage.picked == (3, 5), "the point")
+        send(one, clicked([0.0, 5.0, 0.0], [0.0, 1.0, 0.0]))
+        wait_for(lambda: viewer.stage.picked is None, "a click beside the cloth")
+        send(one, through((30, 1), play))
+        play.paused = False
+        wait_for(lambda: "row 30, column 1**: stretch" in viewer.controls._probe.content, "the values")
+        wait_for(lambda: all(len(plot.data[0]) > 3 and plot.visible for plot in viewer.controls._probe_plots), "curves")
+        play.change(speed=0.01)
+        send(one, update(viewer, "reset", True))
+        wait_for(lambda: viewer.stage.picked is None, "the reset")
+
+
+def test_a_point_behind_a_sphere_is_not_picked(viewer):
+    play = viewer.playground
+    play.paused = True
+    (sphere,) = play.scene.spheres
+    below = np.array(sphere.center) - (0.0, 2.0, 0.0)
+    viewer.stage.pick(below, (0.0, 1.0, 0.0))
+    assert viewer.stage.picked is None
+    viewer.stage.pick(below + (0.45, 0.0, 0.0), (0.0, 1.0, 0.0))
+    assert viewer.stage.picked is not None
+
+
+def test_what_is_inside_a_sphere_is_shown_on_it_as_large_as_it_is():
+    from clothsim.viewing.stage import LIFT, inside_spheres
+
+    radius, height, n = 0.3, 0.25, 40
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, n), np.linspace(-0.5, 0.5, n))
+    flat = np.stack([u, np.full_like(u, height), v], -1).reshape(-1, 3)
+    corners = flat[cs.triangles((n, n))]
+    shown = inside_spheres(corners, np.zeros((1, 3)), [radius])
+    area = np.linalg.norm(np.cross(shown[:, 1] - shown[:, 0], shown[:, 2] - shown[:, 0]), axis=-1).sum() / 2
+    cap = 2 * np.pi * LIFT**2 * radius * (radius - height)
+    assert cap < area < 1.15 * cap  # triangles that the border crosses count
+    distance = np.linalg.norm(shown, axis=-1)
+    assert distance.min() == pytest.approx(LIFT * radius)
+    assert len(inside_spheres(corners + (0.0, 0.051, 0.0), np.zeros((1, 3)), [radius])) == 0
+
+
+def test_files_go_to_the_client_that_asks_and_no_file_is_written_here(viewer, monkeypatch, tmp_path):
+    sent = []
+    monkeypatch.setattr(
+        viser.ClientHandle, "send_file_download", lambda self, *file, **_: sent.append((self.client_id, *file))
+    )
+    monkeypatch.chdir(tmp_path)
+    play = viewer.playground
+    with client(viewer), client(viewer) as one:
+        asking = max(viewer.server.get_clients())
+        send(one, update(viewer, "recording as a page", True))  # without a recording: a refusal is shown
+        send(one, update(viewer, "record", True))
+        wait_for(lambda: len(play.recorder.frames) > 3, "a recording")
+        for label in ("scene, as", "recording as a page", "recording as a file"):
+            before = len(sent)
+            send(one, update(viewer, label, True))
+            wait_for(lambda: len(sent) > before, label)
+    assert {who for who, _, _ in sent} == {asking} and list(tmp_path.iterdir()) == []
+    for _, name, content in sent:
+        (tmp_path / name).write_bytes(content)
+    assert [name for _, name, _ in sent] == ["scene.toml", "recording.html", "recording.npz"]
+    scene, run = cs.load_scene(tmp_path / "scene.toml"), cs.load_run(tmp_path / "recording.npz")
+    assert scene.cloth == run.scene.cloth == play.scene.cloth
+    assert np.array_equal(run.x[0], play.recorder.frames[0].x) and len(run) > 3
+    assert b"</html>" in (tmp_path / "recording.html").read_bytes()[-200:]
 
 
 BAD = {
@@ -237,6 +331,15 @@ BAD = {
     "a rotation of 3 numbers": lambda v: dragged([0.0] * 3, wxyz=[1.0, 0.0, 0.0]),
     "a drag without a name": lambda v: dragged([0.0] * 3, name=None),
     "a camera of texts": lambda v: {**CAMERA, "position": "here"},
+    "a number for an integrator": lambda v: update(v, "integrator", 4),
+    "a text for a speed": lambda v: update(v, "real time x", "fast"),
+    "a text for following": lambda v: update(v, "step follows machine", "yes"),
+    "a number for a color": lambda v: update(v, "color", 0),
+    "a number for saving": lambda v: update(v, "scene, as", "/etc/passwd"),
+    "a click of 2 numbers": lambda v: clicked([0.0, 0.0], [0.0, 0.0, 1.0]),
+    "a click from NaN": lambda v: clicked([0.0, float("nan"), 0.0], [0.0, 0.0, 1.0]),
+    "a click along nothing": lambda v: clicked([0.0] * 3, [0.0] * 3),
+    "a click of texts": lambda v: clicked("here", "there"),
     "no type": lambda v: {"uuid": "x"},
     "a type that is a number": lambda v: {"type": 3},
     "a list": lambda v: [1, 2, 3],
@@ -269,6 +372,11 @@ IGNORED = {
     "a step of nothing": lambda v: update(v, "time step", 0.0),
     "a large gravity": lambda v: update(v, "gravity", 1e6),
     "an unknown choice": lambda v: update(v, "response", "bounce"),
+    "an unknown integrator": lambda v: update(v, "integrator", "rk5"),
+    "an unknown color": lambda v: update(v, "color", "secret"),
+    "a large speed": lambda v: update(v, "real time x", 1e9),
+    "a speed of nothing": lambda v: update(v, "real time x", 0.0),
+    "a choice of many": lambda v: {**clicked([0.0] * 3, [0.0, 0.0, 1.0]), "event_type": "rect-select"},
     "an unknown control": lambda v: {**update(v, "gravity", 1.0), "uuid": "x"},
     "an unknown handle": lambda v: dragged([0.0] * 3, name="/cloth/front"),
     "a click": lambda v: {"type": "SceneNodeClickMessage", "name": "/cloth/front"},

@@ -87,7 +87,7 @@ def move(page, label, keys, count=1):
 
 def test_the_page_shows_the_running_scene_and_asks_this_machine_only(viewer, tab):
     play = viewer.playground
-    wait_for(lambda: play.time > 0.3, what="stepping")
+    tab.get_by_text(re.compile(r"real time x \d")).wait_for()
     text = tab.locator("body").inner_text()
     assert f"stable step {1e6 * play.limit:.4g} us: the damping of structural and shear springs" in text
     assert re.search(r"real time x \d+\.\d\d", text)
@@ -146,6 +146,103 @@ def test_a_refused_change_is_reported_and_undone(viewer, tab):
     tab.get_by_text("offset 'face' needs response").first.wait_for(timeout=20_000)
     wait_for(lambda: offset.value == "edge")
     assert play.scene.spheres[0].offset == "edge" and not play.problem
+
+
+def choose(tab, label, option):
+    tab.get_by_role("combobox", name=label).click()
+    tab.get_by_role("option", name=option, exact=True).click()
+
+
+def test_no_banner_of_the_library_lies_over_the_picture(tab):
+    tab.wait_for_timeout(500)
+    assert not tab.get_by_text("Software WebGL rendering").first.is_visible()
+
+
+def test_colours_the_integrator_and_slow_motion_are_chosen_in_the_browser(viewer, tab):
+    play = viewer.playground
+    choose(tab, "integrator", "velocity_verlet")
+    wait_for(lambda: play.options["integrator"] == "velocity_verlet", what="the integrator")
+    move(tab, "real time x", "Home")
+    wait_for(lambda: play.speed == 0.01, what="slow motion")
+    wait_for(lambda: abs(play.factor - 0.01) < 0.005, what="the measured speed")
+    choose(tab, "color", "speed")
+    bar = tab.get_by_role("img", name="speed from 0 m/s")
+    bar.wait_for()
+    high = viewer.stage.scale.high
+    assert bar.get_attribute("aria-label").endswith(f"{high:.3g} m/s")
+
+    def blue(r, g, b):
+        return (b > r + 40) & (b > g + 20)
+
+    wait_for(lambda: share(tab, blue) > 0.01, what="the dark end of the scale")
+    choose(tab, "color", "depth")  # a pale yellow where nothing is inside a sphere
+    tab.get_by_role("img", name="depth from 0 mm").wait_for()
+    wait_for(lambda: share(tab, blue) < 2e-3, what="the light end of the scale")
+    assert share(tab, lambda r, g, b: (r > 150) & (b < r - 10) & (g > b)) > 0.005
+    choose(tab, "color", "faces")
+    tab.get_by_role("img", name="depth from 0 mm").wait_for(state="hidden")
+
+
+def share(tab, chosen):
+    """Part of the picture's pixels that are chosen by their red, green and blue."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(BytesIO(tab.screenshot())).convert("RGB")).astype(int)
+    return chosen(*np.moveaxis(pixels[:, : pixels.shape[1] // 2], -1, 0)).mean()
+
+
+def test_what_is_inside_a_sphere_is_red(viewer, tab):
+    play = viewer.playground
+
+    def red(r, g, b):
+        return (r > 180) & (g < 130) & (b < g)
+
+    play.paused = True
+    tab.wait_for_timeout(500)
+    before = share(tab, red)  # arrows
+    center = play.positions()[16, 16] - (0.0, 0.1, 0.0)
+    play.change(radius=0.25, center=tuple(center))
+    wait_for(lambda: len(viewer.stage._inside.vertices) > 1000, what="the inside")
+    wait_for(lambda: share(tab, red) > before + 0.005, what="red")
+
+
+def test_a_click_of_the_mouse_shows_the_values_of_a_mass_point(viewer, tab):
+    play = viewer.playground
+    wait_for(lambda: play.time > 0.1)
+    play.paused = True
+    for point in ((8, 8), (26, 28)):
+
+        def near(point=point):  # a pixel is a third of a cell where the cloth lies flat
+            return viewer.stage.picked is not None and np.abs(np.subtract(viewer.stage.picked, point)).max() <= 1
+
+        tab.mouse.click(*on_screen(viewer, tab, play.positions()[point]))
+        wait_for(near, what=f"the values of {point}")
+    row, column = viewer.stage.picked
+    play.paused = False
+    tab.get_by_text(re.compile(f"row {row}, column {column}: stretch .* speed")).wait_for()
+    tab.get_by_text("stretch of the point [%]").first.wait_for()
+
+
+def test_the_browser_saves_the_scene_and_the_recording(viewer, tab, tmp_path):
+    tab.get_by_role("checkbox", name="record").check()
+    wait_for(lambda: len(viewer.playground.recorder.frames) > 5, what="the recording")
+    tab.get_by_text("save", exact=True).click()
+    for button, name in (("scene, as it is now", "scene.toml"), ("recording as a file of clothsim", "recording.npz")):
+        with tab.expect_download() as download:
+            tab.get_by_role("button", name=button).click()
+        assert download.value.suggested_filename == name
+        download.value.save_as(tmp_path / name)
+    assert cs.load_scene(tmp_path / "scene.toml").cloth == viewer.playground.scene.cloth
+    assert len(cs.load_run(tmp_path / "recording.npz")) > 5
+
+
+def test_a_step_above_the_guarantee_is_said(viewer, tab):
+    play = viewer.playground
+    play.paused = True
+    play.change(dt=1.5 * play.limit)
+    tab.get_by_text(f"time step {1.5e6 * play.limit:.4g} us is above the stable step").wait_for()
 
 
 def on_screen(viewer, page, point):
@@ -212,8 +309,9 @@ class Dragged:
 def test_a_handle_follows_the_scene_again_when_its_client_is_lost(viewer):
     gizmo = viewer.stage.gizmos[0]
     (moved,) = gizmo._impl_aux.update_cb
-    moved(Dragged("start", (0.5, -0.5, 0.5)))
-    moved(Dragged("update", (0.5, -0.3, 0.5)))
+    for phase, height in (("start", -0.5), ("update", -0.3)):
+        with contextlib.suppress(StopIteration):  # playwright's loop runs on this thread
+            moved(Dragged(phase, (0.5, height, 0.5))).send(None)
     assert viewer.stage._dragging == {gizmo.name: 7}
     viewer.stage.let_go(type("Client", (), {"client_id": 8}))
     assert viewer.stage._dragging == {gizmo.name: 7}

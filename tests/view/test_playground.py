@@ -45,6 +45,116 @@ def test_the_time_step_is_the_paper_s_where_the_machine_keeps_up(monkeypatch):
     assert slow.dt == pytest.approx(0.5 * slow.limit)
 
 
+def held(monkeypatch, cost):
+    """Let stepping cost `cost` [s] a step, as far as a playground can tell."""
+    advance = Playground._advance
+
+    def counted(self, steps, budget):
+        self.cost = cost
+        done = advance(self, steps if budget else max(1, steps // 2), np.inf)
+        self.cost = cost
+        return done
+
+    monkeypatch.setattr(Playground, "_measured_cost", lambda self: cost)
+    monkeypatch.setattr(Playground, "_advance", counted)
+
+
+def small():
+    """A cloth of the paper's point masses, springs and stable step, but of few points."""
+    return cs.Scene(cs.Cloth((4, 4), mass=8.0))
+
+
+def test_the_time_step_follows_the_machine_up_to_half_of_the_guarantee(monkeypatch):
+    held(monkeypatch, 4e-6)
+    playground = Playground(small())
+    steps = [playground.dt]
+    for _ in range(100):  # the machine does half of what is asked
+        playground.tick(0.1, budget=0.0)
+        steps.append(playground.dt)
+    assert steps[0] == 1e-5 and sorted(set(steps)) == sorted(steps[k] for k in range(101) if steps[k] != steps[k - 1])
+    assert steps[-1] == pytest.approx(0.5 * playground.limit) and len(set(steps)) >= 5
+    for _ in range(100):  # the machine keeps up again
+        playground.tick(0.1)
+    assert playground.dt == pytest.approx(2e-5)  # 4 of 20 us: at 10 us stepping would take more than IDLE
+    playground.change(stiffness={"structural": 3.5e6, "shear": 3.5e6}, damping=1e4)
+    assert playground.dt <= 0.5 * playground.limit < 2e-5
+
+
+def test_a_chosen_time_step_stays_until_it_may_follow_again(monkeypatch):
+    held(monkeypatch, 4e-6)
+    playground = Playground(small())
+    playground.change(dt=1e-4)
+    for _ in range(30):
+        playground.tick(0.1, budget=0.0)
+    assert playground.dt == 1e-4 and not playground.follows
+    playground.change(follows=True)
+    for _ in range(30):
+        playground.tick(0.1)
+    assert playground.dt == pytest.approx(2e-5) and playground.follows
+    playground.change(dt=1e-4)
+    playground.reset()
+    assert playground.follows and playground.dt == 1e-5
+
+
+def test_slow_motion_takes_shorter_steps_and_less_time(monkeypatch):
+    held(monkeypatch, 4e-6)
+    playground = Playground(small())
+    playground.change(speed=0.1)
+    for _ in range(300):
+        playground.tick(0.01)
+    assert playground.time == pytest.approx(0.3, abs=1e-5)
+    assert playground.factor == pytest.approx(0.1, abs=0.01)
+    assert playground.dt == 5e-6
+    with pytest.raises(ValueError, match="speed must be"):
+        playground.change(speed=0.0)
+    playground.reset()
+    assert playground.speed == 1.0
+
+
+def test_another_integrator_goes_on_from_the_present_state():
+    scene = cs.scenes.paper_static()
+    playground = Playground(scene, dt=1e-4)
+    run_for(playground, 0.1)
+    x, v, t = np.array(playground.stepper.positions), np.array(playground.stepper.velocities), playground.time
+    playground.change(integrator="velocity_verlet")
+    assert playground.time == t and np.array_equal(playground.stepper.positions, x)
+    assert playground.limit == cs.max_stable_dt(scene, "velocity_verlet")
+    steps = playground.tick(0.01)
+    stepper = cs.Stepper(scene, x, v, integrator="velocity_verlet")
+    stepper.advance(steps, 1e-4)
+    assert np.array_equal(playground.stepper.positions, stepper.positions)
+    playground.change(follows=True)
+    with pytest.raises(ValueError, match="no stable time step"):
+        playground.change(integrator="explicit_euler")
+    with pytest.raises(ValueError, match="integrator must be one of"):
+        playground.change(integrator="rk5")
+    assert playground.options["integrator"] == "velocity_verlet" and playground.follows
+    playground.reset()
+    assert playground.options["integrator"] == "rk4"
+
+
+def test_the_present_scene_starts_where_the_playground_is(tmp_path):
+    playground = Playground(cs.scenes.paper_static(), dt=1e-4)
+    run_for(playground, 0.2)
+    playground.change(gravity=3.0)
+    scene = cs.load_scene(cs.save_scene(playground.present(), tmp_path / "scene.toml"))
+    assert scene.gravity[1] == -3.0
+    assert np.array_equal(scene.initial_position, playground.stepper.positions)
+    assert np.array_equal(scene.initial_velocity, playground.stepper.velocities)
+
+
+def test_a_point_has_the_stretch_and_speed_of_the_measures():
+    playground = Playground(cs.scenes.paper_static(), dt=1e-4)
+    run_for(playground, 0.3)
+    stretch, speed = playground.at((1, 1))
+    assert speed == np.linalg.norm(playground.stepper.velocities[1, 1])
+    table = playground.scene.cloth.spring_table()
+    x, k = playground.stepper.positions.reshape(-1, 3), 33
+    ends = table[(table["i"] == k) | (table["j"] == k)]
+    lengths = np.linalg.norm(x[ends["i"]] - x[ends["j"]], axis=-1)
+    assert stretch == pytest.approx((lengths / ends["rest_length"] - 1).max())
+
+
 def test_the_steps_are_those_of_a_stepper():
     scene = cs.scenes.paper_static()
     playground, stepper = Playground(scene, dt=1e-4), cs.Stepper(scene)

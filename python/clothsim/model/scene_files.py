@@ -152,9 +152,13 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
-    path = check.path("path", path)
+    return files.write_bytes(check.path("path", path), scene_bytes(scene))
+
+
+def scene_bytes(scene: Scene) -> bytes:
+    """The content of a scene's file."""
     above = _FIRST + scene_text(scene).rstrip("\n")
-    return files.write_bytes(path, f"{above}{_LAST}{_digest(above)}\n".encode())
+    return f"{above}{_LAST}{_digest(above)}\n".encode()
 
 
 def scene_text(scene: Scene) -> str:

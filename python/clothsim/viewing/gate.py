@@ -161,6 +161,7 @@ class Gate:
             "TransformControlsDragStartMessage": self._drag,
             "TransformControlsDragEndMessage": self._drag,
             "ViewerCameraMessage": _camera,
+            "ScenePointerMessage": _click,
         }.get(kind)
         fields = take(message) if take else None  # pages send other messages, which nothing here needs
         return None if fields is None else {"type": kind, **fields}
@@ -240,6 +241,15 @@ def _numbers(values: Any, count: int) -> list[float]:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < math.inf:
             raise BadMessage("a number must be finite")
     return [float(value) for value in values]
+
+
+def _click(message: dict[Any, Any]) -> dict[str, Any] | None:
+    if message.get("event_type") != "click":
+        return None
+    ray = {name: _numbers(message.get(name), 3) for name in ("ray_origin", "ray_direction")}
+    if not any(ray["ray_direction"]):
+        raise BadMessage("a ray must have a direction")
+    return {"event_type": "click", **ray, "screen_pos": [[0.0, 0.0]], "modifier": None}
 
 
 def _camera(message: dict[Any, Any]) -> dict[str, Any]:

@@ -10,12 +10,14 @@ from __future__ import annotations
 import atexit
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Event, Thread
 from time import perf_counter
 from typing import Any
 
 from ..base.extras import needed
+from ..model.scene import Scene
 from ..run.result import Run
 from .controls import Controls
 from .gate import Gate, accepts
@@ -54,12 +56,13 @@ class Viewer:
             )
         self._over = Event()
         self.stage = Stage(self.server, playground, self._attempt)
-        self.controls = Controls(viser, self.server, playground, self._attempt, self.stage.release)
+        self.controls = Controls(viser, self.server, playground, self.stage, self._attempt)
         self._gate.admit(
             {handle._impl.uuid: accepts(handle) for handle in self.controls.inputs},
             {handle.name for handle in (*self.stage.gizmos, *self.stage.pin_gizmos)},
         )
         self.server.on_client_disconnect(self.stage.let_go)
+        self.server.scene.on_click()(lambda event: self.stage.pick(event.ray_origin, event.ray_direction))
         self._thread = Thread(target=self._loop, name="clothsim view", daemon=True)
         self._thread.start()
         atexit.register(self.stop)  # a thread inside the core must not outlive the interpreter
@@ -80,6 +83,7 @@ class Viewer:
         while not self._over.is_set():
             now = perf_counter()
             try:
+                self.stage.drag()
                 self.playground.tick(now - last, STEPPING / FPS)
                 self.controls.settle()
                 self.stage.draw()
@@ -89,6 +93,7 @@ class Viewer:
                 if now - shown >= 1 / STATUS_RATE:
                     shown = now
                     self.controls.show_status()
+                    self.stage.show_clock()
             except Exception as error:  # a reader of the page has to see why it stands still
                 self.playground.problem = f"STOPPED by an error: {type(error).__name__}: {error}"
                 self.controls.show_status()
@@ -99,13 +104,18 @@ class Viewer:
         """The recording as a `Run` whose spheres travel as they were dragged."""
         return self.playground.recorded()
 
+    def scene(self) -> Scene:
+        """The scene as the controls have made it, with its present state as its start."""
+        return self.playground.present()
+
     def stop(self) -> None:
         """End stepping and serving."""
         if self._over.is_set():
             return
         self._over.set()
         self._thread.join()
-        self.server.stop()
+        with _quiet():
+            self.server.stop()
         atexit.unregister(self.stop)
 
     def __repr__(self) -> str:
@@ -114,20 +124,28 @@ class Viewer:
 
 def _served(viser: Any, gate: Gate, host: str, port: int) -> Any:
     """A viser server behind the gate, without viser's public tunnel."""
+    server = None
+    with _quiet():
+        try:
+            with gate.before():
+                server = viser.ViserServer(host=host, port=port, label="clothsim", verbose=False)
+            for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
+                server._websock_server.unregister_handler(getattr(viser._messages, name))
+        except BaseException:
+            if server is not None:
+                server.stop()
+            raise
+    return server
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep back what viser prints: an address without the token at the start, and a line at the end."""
     from rich import get_console
 
     console = get_console()
-    quiet, console.quiet = console.quiet, True  # viser prints its address, which lacks the token
-    server = None
+    quiet, console.quiet = console.quiet, True
     try:
-        with gate.before():
-            server = viser.ViserServer(host=host, port=port, label="clothsim", verbose=False)
-        for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
-            server._websock_server.unregister_handler(getattr(viser._messages, name))
-    except BaseException:
-        if server is not None:
-            server.stop()
-        raise
+        yield
     finally:
         console.quiet = quiet
-    return server

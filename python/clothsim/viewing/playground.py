@@ -1,9 +1,11 @@
 """A scene that is stepped in real time while it is changed: the live viewer without its browser.
 
-`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the stepper by an
-equal simulated time, or by less if the machine is too slow. A dragged sphere travels to its new place in pieces, each on
-a straight line at constant speed (`Stepper.advance` with centers). A contact therefore includes the velocity of the
-drag. A dragged pin travels there too, in short pieces.
+`Playground.tick` is called about 30 times a second with the wall time that has passed. It advances the stepper by that
+time multiplied by the chosen speed, or by less if the machine is too slow. A time step that no user has chosen follows
+the machine: it becomes longer where the scene falls behind, and shorter where time is left.
+
+A dragged sphere travels to its new place in pieces, each on a straight line at constant speed (`Stepper.advance` with
+centers). A contact therefore includes the velocity of the drag. A dragged pin travels there too, in short pieces.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import math
 from collections.abc import Mapping
 from threading import RLock
 from time import perf_counter
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -23,32 +25,28 @@ from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..measure.measures import energy, penetration
 from ..methods.bound import usable_dt
+from ..methods.integration import integrators
 from ..model.as_core import core_cloth
-from ..model.motion import Keyframes
 from ..model.ready import PAPER_DT
 from ..model.scene import Scene
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
-from ..typing import Report
+from .packing import point_stretch
+from .recorder import Frame, Recorder
 
-STEPPING = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
+BUSY = 0.6  # part of the wall time that stepping may take for a time step to count as affordable
+# A shorter time step is taken where it needs at most this part of the wall time. At BUSY the choice would swing.
+IDLE = 0.3
+KEPT = 0.95  # part of the chosen speed below which the scene falls behind. At 1, a single slow picture counts.
+SETTLING = 1.0  # s of wall time between two choices of a time step; `factor` is a mean over half of it
+LADDER = (PAPER_DT, *(k * 10.0**n for n in range(-5, 0) for k in (1, 2, 5)))  # s; time steps to choose from
+SLOWEST, FASTEST = 0.01, 2.0  # simulated time a wall time
 DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a jerk tears the cloth apart
 PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time
 LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause is not followed by a rush
 MOST_STEPS = 10**9  # of a tick; no machine takes as many, and a tiny time step asks for more than an integer holds
-RECORDED = 500_000_000  # bytes of a recording; it stops there
 
 Floats = npt.NDArray[np.float64]
-
-
-class _Frame(NamedTuple):
-    """A recorded state."""
-
-    t: float  # [s]
-    x: Floats
-    v: Floats
-    centers: Floats
-    steps: int  # since the last reset
 
 
 class Playground:
@@ -58,8 +56,8 @@ class Playground:
     ----------
     scene : Scene
     dt : float, optional
-        Time step [s]. Default: the paper's 5 us, or the smallest of 1, 2, 5, 10, ... us with which
-        the machine keeps up. It is at most half of the guaranteed stable step.
+        Time step [s]. Default: it follows the machine. It is the paper's 5 us, or the smallest of 10, 20, 50, ... us with
+        which the machine keeps up. It is at most half of the guaranteed stable step.
     integrator, precision
         As for `Stepper`.
     """
@@ -68,19 +66,21 @@ class Playground:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
         self.lock = RLock()
-        self.start = scene
+        self.start = self.scene = scene
         self.options: dict[str, Any] = {"integrator": integrator, "precision": precision}
         self.limit = max_stable_dt(scene, integrator)
         self.stepper = Stepper(scene, **self.options)
         self.cost = self._measured_cost()
-        self.dt = self._affordable_dt() if dt is None else check.number("dt", dt, minimum=0, exclusive=True)
-        self.start_dt = self.dt
+        self._start_options, self._start_follows = dict(self.options), dt is None
+        self.speed = 1.0
+        self.start_dt = self._affordable_dt(BUSY) if dt is None else check.number("dt", dt, minimum=0, exclusive=True)
         self.reset()
 
     def reset(self) -> None:
         """The scene as it was given, in its initial state, at t = 0."""
         with self.lock:
-            self.scene, self.dt = self.start, self.start_dt
+            self.scene, self.dt, self.follows = self.start, self.start_dt, self._start_follows
+            self.options, self.speed = dict(self._start_options), 1.0
             self.limit = max_stable_dt(self.scene, self.options["integrator"])
             self.stepper = Stepper(self.scene, **self.options)
             self.paused = False
@@ -88,25 +88,31 @@ class Playground:
             self.factor = math.nan
             self._sphere_targets: dict[int, Floats] = {}
             self._pin_targets: dict[tuple[int, int], Floats] = {}
-            self._owed = 0.0
+            self._owed = self._unchanged = 0.0
             self._steps = 0
-            self.frames: list[_Frame] = []
-            self.recording = False
+            self.recorder = Recorder()
 
     def _measured_cost(self) -> float:
         """Wall time of a step [s]: the least of a few short windows on a separate stepper."""
         stepper = Stepper(self.start, **self.options)
         return seconds_per_step(lambda steps: stepper.advance(steps, 1e-9), 2e-3, 8, 1000) or 1.0
 
-    def _affordable_dt(self) -> float:
-        ceiling = 0.5 * usable_dt(core_cloth(self.start), self.options["integrator"])
-        steps = [PAPER_DT] + [k * 10.0**n for n in range(-5, 0) for k in (1, 2, 5)]
-        for dt in steps:
-            if dt > ceiling:
-                break
-            if self.cost <= STEPPING * dt:
-                return dt
-        return min(ceiling, steps[-1])
+    def _affordable_dt(self, part: float, least: float = 0.0) -> float:
+        """The shortest time step of `LADDER` above `least` whose stepping takes at most `part` of the wall time."""
+        ceiling = 0.5 * usable_dt(core_cloth(self.scene), self.options["integrator"])
+        wanted = (dt for dt in LADDER if dt > least and self.cost * self.speed <= part * dt)
+        return min(ceiling, next(wanted, LADDER[-1]))
+
+    def _follow(self, wall: float) -> None:
+        """Choose the time step anew from the measured speed and cost."""
+        self._unchanged += wall
+        if self._unchanged < SETTLING:
+            return
+        self._unchanged = 0.0
+        if self.factor < KEPT * self.speed:
+            self.dt = max(self.dt, self._affordable_dt(BUSY, least=self.dt))
+        else:
+            self.dt = min(self.dt, self._affordable_dt(IDLE))
 
     # Readings of the state.
 
@@ -126,6 +132,17 @@ class Playground:
         with self.lock:
             return np.reshape([s.center_at(self.stepper.time) for s in self.scene.spheres], (-1, 3))
 
+    def present(self) -> Scene:
+        """The scene with its present positions and velocities as its start."""
+        with self.lock:
+            return self.scene.replace(position=self.positions(), velocity=np.array(self.stepper.velocities, np.float64))
+
+    def at(self, point: tuple[int, int]) -> tuple[float, float]:
+        """Stretch of the most stretched spring at a mass point, and the speed of the point [m/s]."""
+        with self.lock:
+            stretch = point_stretch(self.scene, self.positions()[None]).reshape(self.scene.cloth.shape)
+            return float(stretch[point]), float(np.linalg.norm(self.stepper.velocities[point]))
+
     def measures(self) -> tuple[float, float]:
         """Total energy [J] and the deepest triangle below the true radius of a sphere [m]."""
         with self.lock:
@@ -144,13 +161,17 @@ class Playground:
         drag: float | None = None,
         gravity: float | None = None,
         dt: float | None = None,
+        follows: bool | None = None,
+        integrator: str | None = None,
+        speed: float | None = None,
         **sphere: Any,
     ) -> None:
-        """Change the scene and keep its state.
+        """Change the scene or how it is stepped, and keep its state.
 
         `stiffness` maps families to N/m, `damping` sets every family, `drag` every point, and `gravity` points down
-        [m/s^2]. Other names are fields of all spheres. A refused value raises its ValueError or TypeError, and nothing
-        has changed then.
+        [m/s^2]. `follows` lets the time step follow the machine; a given `dt` ends that. `speed` is the simulated time
+        in a wall time. Other names are fields of all spheres. A refused value raises its ValueError or TypeError, and
+        nothing has changed then.
         """
         with self.lock:
             scene = self.scene
@@ -168,14 +189,22 @@ class Playground:
                 scene = scene.replace(gravity=(scene.gravity[0], -gravity, scene.gravity[2]))
             if sphere:
                 scene = scene.replace(spheres=[one.replace(**sphere) for one in scene.spheres])
+            follows = self.follows if follows is None else check.boolean("follows", follows)
             if dt is not None:
-                dt = check.number("dt", dt, minimum=0, exclusive=True)
-            if scene is not self.scene:
-                limit = max_stable_dt(scene, self.options["integrator"])
+                dt, follows = check.number("dt", dt, minimum=0, exclusive=True), False
+            speed = self.speed if speed is None else check.number("speed", speed, minimum=SLOWEST, maximum=FASTEST)
+            options = self.options
+            if integrator is not None:
+                options = {**options, "integrator": check.choice("integrator", integrator, integrators())}
+            ceiling = 0.5 * usable_dt(core_cloth(scene), options["integrator"]) if follows else math.inf
+            limit = max_stable_dt(scene, options["integrator"])
+            if options != self.options:
+                state = self.stepper.positions, self.stepper.velocities
+                self.stepper = _Silent(scene, *state, t=self.stepper.time, **options)
+            elif scene is not self.scene:
                 self.stepper.set_scene(scene)
-                self.scene, self.limit = scene, limit
-            if dt is not None:
-                self.dt = dt
+            self.scene, self.limit, self.options, self.follows, self.speed = scene, limit, options, follows, speed
+            self.dt = min(self.dt if dt is None else dt, ceiling)
 
     def drag_sphere(self, index: int, center: Any) -> None:
         """Let a sphere travel to `center` [m]; its own motion ends."""
@@ -196,26 +225,26 @@ class Playground:
     # Time that passes.
 
     def tick(self, wall: float, budget: float = math.inf, *, single: bool = False) -> int:
-        """Advance by `wall` seconds, but compute for at most `budget` [s]. Return the number of steps.
+        """Advance by what `wall` seconds ask for, but compute for at most `budget` [s]. Return the number of steps.
 
         `single` takes one time step, also during a pause.
         """
         with self.lock:
             if self.problem or (self.paused and not single):
                 return 0
-            self._owed = min(self._owed + wall, max(LONGEST, self.dt))
+            self._owed = min(self._owed + wall * self.speed, max(LONGEST * self.speed, self.dt))
             steps = 1 if single else int(min(self._owed / self.dt, MOST_STEPS))
-            if not steps:
-                return 0
-            done = self._advance(steps, budget)
+            done = self._advance(steps, budget) if steps else 0
             self._owed = 0.0 if done < steps or single else self._owed - done * self.dt
             if wall > 0 and not single:
                 factor = done * self.dt / wall
                 # A running mean over half a second.
                 part = min(1.0, wall / 0.5)
                 self.factor = factor if math.isnan(self.factor) else self.factor + part * (factor - self.factor)
-            if self.recording and done:
-                self._record()
+                if self.follows:
+                    self._follow(wall)
+            if self.recorder.on and done:
+                self.recorder.add(self._frame())
             return done
 
     def _advance(self, steps: int, budget: float) -> int:
@@ -278,16 +307,13 @@ class Playground:
     def record(self, on: bool) -> None:
         """Begin or end a recording."""
         with self.lock:
-            self.recording = check.boolean("on", on)
+            self.recorder.on = check.boolean("on", on)
             if on:
-                self.frames = []
-                self._record()
+                self.recorder.frames = [self._frame()]
 
-    def _record(self) -> None:
-        x, v = self.positions(), np.array(self.stepper.velocities, np.float64)
-        self.frames.append(_Frame(self.time, x, v, self.centers(), self._steps))
-        if len(self.frames) * 2 * x.nbytes > RECORDED:
-            self.recording = False
+    def _frame(self) -> Frame:
+        v = np.array(self.stepper.velocities, np.float64)
+        return Frame(self.time, self.positions(), v, self.centers(), self._steps)
 
     def recorded(self) -> Run:
         """The recording as a `Run`: the present cloth, and spheres along their recorded paths.
@@ -298,34 +324,13 @@ class Playground:
             If fewer than two frames were recorded.
         """
         with self.lock:
-            if len(self.frames) < 2:
-                raise ValueError(f"a run needs 2 recorded frames, got {len(self.frames)}")
-            t, x, v, centers = (np.array(part) for part in list(zip(*self.frames))[:4])
-            spheres = [
-                sphere.replace(center=tuple(centers[0, k]), motion=Keyframes(t, centers[:, k]))
-                for k, sphere in enumerate(self.scene.spheres)
-            ]
-            scene = self.scene.replace(spheres=spheres)
-            return Run(scene, t, x, v, self._report(scene, t, x, v))
+            return self.recorder.run(self.scene, {**self.options, "dt": self.dt})
 
-    def _report(self, scene: Scene, t: Floats, x: Floats, v: Floats) -> Report:
-        """Report of a recording: measures of its frames, and how it was stepped."""
-        depths: dict[str, Any] = {"points": 0.0, "triangles": 0.0, "reason": ""}
-        for sphere in scene.spheres:
-            for name, depth in penetration(x, sphere, t).items():
-                depths[name] = max(depths[name], float(np.max(depth)))
-        ends = {moment: energy(scene, x[k], v[k]) for moment, k in (("start", 0), ("end", -1))}
-        gained = {"gained": math.nan, "reason": "the scene was changed while it was recorded"}
-        report = {
-            **self.options,
-            "steps": self.frames[-1].steps - self.frames[0].steps,
-            "dt": self.dt,
-            "stopped": "",
-            "energy": {**ends, **gained},
-            "penetration": depths,
-            "recorded": True,
-        }
-        return cast(Report, report)
+
+class _Silent(Stepper):
+    """A stepper that is made on a thread of the server, where no user reads warnings."""
+
+    _announces = False
 
 
 def _towards(here: Floats, target: Floats, distance: float) -> Floats:

@@ -26,10 +26,13 @@ def view(
 ) -> Any:
     """Step a scene live, in the browser, while you change it.
 
-    The core steps in real time where the machine is fast enough; the page shows the speed. Sliders set the stiffness of
-    each family, damping, gravity, the time step, and response, offset, restitution, friction and radius of the spheres.
-    You can drag spheres and pins; a contact includes the velocity of the drag. The page shows the guaranteed stable
-    step and the term that limits it. A run that becomes unstable says so and stops.
+    The core steps in real time where the machine is fast enough, or in slow motion; the page shows the speed. Controls set
+    the integrator, the time step, the cloth, gravity and the spheres. You can drag spheres and pins; a contact includes
+    the velocity of the drag. The cloth is coloured by stretch, speed or depth on request, and its parts inside a sphere
+    are red. A click on a mass point shows its values. The browser saves the scene, or a recording of it.
+
+    The page shows the guaranteed stable step, the term that limits it, and a time step above it. A run that becomes
+    unstable says so and stops.
 
     Parameters
     ----------
@@ -37,8 +40,8 @@ def view(
     block : bool, default True
         Serve until Ctrl-C. False returns the viewer at once.
     dt : float, optional
-        Time step [s]. Default: the paper's 5 us, or the smallest of 10, 20, 50, ... us with which
-        the machine keeps up. It is at most half of the guaranteed stable step.
+        Time step [s]. Default: it follows the machine. It is the paper's 5 us, or the smallest of 10, 20, 50, ... us with
+        which the machine keeps up. It is at most half of the guaranteed stable step.
     integrator, precision : str
         As for `clothsim.Stepper`.
     host : str, default "127.0.0.1"
@@ -50,8 +53,8 @@ def view(
     Returns
     -------
     Viewer or None
-        With `block` False, a viewer with ``.url``, ``.recorded()`` (the recording as a `Run`) and ``.stop()``. The address
-        ends with a token, without which a browser is refused.
+        With `block` False, a viewer with ``.url``, ``.recorded()`` (the recording as a `Run`), ``.scene()`` (the scene as
+        it is now) and ``.stop()``. The address ends with a token, without which a browser is refused.
 
     Raises
     ------
