@@ -1,5 +1,6 @@
 #include <pybind11/eigen.h>
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <limits>
@@ -239,7 +240,8 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     simulation->dense(t, px, pv, threads);
 }
 
-// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained; NaN: not told.
+// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN: unknown);
+// impulse on each sphere.
 py::list watched(SharedSimulation& shared) {
     auto simulation = shared.use();
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -253,6 +255,12 @@ py::list watched(SharedSimulation& shared) {
         one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth.load());
         one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
         one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
+        std::vector<std::array<double, 3>> impulses;
+        for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s) {
+            const Vec3 impulse = simulation->member(i).impulses.on_sphere(s);
+            impulses.push_back({impulse[0], impulse[1], impulse[2]});
+        }
+        one["impulse"] = impulses;
         members.append(one);
     }
     return members;

@@ -43,6 +43,14 @@ T number(const py::dict& fields, const char* name) {
     return *field<T>(fields, name, {}).data();
 }
 
+// The spheres of one member after the other.
+Shape shape_of_impulses(const Simulation& simulation) {
+    const Cloth& cloth = simulation.plan(0).cloth;
+    std::size_t spheres = 0;
+    for (std::size_t i = 0; i < simulation.size(); ++i) spheres += simulation.plan(i).spheres.size();
+    return {py::ssize_t(spheres), cloth.rows, py::ssize_t(Impulses::groups_of(cloth)), 3};
+}
+
 Vec3 vec3(const double* from) { return {from[0], from[1], from[2]}; }
 
 }  // namespace
@@ -50,7 +58,7 @@ Vec3 vec3(const double* from) { return {from[0], from[1], from[2]}; }
 py::dict saved_fields(Simulation& simulation) {
     const Cloth& cloth = simulation.plan(0).cloth;
     const py::ssize_t members = py::ssize_t(simulation.size());
-    Values x, v, x_low, v_low, origin, energy, place, speed;
+    Values x, v, x_low, v_low, origin, energy, place, speed, impulses;
     std::vector<std::int64_t> member, feature;
     std::vector<std::uint8_t> frozen;
     for (std::size_t i = 0; i < simulation.size(); ++i) {
@@ -62,6 +70,7 @@ py::dict saved_fields(Simulation& simulation) {
         origin.add(state.origin);
         energy.all.push_back(state.contact_energy);
         frozen.push_back(simulation.frozen(i));
+        impulses.add(state.impulses);
         for (const FacePass::PersistentContact& contact : state.contacts) {
             member.push_back(std::int64_t(i));
             feature.push_back(std::int64_t(contact.feature));
@@ -84,6 +93,7 @@ py::dict saved_fields(Simulation& simulation) {
     fields["contact_feature"] = py::array_t<std::int64_t>(contacts, feature.data());
     fields["contact_place"] = place.array({contacts, 3});
     fields["contact_speed"] = speed.array({contacts, 3});
+    fields["impulses"] = impulses.array(shape_of_impulses(simulation));
     fields["frozen"] = py::array_t<std::uint8_t>(members, frozen.data()).attr("astype")("bool");
     fields["time"] = py::float_(simulation.clock.now());
     fields["clock_origin"] = py::float_(simulation.clock.origin);
@@ -116,7 +126,12 @@ void restore_fields(Simulation& simulation, const py::dict& fields) {
     const auto origin = field<double>(fields, "origins", {members, 3});
     const auto energy = field<double>(fields, "contact_energy", {members});
     const auto frozen = field<std::uint8_t>(fields, "frozen", {members});
+    const auto impulses = field<double>(fields, "impulses", shape_of_impulses(simulation));
+    const double* sum = impulses.data();
     for (std::size_t i = 0; i < states.size(); ++i) {
+        const std::size_t count = simulation.member(i).impulses.sums().size();
+        states[i].impulses.assign(sum, sum + count);
+        sum += count;
         states[i].origin = vec3(origin.data() + 3 * i);
         states[i].contact_energy = energy.data()[i];
     }

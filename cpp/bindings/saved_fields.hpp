@@ -7,7 +7,8 @@
 namespace clothsim {
 
 // Positions, velocities, their low parts (in single) and origins: one entry for each member. The contact
-// memory: one entry for each impulse, with the member it belongs to. The clock: time, and what it is counted
+// memory: one entry for each impulse, with the member it belongs to. The sums of impulses: one entry for each
+// sphere of each member. The clock: time, and what it is counted
 // from.
 py::dict saved_fields(Simulation& simulation);
 

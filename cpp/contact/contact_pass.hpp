@@ -26,6 +26,7 @@
 #include "kernels/contact/contact_marks.hpp"
 #include "kernels/dispatch.hpp"
 #include "measure/diagnostics.hpp"
+#include "measure/impulses.hpp"
 #include "memory/aligned_vector.hpp"
 #include "memory/plan.hpp"
 
@@ -34,8 +35,11 @@ namespace clothsim {
 template <class Real, class Layout>
 class ContactPass {
 public:
-    ContactPass(const Plan& plan, const Layout& layout)
-        : plan_(plan), layout_(layout), kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
+    ContactPass(const Plan& plan, const Layout& layout, Impulses& impulses)
+        : plan_(plan),
+          layout_(layout),
+          impulses_(impulses),
+          kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
         std::vector<bool> faces;
         bool cells = false;
         for (const Sphere& sphere : plan.spheres)
@@ -56,13 +60,15 @@ public:
         open_.assign(vectors, 0);
         unresolved_.assign(vectors, 0);
         free_.assign(vectors, 0);
+        mass_.assign(vectors * std::size_t(lanes), Real(0));
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
                 for (int l = 0; l < lanes; ++l) {
                     const int column = layout.column(j, l, lanes);
-                    const bool moves = column < plan.cloth.columns &&
-                        !plan.cloth.pinned[std::size_t(r * plan.cloth.columns + column)];
-                    free_[index(r, j)] |= std::uint64_t(moves) << l;
+                    if (column >= plan.cloth.columns) continue;
+                    const std::size_t point = std::size_t(r * plan.cloth.columns + column);
+                    free_[index(r, j)] |= std::uint64_t(!plan.cloth.pinned[point]) << l;
+                    mass_[index(r, j) * std::size_t(lanes) + std::size_t(l)] = Real(plan.cloth.mass[point]);
                 }
         lanes_ = lanes;
         if (cells && !faces_)
@@ -141,6 +147,12 @@ public:
                     Real(value - double((*memory_)[std::size_t(at)]));
         }
     }
+    // A radius that grows moves points and gives no velocity.
+    void give(int i, const SweptSphere& s, const Vec3& change) {
+        if (raising_) return;
+        impulses_.give(number_of(std::size_t(&s - swept_.data())), i / plan_.cloth.columns,
+                       i % plan_.cloth.columns, mass(i) * change);
+    }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
     double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
     Vec3 field_at(int i) const { return plan_.field_at(i); }
@@ -168,6 +180,10 @@ private:
     // Below this number of points a second thread costs more than it saves.
     static constexpr int least_points_per_thread = 8192;
 
+    // Of a continuous sphere among all.
+    std::size_t number_of(std::size_t continuous) const {
+        return std::size_t(spheres_[continuous] - plan_.spheres.data());
+    }
     std::size_t index(int row, int vector) const {
         return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
     }
@@ -206,6 +222,7 @@ private:
         take(*memory_, pass.x, 0);
         take(*memory_, pass.v, 3);
         report_ = pass.run(swept_);
+        for (std::size_t s = 0; s < spheres_.size(); ++s) impulses_.give(number_of(s), 0, 0, pass.given[s]);
         for (std::size_t i = 0; i < places_.size(); ++i) {
             if (!pass.changed[i]) continue;
             report_.changed = true;
@@ -235,6 +252,9 @@ private:
         a.spheres = swept_.data();
         a.sphere_count = int(swept_.size());
         a.copy = true;
+        a.mass = mass_.data();
+        a.impulses = impulses_.of_row(number_of(0), 0);
+        a.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
         a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
             pass->unresolved_[pass->index(row, vector)] |= lanes;
@@ -351,6 +371,7 @@ private:
 
     const Plan& plan_;
     Layout layout_;
+    Impulses& impulses_;
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
     bool faces_ = false;
@@ -362,6 +383,7 @@ private:
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_;
     std::vector<std::uint64_t> unresolved_, free_;
+    std::vector<Real> mass_;  // a lane after the other; 0 of padding
     std::vector<SweptSphere> swept_;
     std::unique_ptr<FacePass> face_pass_;
     std::optional<CellPass<Real>> cell_pass_;

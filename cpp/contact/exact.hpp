@@ -8,6 +8,7 @@
 //   mass(i), field_at(i)
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
 //   cell_surface_at(i, s)   distances of point i from a sphere of offset "cell"
+//   give(i, s, change)      notes that sphere s has changed the velocity of point i
 #pragma once
 
 #include <algorithm>
@@ -114,7 +115,7 @@ inline Vec3 on_common_circle(const SweptSphere& a, double top_a, const SweptSphe
 // Takes a point out of every sphere at the end of the step. False: no way out is nearby, the point is trapped
 // between spheres.
 template <class Points>
-bool resolve(const Points& points, int i, const std::vector<SweptSphere>& spheres, const Vec3& start,
+bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres, const Vec3& start,
              PointState& end) {
     for (int round = 0; round < resolve_rounds; ++round) {
         const SweptSphere* last = nullptr;
@@ -132,7 +133,9 @@ bool resolve(const Points& points, int i, const std::vector<SweptSphere>& sphere
             } else {
                 push_out<double>(s, surface.top, was_inside ? start_distance : surface.top, p.data(),
                                  v.data());
-                end = {vec(s.end) + p, vec(s.velocity) + v};
+                const PointState out{vec(s.end) + p, vec(s.velocity) + v};
+                points.give(i, s, out.velocity - end.velocity);
+                end = out;
             }
             moved = true;
             last = &s;
@@ -169,7 +172,9 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         }
         done = !first;
         if (!first) break;
-        end = respond(points, i, *first, soonest, end);
+        const PointState next = respond(points, i, *first, soonest, end);
+        points.give(i, *first, next.velocity - end.velocity);
+        end = next;
         elapsed += soonest.time * (1 - elapsed);
         x = vec(first->start) + elapsed * (vec(first->end) - vec(first->start)) + vec(soonest.place);
         last = first;

@@ -31,6 +31,19 @@ double FaceWork::elastic_change() const {
     return change;
 }
 
+// Momentum that free corners take of an impulse; pins take the rest.
+Vec3 FaceWork::to_cloth(const ContactRow& row, const Vec3& impulse) const {
+    double taken = 0;
+    for (std::size_t i = 0; i < 3; ++i) taken += row.part[i] * cloth_.mass[at(row.corner[i])];
+    return taken * impulse;
+}
+
+void FaceWork::note_given() {
+    given = further_;
+    for (std::size_t k = 0; k < rows_.size(); ++k)
+        given[at(origins_[k].sphere)] += to_cloth(rows_[k], rows_[k].speed.impulse);
+}
+
 // Energy at the end beyond that of the free step and the work of moving spheres.
 double FaceWork::energy_made() const {
     double made = elastic_change() - further_work_;
@@ -109,10 +122,12 @@ bool FaceWork::flies() const {
 // none of that energy. False: a flying point cannot get so far.
 bool FaceWork::restore_speeds() {
     further_work_ = 0;
+    further_.assign(spheres_->size(), Vec3(0, 0, 0));
     if (!bounced()) return true;
     note_changed();
     std::vector<Vec3>& change = scratch_;  // of velocities, by those impulses
     std::fill(change.begin(), change.end(), Vec3(0, 0, 0));
+    std::vector<Vec3> bounces = further_;
     double first = 0, second = 0, work = 0;
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const ContactRow& row = rows_[k];
@@ -123,6 +138,7 @@ bool FaceWork::restore_speeds() {
         first += along * row.normal.dot(row.at(v) - vec(s.velocity));
         work += along * row.normal.dot(vec(s.velocity));
         row.push(change, along * row.normal);
+        bounces[at(origins_[k].sphere)] += to_cloth(row, along * row.normal);
     }
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) second += cloth_.mass[i] * change[i].squaredNorm();
@@ -134,6 +150,7 @@ bool FaceWork::restore_speeds() {
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) v[i] += part * change[i];
     further_work_ = part * work;
+    for (std::size_t s = 0; s < bounces.size(); ++s) further_[s] = part * bounces[s];
     return root2 >= 0 || !flies();
 }
 

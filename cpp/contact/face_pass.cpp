@@ -222,6 +222,8 @@ bool FaceWork::push_out(int sphere, const Triangle& t) {
         v[c] -= part[i] * inwards * n;
     }
     further_work_ -= inwards / mobility * n.dot(vec(s.velocity));
+    for (std::size_t i = 0; i < 3; ++i)
+        further_[at(sphere)] -= cloth_.mass[at(t.corner[i])] * part[i] * inwards * n;
     return true;
 }
 
@@ -293,6 +295,7 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
     Fault fault = fault_of_place();
     if (fault.point >= 0) fault = search(fault);
     if (fault.point >= 0) report_.note_fault(fault.point, fault.energy);
+    note_given();
     save_persistent(spheres[0].dt);
     return report_;
 }

@@ -33,6 +33,7 @@ public:
     // The state when the step begins, and where the free step ends; the latter is replaced.
     std::vector<Vec3> x0, v0, x, v;
     std::vector<std::uint8_t> changed;  // whether x or v of a point was
+    std::vector<Vec3> given;  // to the cloth by each sphere: momentum [N s]
     bool touched = false;  // whether a triangle or point was near enough to be checked
 
     virtual ContactReport run(const std::vector<SweptSphere>& spheres) = 0;

@@ -175,12 +175,21 @@ bool FaceWork::move_with_spheres() {
     return false;
 }
 
+int FaceWork::nearest_sphere(const Vec3& place) const {
+    const auto distance = [&](const SweptSphere& s) { return (place - vec(s.end)).norm() - s.radius; };
+    return int(std::min_element(
+                   spheres_->begin(), spheres_->end(),
+                   [&](const SweptSphere& a, const SweptSphere& b) { return distance(a) < distance(b); }) -
+               spheres_->begin());
+}
+
 // A point that a search has moved gets the velocity of its path, no faster than what spheres can give.
 void FaceWork::take_path_speeds() {
     const double dt = (*spheres_)[0].dt;
     double fastest = 0;
     for (const SweptSphere& s : *spheres_) fastest += 2 * vec(s.velocity).norm();
     further_work_ = 0;
+    further_.assign(spheres_->size(), Vec3(0, 0, 0));
     for (std::size_t i = 0; i < x.size(); ++i) {
         v[i] = free_v_[i];
         if (x[i] == free_x_[i]) continue;
@@ -188,6 +197,7 @@ void FaceWork::take_path_speeds() {
         const double speed = path.norm(), most = std::max(fastest, v[i].norm());
         v[i] = (speed > most ? most / speed : 1.0) * path;
         further_work_ += cloth_.mass[i] * (v[i] - free_v_[i]).norm() * fastest / 2;
+        further_[at(nearest_sphere(x[i]))] += cloth_.mass[i] * (v[i] - free_v_[i]);
     }
 }
 

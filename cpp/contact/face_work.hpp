@@ -125,6 +125,9 @@ private:
     bool flies() const;
     double energy_made() const;
     double energy_lacking() const;
+    Vec3 to_cloth(const ContactRow& row, const Vec3& impulse) const;
+    void note_given();
+    int nearest_sphere(const Vec3& place) const;
     double elastic_change() const;
     void push_out_all();
     bool push_out(int sphere, const Triangle& triangle);
@@ -156,6 +159,7 @@ private:
     std::vector<double> sum_;
     std::vector<double> stiffness_;  // of all springs of a point together [N/m]
     double further_work_ = 0;  // of moving spheres, beside that of the rows' impulses [J]
+    std::vector<Vec3> further_;  // momentum given by each sphere, beside those impulses [N s]
     std::vector<double> pushed_;
     std::vector<std::vector<std::uint8_t>> inside_;  // triangles, points that were inside when the step began
     std::vector<std::pair<int, Triangle>> starts_inside_;

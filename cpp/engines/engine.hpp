@@ -9,6 +9,7 @@
 #include "contact/contact_report.hpp"
 #include "engines/saved_state.hpp"
 #include "integrators/adaptive.hpp"
+#include "measure/impulses.hpp"
 #include "measure/watched.hpp"
 #include "memory/plan.hpp"
 #include "model/clock.hpp"
@@ -33,6 +34,8 @@ public:
     // Extremes over the states so far. Depths are watched only when asked for; the first contact always.
     Watched watched;
     void watch_depths(bool on) { depths_watched_ = on; }
+    // Of all responses so far.
+    Impulses impulses;
     // Raises the depth of mass points by that of all points of the present state, at time t.
     virtual void note_all_depths(double t) = 0;
 
@@ -57,6 +60,7 @@ public:
         evaluations = 0;
         contact_report = {};
         watched = {};
+        impulses.begin_anew();
     }
 
     // Put driven pins to their places, with their velocities, of a time; a new state leaves that to the

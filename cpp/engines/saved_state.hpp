@@ -15,6 +15,7 @@ struct SavedState {
     Vec3 origin = Vec3::Zero();  // m
     double contact_energy = 0;   // J
     std::vector<FacePass::PersistentContact> contacts;
+    std::vector<double> impulses;  // of Impulses [N s]
 };
 
 // Three components of all points from the first on (x, y, z, vx, vy, vz), or what compensation adds to them.

@@ -88,6 +88,7 @@ public:
         state.origin = origin_;
         state.contact_energy = contact_energy;
         state.contacts = contact_pass_.persistent();
+        state.impulses = impulses.sums();
         return state;
     }
     void set_saved_state(const SavedState& state) final {
@@ -100,6 +101,7 @@ public:
         state_replaced();
         contact_energy = state.contact_energy;
         contact_pass_.set_persistent(state.contacts);
+        impulses.go_on(state.impulses);
     }
 
     void save_checkpoint() final {
@@ -111,6 +113,7 @@ public:
         responses_at_checkpoint_ = contact_responses;
         watched_at_checkpoint_ = watched;
         persistent_at_checkpoint_ = contact_pass_.persistent();
+        impulses_at_checkpoint_ = impulses;
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
@@ -119,6 +122,7 @@ public:
         watched = watched_at_checkpoint_;
         state_replaced();
         contact_pass_.set_persistent(persistent_at_checkpoint_);
+        impulses = impulses_at_checkpoint_;
     }
     void note_all_depths(double t) final {
         std::fill(touched_rows_.begin(), touched_rows_.end(), true);
@@ -142,9 +146,10 @@ protected:
         : plan_(plan),
           layout_(layout),
           memory_(std::size_t(size), Real(0)),
-          contact_pass_(plan_, layout_),
+          contact_pass_(plan_, layout_, impulses),
           planes_(kernels()),
           touched_rows_(std::size_t(plan.cloth.rows), false) {
+        impulses = Impulses(plan_);
         for (int i = 0; i < plan_.cloth.points(); ++i)
             if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
@@ -277,11 +282,13 @@ protected:
         contact_responses.fetch_add(1, std::memory_order_relaxed);
         if (after.position != before.position || after.velocity != before.velocity)
             lower(watched.first_contact, contact.time);
+        const double mass = plan_.cloth.mass[row * columns() + column];
+        impulses.give(std::size_t(&contact.sphere - plan_.spheres.data()), row, column,
+                      mass*(after.velocity - before.velocity));
         const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
         for (int k = 0; k < 6; ++k)
             set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
         if (track_contact_energy) {
-            const double mass = plan_.cloth.mass[row * columns() + column];
             contact_energy += spring_energy(row, column) - springs_before +
                 mass *
                     ((after.velocity.squaredNorm() - before.velocity.squaredNorm()) / 2 -
@@ -440,6 +447,7 @@ private:
     std::int64_t responses_at_checkpoint_ = 0;
     Watched watched_at_checkpoint_;
     std::vector<FacePass::PersistentContact> persistent_at_checkpoint_;
+    Impulses impulses_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
     Vec3 origin_ = Vec3::Zero();
 };

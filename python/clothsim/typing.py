@@ -141,6 +141,8 @@ class Report(TypedDict):
     penetration: Depths
     stretch: Stretch
     first_contact: FirstContact
+    impulse: list[list[float]]
+    impulse_reason: str
     kernel: str
     integrator: str
     precision: str

@@ -164,6 +164,8 @@ def test_simulate_sees_contact():
     assert [run.report["chaotic"] for run in runs] == [False, True]
     assert [run.report["error_estimate"]["reason"][:8] for run in runs] == ["", "a sphere"]
     assert np.isnan(runs[1].report["penetration"]["points"]) and runs[1].report["penetration"]["reason"]
+    assert np.isnan(runs[1].report["impulse"]).all() and runs[1].report["impulse_reason"]
+    assert np.shape(runs[1].report["impulse"]) == (len(runs[1].scene.spheres), 3)
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])

@@ -257,6 +257,18 @@ def test_first_contact_is_missing_without_any_contact():
         assert np.isnan(result.first_contact) and int(result.status) == 1
 
 
+@pytest.mark.parametrize("step", [{"dt": 1e-3}, {"rtol": 1e-3}])
+def test_the_impulse_is_that_of_the_run_over_all_spheres(step):
+    scene = BALL.replace(spheres=[*BALL.spheres, BALL.spheres[0].replace(center=(0.2, -0.3, 0.3))])
+    found = sweep(scene, duration=0.4, metrics="impulse", **step)
+    impulse = np.sum(cs.simulate(scene, 0.4, **step).report["impulse"], axis=0)
+    assert impulse[1] < -0.1
+    np.testing.assert_allclose([float(found[f"impulse_{k}"]) for k in "xyz"], impulse, rtol=1e-14)
+    assert float(found.impulse) == pytest.approx(np.linalg.norm(impulse), rel=1e-14)
+    assert found.impulse.attrs["units"] == "N s"
+    assert float(sweep(scene.replace(spheres=()), duration=0.01, dt=1e-3, metrics="impulse").impulse) == 0
+
+
 def test_steps_per_second_is_a_rate():
     result = sweep(SMALL, duration=0.5, dt=1e-3, metrics="steps_per_second")
     assert 1e3 < float(result.steps_per_second) < 1e8

@@ -126,8 +126,9 @@ void cell_rows(const CellArguments<Real>& a, int begin, int end) {
             if (unresolved && c.sphere_count == 1) {
                 if constexpr (arithmetic == Arithmetic::fused) {
                     const std::ptrdiff_t at = row * g.row + vector * g.vector;
-                    unresolved = resting.respond(g, c.state + at, c.before + at, lanes_of<V>(unresolved),
-                                                 lanes_of<V>(c.free[index]), radii2, responded);
+                    unresolved =
+                        resting.respond(g, c.state + at, c.before + at, lanes_of<V>(unresolved),
+                                        lanes_of<V>(c.free[index]), radii2, c.mass + index * W, responded);
                 }
                 if (unresolved)
                     unresolved = respond_vector<Arch, Real, W>(c, row, vector, unresolved, radii2, responded);
@@ -136,6 +137,7 @@ void cell_rows(const CellArguments<Real>& a, int begin, int end) {
             c.open[index] =
                 std::uint8_t((unresolved ? vector_unresolved : 0) | (responded ? vector_responded : 0));
         }
+        if constexpr (arithmetic == Arithmetic::fused) resting.end_row(c.impulses + row * c.impulse_row);
     }
 }
 

@@ -26,6 +26,10 @@ struct ContactArguments {
     std::uint8_t* open;  // a value a vector, row by row: marks of contact_marks.hpp
     const SweptSphere* spheres;
     int sphere_count;
+    const Real* mass;  // a value a lane, vector by vector [kg]
+    double*
+        impulses;  // on the sphere, if it is one: x, y and z of a row, `impulse_row` from row to row [N s]
+    std::ptrdiff_t impulse_row;
     bool copy;  // whether vectors that are done here go to `before` at once
     // Points that are not answered here: those whose bounce flies; all that are near if there are several
     // spheres; pinned points in a sphere.

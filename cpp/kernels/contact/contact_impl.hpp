@@ -70,7 +70,8 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
 }
 
 // Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, and returns the remaining
-// lanes. `radii2`: rho^2 of the points, null without cells.
+// lanes. `radii2`: rho^2 of the points, null without cells. Momenta are added lane after lane, so that the
+// strict class has the same bits for lanes of any width.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
                                                        std::uint64_t lanes, const Real* radii2,
@@ -79,7 +80,8 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
     const std::ptrdiff_t first = row * g.row + vector * g.vector;
-    const std::uint64_t free = a.free[std::ptrdiff_t(row) * g.vectors + vector];
+    const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
+    const std::uint64_t free = a.free[index];
     constexpr std::uint64_t part = (std::uint64_t(1) << Memory::N) - 1;
     std::uint64_t unresolved = 0;
     for (int l = 0; l < W; l += Memory::N) {
@@ -97,6 +99,7 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
         const Surface<D> surface = radii2
             ? cell_surface<Real>(s, Memory::batch(Memory::widen(Memory::load(radii2 + l))))
             : surface_of<D>(s);
+        const D free_end[3] = {v[0], v[1], v[2]};
         const VectorResponse<D> m = respond(s, surface, x0, v0, x, v);
         const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
         unresolved |= std::uint64_t((asked & (m.in_the_air | (m.responded & !moves))).mask()) << l;
@@ -107,6 +110,13 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
         each<3>([&](auto k) __attribute__((always_inline)) {
             Memory::write(state + k * g.component, g.compensation, x[k], chosen);
             Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
+            const D mass = Memory::batch(Memory::widen(Memory::load(a.mass + index * W + l)));
+            alignas(64) double momentum[Memory::N];
+            xsimd::select(responded, mass * (v[k] - free_end[k]), D(0.0)).store_aligned(momentum);
+            double& impulse = a.impulses[row * a.impulse_row + k];
+            double sum = impulse;
+            for (const double of_lane : momentum) sum -= of_lane;
+            impulse = sum;
         });
     }
     return unresolved;
@@ -124,7 +134,7 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
         for (int s = 0; s < count; ++s) spheres[s].prepare(a.spheres[first + s]);
         OnSphere<Arch, Real, false> resting;
         if constexpr (arithmetic == Arithmetic::fused) resting.prepare(a.spheres[0]);
-        for (int row = begin; row < end; ++row)
+        for (int row = begin; row < end; ++row) {
             for (int vector = 0; vector < g.vectors; ++vector) {
                 const std::ptrdiff_t at = row * g.row + vector * g.vector;
                 const Vector3<V> x = load3<V>(a.state + at, g.component);
@@ -135,9 +145,9 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 std::uint64_t unresolved = near.mask(), responded = 0;
                 if (unresolved && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
-                        unresolved =
-                            resting.respond(g, a.state + at, a.before + at, near,
-                                            lanes_of<Lanes<Real, Arch>>(a.free[index]), nullptr, responded);
+                        unresolved = resting.respond(g, a.state + at, a.before + at, near,
+                                                     lanes_of<Lanes<Real, Arch>>(a.free[index]), nullptr,
+                                                     a.mass + index * W, responded);
                     if (unresolved)
                         unresolved =
                             respond_vector<Arch, Real, W>(a, row, vector, unresolved, nullptr, responded);
@@ -150,6 +160,8 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                                      1))
                     copy_vector<V>(a.state + at, a.before + at, g);
             }
+            if constexpr (arithmetic == Arithmetic::fused) resting.end_row(a.impulses + row * a.impulse_row);
+        }
     }
 }
 

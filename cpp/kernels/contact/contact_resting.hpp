@@ -68,13 +68,14 @@ public:
         friction_ = V(Real(s.friction));
         bounces_ = s.restitution > 0;
         rough_ = s.friction > 0;
+        each<3>([&](auto k) __attribute__((always_inline)) { momentum_[k] = V(Real(0)); });
     }
 
     // Responses those of the lanes `near` that are such points, and adds them to `answered`; of the others,
-    // those that have to be inspected. `radii2`: rho^2 of the points, for offset "cell".
+    // those that have to be inspected. `radii2`: rho^2 of the points, for offset "cell". `mass`: theirs.
     CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
                                           const Mask& near, const Mask& moves, const Real* radii2,
-                                          std::uint64_t& responded) const {
+                                          const Real* mass, std::uint64_t& responded) {
         // In double down to here: their signs and sizes hang on digits that Real lacks.
         alignas(64) Real pq[V::size], raised[V::size];
         const Decision decided = decide(g, state, before, radii2, pq, raised);
@@ -144,10 +145,23 @@ public:
             normal_change = xsimd::fnma(V::load_aligned(raised) * V(Real(0.5)), inverse, normal_change);
         each<3>([&](auto k) __attribute__((always_inline)) {
             add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
-            add(g, state + (k + 3) * g.component, xsimd::fnma(lost, u[k], normal_gain * n[k]), touches);
+            const V gain = xsimd::fnma(lost, u[k], normal_gain * n[k]);
+            add(g, state + (k + 3) * g.component, gain, touches);
+            momentum_[k] = xsimd::fma(load(mass), xsimd::select(touches, gain, zero), momentum_[k]);
         });
+        gave_ = true;
         responded |= touches.mask();
         return unresolved | in_the_air;
+    }
+
+    // Takes the momentum of the responses of a row from the impulse on the sphere.
+    CLOTHSIM_INLINE void end_row(double* impulse) {
+        if (!gave_) return;
+        gave_ = false;
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            impulse[k] -= double(xsimd::reduce_add(momentum_[k]));
+            momentum_[k] = V(Real(0));
+        });
     }
 
 private:
@@ -214,7 +228,8 @@ private:
     Split center_[3], way_[3], velocity_[3];
     D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_, top2_, held2_;
     V inverse_surface2_, half_inverse_surface_, inverse_dt_, restitution_, friction_;
-    bool bounces_, rough_;
+    V momentum_[3];  // that this row has been given [N s]
+    bool bounces_, rough_, gave_ = false;
 };
 
 }  // namespace

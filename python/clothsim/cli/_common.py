@@ -161,12 +161,13 @@ def _rows(data: Mapping[str, Any], units: Mapping[str, str], unit: str, before: 
 
 def short(value: Any, unit: str = "") -> str:
     """A value for people: four digits, thousands apart, and its unit."""
-    if value is None or value == "":
+    if value in (None, "", []):
         return "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (list, tuple)):
-        return ", ".join(short(entry) for entry in value) + (f" {unit}" if unit else "")
+        texts = (f"({short(entry)})" if isinstance(entry, list) else short(entry) for entry in value)
+        return ", ".join(texts) + (f" {unit}" if unit else "")
     if not isinstance(value, (int, float)):
         return str(value)
     if value != value:

@@ -35,6 +35,7 @@ UNITS = {
     "penetration": "m",
     "first_contact": "s",
     "time": "s",
+    "impulse": "N s",
     "centre_of_mass": "m",
     "center_of_mass": "m",
     "kinetic_energy": "J",
@@ -118,6 +119,8 @@ def run(args: argparse.Namespace) -> None:
 
 def _examined(report: dict[str, Any], args: argparse.Namespace) -> dict[str, Any]:
     """The report without searches that did not happen: a given time step has no tolerance and no test of chaos."""
+    if not report["impulse_reason"]:
+        del report["impulse_reason"]
     if args.dt is not None:
         absent = ("tolerance", "chaotic", "outcomes", "estimate_evaluations", "estimate_wall_time")
         return {name: value for name, value in report.items() if name not in absent}

@@ -16,7 +16,7 @@ from ..machine.build import build_config
 from ..model.scene import Scene
 from .options import Options
 
-SCHEMA = 2
+SCHEMA = 3
 _FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
 _OPTIONS = tuple(field.name for field in fields(Options))
 

@@ -154,7 +154,7 @@ class Simulation:
                     array[...] = vectors_of(planes, first, array.shape)
 
     def snapshot(self) -> dict[str, Any]:
-        """The clock and the whole state, with the fields of the core's; there is no contact memory."""
+        """The clock and the whole state, with the fields of the core's; there are no contact memory and no impulses."""
         with self._used():
             parts, clock = self._state(), self._safe.clock
             shape = (self._members, *self._scenes[0].cloth.shape, 3)
@@ -257,6 +257,7 @@ class Simulation:
                 **missing,
                 **(none_inside if not scene.spheres else {}),
                 "in_contact": count > 0 or any(sphere.response == "continuous" for sphere in scene.spheres),
+                "impulse": [[math.nan] * 3 for _ in scene.spheres],
             }
             for scene, count in zip(self._scenes, self._contacts, strict=True)
         ]

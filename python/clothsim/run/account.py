@@ -111,6 +111,8 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
         "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": missing},
         "stretch": {"largest": watched["stretch"], "reason": missing},
         "first_contact": {"time": time, "reason": (none or missing) if math.isnan(time) else ""},
+        "impulse": watched["impulse"],
+        "impulse_reason": missing,
     }
 
 

@@ -84,7 +84,9 @@ class Resumed:
 
     def state(self, scene: Scene, options: RunOptions) -> State:
         state = options.state(scene, inspect=False)
-        state.core.restore(self.snapshot.core)
+        core = self.snapshot.core
+        # A report has the impulses of its own run.
+        state.core.restore({name: np.zeros_like(value) if name == "impulses" else value for name, value in core.items()})
         return state
 
 

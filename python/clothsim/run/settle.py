@@ -275,4 +275,6 @@ class _Relaxation:
         solution = Solution(self._options, t, x, v, self._steps, 0, self._steps, self._seconds, watched, self._dt, state)
         found: Report = report(self.scene, solution, of_nothing("a run to rest has no error in time"))
         found["residual"], found["reason"] = self.best.residual, reason
+        found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
+        found["impulse_reason"] = "impulses of a relaxation have no meaning"
         return Run(self.scene, np.array(t), x, v, found)

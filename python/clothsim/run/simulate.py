@@ -125,6 +125,9 @@ def simulate(
             "largest", see `largest_stretch`; sampled.
         "first_contact"
             "time" [s]: end of the first step in which a response changed the cloth.
+        "impulse", "impulse_reason"
+            [N s], one (x, y, z) per sphere: minus the momentum that its responses gave to the cloth, summed over the steps.
+            See `Stepper.impulses`. A resumed run counts its own.
         "energy"
             "start" and "end", see `energy`; "gained" [J]: the largest excess of the total energy over its start, or 0.
             It is measured at stored frames and at one state in 128; with error control, or above `max_stable_dt`, at

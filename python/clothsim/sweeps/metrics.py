@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -75,6 +76,12 @@ def _sag(outcome: Outcome) -> dict[str, float]:
     return {"sag": float(((rest.x[-1] - rest.x[0]) @ scene.gravity).max() / pull)}
 
 
+def _impulse(outcome: Outcome) -> dict[str, float]:
+    """Of all spheres together."""
+    x, y, z = np.reshape(outcome.run().report["impulse"], (-1, 3)).sum(axis=0)
+    return {"impulse": math.hypot(x, y, z), "impulse_x": x, "impulse_y": y, "impulse_z": z}
+
+
 _ALL = (
     Metric(
         "error",
@@ -112,6 +119,12 @@ _ALL = (
     ),
     Metric("sag", _sag, {"sag": _attrs("largest way along gravity from the initial to the rest state", "m")}),
     _watched("first_contact", {"first_contact": ("first_contact", "end of the first step that a sphere changed", "s")}, ()),
+    Metric(
+        "impulse",
+        _impulse,
+        {"impulse": _attrs("length of the impulse on all spheres together", "N s")}
+        | {f"impulse_{k}": _attrs(f"impulse on all spheres together along {k}", "N s") for k in "xyz"},
+    ),
 )
 
 DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")

@@ -1,0 +1,238 @@
+"""Impulses on spheres: the momentum that a cloth without pins and gravity has lost, sphere by sphere."""
+
+import clothsim as cs
+import numpy as np
+import pytest
+from variants import cases, pairs
+
+DT, STEPS = 5e-4, 240
+CONTACTS = [("reflect", "edge"), ("ray", "none"), *(("continuous", offset) for offset in ("none", 0.01, "cell", "face"))]
+CLOTH = cs.Cloth((12, 20), mass=np.linspace(1e-3, 5e-3, 240).reshape(12, 20), stiffness=60.0, damping=0.02, pins=())
+ROUNDING = {"double": 1e-12, "single": 1e-7}  # in single the forces of the springs are not exactly opposite
+PLACES = {
+    1: [((0.5, -0.3, 0.5), 0.25, (0.2, 0.5, 0.1))],
+    3: [((0.3, -0.3, 0.3), 0.2, (0.0, 0.4, 0.0)), ((0.7, -0.3, 0.6), 0.25, (0, 0, 0)), ((0.5, -0.3, 0.5), 0.2, (0, 0, 0))],
+}
+
+
+def scene_of(contact, count, cloth=CLOTH, **material):
+    """A sheet that falls at 2 m/s on one sphere, or on three that overlap."""
+    response, offset = contact
+    material = {"restitution": 0.3, "friction": 0.2, **material}
+    spheres = [cs.Sphere(c, r, cs.Linear(v), response, offset, **material) for c, r, v in PLACES[count]]
+    v = np.where(cloth.pinned[..., None], 0.0, (0.1, -2.0, 0.0))
+    return cs.Scene(cloth, spheres, gravity=(0, 0, 0), velocity=v)
+
+
+def momentum(cloth, v):
+    """Of the points that are not pinned [N s]."""
+    return (np.where(cloth.pinned, 0.0, cloth.mass_per_point)[..., None] * v).sum(axis=(-3, -2))
+
+
+def lost(stepper, scene):
+    return -(momentum(scene.cloth, stepper.velocities) - momentum(scene.cloth, scene.initial_velocity))
+
+
+def off(impulses, momentum_lost):
+    """Distance of the sum over spheres from the momentum, as part of the largest impulse."""
+    assert np.abs(impulses).max() > 0.05
+    return np.abs(impulses.sum(axis=-2) - momentum_lost).max() / np.abs(impulses).max()
+
+
+@cases(contact=CONTACTS, count=[1, 3])
+def test_impulses_are_the_momentum_that_the_cloth_has_lost(variant, contact, count):
+    scene = scene_of(contact, count)
+    stepper = cs.Stepper(scene, **variant.options)
+    stepper.advance(STEPS, DT)
+    assert stepper.impulses.shape == (count, 3)
+    assert off(stepper.impulses, lost(stepper, scene)) < ROUNDING[variant.precision]
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
+@pairs(integrator=list(cs.integrators()), contact=CONTACTS, count=[1, 3], precision=["double", "single"])
+def test_with_every_integrator(integrator, contact, count, precision):
+    scene = scene_of(contact, count)
+    stepper = cs.Stepper(scene, integrator=integrator, precision=precision)
+    stepper.advance(STEPS, DT)
+    assert off(stepper.impulses, lost(stepper, scene)) < ROUNDING[precision]
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_gravity_is_what_is_left(contact):
+    scene = scene_of(contact, 3).replace(gravity=(0.0, -9.8125, 0.0))  # a number of both precisions
+    stepper = cs.Stepper(scene)
+    stepper.advance(STEPS, DT)
+    weight = CLOTH.mass_per_point.sum() * np.array((0.0, -9.8125, 0.0))
+    assert off(stepper.impulses, lost(stepper, scene) + weight * STEPS * DT) < 1e-12
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_same_bits_for_every_number_of_threads_and_in_a_batch(contact):
+    cloth = cs.Cloth((40, 37), mass=1.0, stiffness=100.0, damping=0.02, pins=())
+    scenes = [scene_of(contact, count, cloth) for count in (1, 3)]
+    kernels = [("edge", False), ("gather", False), ("gather", True)]
+    for kernel, strict in kernels if contact[1] != "face" else kernels[:1]:
+        found = []
+        for threads in (1, 2, 3):
+            alone = [cs.Stepper(scene, threads=threads, kernel=kernel, strict=strict) for scene in scenes]
+            batch = cs.Stepper(scenes, threads=threads, kernel=kernel, strict=strict)
+            for stepper in (*alone, batch):
+                stepper.advance(80, DT)
+            assert batch.impulses.shape == (2, 3, 3) and np.isnan(batch.impulses[0, 1:]).all()
+            assert (batch.impulses[0, :1] == alone[0].impulses).all() and (batch.impulses[1] == alone[1].impulses).all()
+            found.append(batch.impulses[1])
+        assert (found[0] == found[1]).all() and (found[0] == found[2]).all() and np.abs(found[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_spheres_apart_get_what_each_gets_alone(contact):
+    """Without springs the points above one sphere know nothing of the others. All faces are one problem, not solved to the
+    last digit.
+    """
+    accuracy = 1e-3 if contact[1] == "face" else 1e-12
+    cloth = cs.Cloth((12, 40), mass=1.0, stiffness=0.0, damping=0.0, pins=())
+    spheres = [cs.Sphere((x, -0.2, 0.5), 0.15, None, *contact, restitution=0.4, friction=0.2) for x in (0.2, 0.5, 0.8)]
+    v = np.zeros((*cloth.shape, 3)) + (0.1, -2.0, 0.0)
+    together = cs.Stepper(cs.Scene(cloth, spheres, velocity=v))
+    together.advance(100, DT)
+    for sphere, impulse in zip(spheres, together.impulses, strict=True):
+        alone = cs.Stepper(cs.Scene(cloth, sphere, velocity=v))
+        alone.advance(100, DT)
+        np.testing.assert_allclose(impulse, alone.impulses[0], rtol=0, atol=np.abs(impulse).max() * accuracy)
+        assert impulse[1] < -0.01
+
+
+@pytest.mark.parametrize("offset", ["none", "cell", "face"])
+def test_a_point_between_two_spheres_presses_on_each_along_its_normal(offset):
+    """Four points of 4 kg lie at the lowest place between two spheres, without friction and springs."""
+    cloth = cs.Cloth((2, 2), (1e-3, 1e-3), mass=16.0, stiffness=0.0, damping=0.0, pins=())
+    spheres = [cs.Sphere((x, -3.0, 0.5), 5.0, None, "continuous", offset) for x in (-4.0, 4.0)]
+    x = np.zeros((2, 2, 3)) + (0, 0.002, 0)
+    x[:, 0, 2], x[:, 1, 2] = 0.4999, 0.5001
+    stepper = cs.Stepper(cs.Scene(cloth, spheres, position=x))
+    stepper.advance(400, 1e-3)
+    before = stepper.impulses
+    stepper.advance(400, 1e-3)
+    left, right = stepper.impulses - before
+    weight = 16.0 * 9.80665 * 0.4
+    assert left[1] == pytest.approx(-weight / 2, rel=1e-4) and right[1] == pytest.approx(-weight / 2, rel=1e-4)
+    centre = stepper.positions.mean(axis=(0, 1)) - spheres[0].center
+    assert left[0] / left[1] == pytest.approx(centre[0] / centre[1], rel=1e-4)
+    assert right[0] == pytest.approx(-left[0], rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_pins_take_no_momentum_and_without_springs_single_is_as_exact(contact, precision):
+    cloth = cs.Cloth((6, 8), mass=1.0, stiffness=0.0, damping=0.0, pins=((2, 3), (3, 4), (0, 0)))
+    scene = scene_of(contact, 3, cloth)
+    stepper = cs.Stepper(scene, precision=precision)
+    stepper.advance(STEPS, DT)
+    assert off(stepper.impulses, lost(stepper, scene)) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_points_that_start_inside_lose_their_inward_motion_to_the_spheres(contact, count):
+    scene = scene_of(contact, count)
+    risen = [sphere.replace(center=np.add(sphere.center, (0, 0.2, 0))) for sphere in scene.spheres]
+    stepper = cs.Stepper(scene.replace(spheres=risen))
+    stepper.advance(20, DT)
+    assert off(stepper.impulses, lost(stepper, scene)) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("offset", ["none", "cell", "face"])
+def test_points_that_are_pushed_out_slowly_gain_no_momentum(offset):
+    cloth = cs.Cloth((5, 5), mass=1.0, stiffness=0.0, damping=0.0, pins=())
+    sphere = cs.Sphere((0.5, -0.1, 0.5), 0.3, None, "continuous", offset, push_out_speed=0.5)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, gravity=(0, 0, 0)))
+    stepper.advance(50, 1e-3)
+    assert np.abs(stepper.positions - cloth.rest_positions).max() > 0.02
+    assert (stepper.impulses == 0).all()
+
+
+def test_a_sphere_that_touches_nothing_has_none_and_so_has_a_cloth_alone():
+    far = cs.Stepper(scene_of(("continuous", "cell"), 1).replace(spheres=cs.Sphere((0, -9, 0), 0.1)))
+    far.advance(STEPS, DT)
+    assert (far.impulses == 0).all() and far.impulses.shape == (1, 3)
+    assert cs.Stepper(cs.Scene(CLOTH)).impulses.shape == (0, 3)
+
+
+# Steps that are taken back, and states that go on
+
+
+def test_steps_that_are_taken_back_do_not_count(closing):
+    """A member finds no place at 0.05 s: the others, in contact since 0.025 s, go back to its last good step."""
+    bad = closing((5, 5))
+    bad = bad.replace(spheres=[s.replace(motion=cs.Linear(np.divide(s.motion.velocity, 2))) for s in bad.spheres])
+    good = scene_of(("ray", "edge"), 3, bad.cloth)
+    stepper, alone = cs.Stepper([good, bad]), cs.Stepper(good)
+    with pytest.raises(cs.ContactError) as caught:
+        stepper.advance(STEPS, DT)
+    assert caught.value.member == 1 and 90 < caught.value.step < 110
+    stepper.freeze(1)
+    stepper.advance(STEPS - caught.value.step + 1, DT)
+    alone.advance(STEPS, DT)
+    assert (stepper.impulses[0] == alone.impulses).all() and np.abs(alone.impulses).max() > 0.05
+
+
+def test_a_step_that_finds_no_place_does_not_count(closing):
+    """Before two spheres close upon the middle, a third one hits a corner."""
+    scene = closing((5, 5)).replace(gravity=(0, 0, 0))
+    corner = cs.Sphere((0.0, -0.2, 0.0), 0.15, cs.Linear((0, 4.0, 0)), "continuous", "none", restitution=1.0)
+    stepper = cs.Stepper(scene.replace(spheres=[*scene.spheres, corner]))
+    with pytest.raises(cs.ContactError):
+        stepper.advance(60, 1e-3)
+    assert off(stepper.impulses, lost(stepper, scene)) < 1e-12
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_a_snapshot_keeps_the_sums(contact, tmp_path):
+    stepper = cs.Stepper([scene_of(contact, count) for count in (3, 1)], precision="single")
+    stepper.advance(STEPS // 2, DT)
+    other = cs.Stepper.restore(cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state")))
+    for one in (stepper, other):
+        one.advance(STEPS // 2, DT)
+    assert (other.impulses == stepper.impulses)[~np.isnan(stepper.impulses)].all()
+    assert np.abs(stepper.impulses[0]).max() > 0.05
+
+
+def test_a_scene_with_more_spheres_goes_on_with_the_sums_of_the_first_ones():
+    scene = scene_of(("continuous", "none"), 1)
+    stepper = cs.Stepper(scene)
+    stepper.advance(STEPS, DT)
+    before = stepper.impulses
+    stepper.set_scene(scene.replace(spheres=[*scene.spheres, cs.Sphere((0, -9, 0), 0.1)]))
+    assert (stepper.impulses == [before[0], (0, 0, 0)]).all()
+    stepper.set_scene(scene)
+    assert (stepper.impulses == before).all()
+
+
+# Whole runs
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("options", [{"dt": DT}, {"rtol": 1e-4}, {"rtol": 1e-4, "integrator": "dopri5"}])
+def test_the_report_has_the_momentum_of_its_run(contact, options):
+    scene = scene_of(contact, 1)
+    run = cs.simulate(scene, 0.1, **options)
+    impulse = np.array(run.report["impulse"])
+    assert impulse.shape == (1, 3) and run.report["impulse_reason"] == ""
+    assert off(impulse, momentum(CLOTH, run.v[0]) - momentum(CLOTH, run.v[-1])) < 1e-12
+
+
+def test_a_resumed_run_counts_its_own():
+    scene = scene_of(("continuous", "cell"), 3)
+    whole, first = cs.simulate(scene, 0.1, DT), cs.simulate(scene, 0.05, DT)
+    second = first.resume(0.05)
+    parts = np.array([first.report["impulse"], second.report["impulse"]])
+    assert np.abs(parts[:, 0, 1]).min() > 1e-3
+    np.testing.assert_allclose(parts.sum(axis=0), whole.report["impulse"], rtol=1e-12, atol=1e-14)
+
+
+def test_a_relaxation_has_no_impulse():
+    rest = cs.settle(cs.Scene(cs.Cloth((6, 6), mass=0.1, stiffness=100.0, damping=0.1), cs.Sphere((0.5, -0.3, 0.5), 0.2)))
+    assert np.isnan(rest.report["impulse"]).all() and "relaxation" in rest.report["impulse_reason"]
