@@ -5,14 +5,15 @@
     python benchmarks/gpu.py --quick            # a minute
     python benchmarks/gpu.py --adapter NVIDIA --sizes 32 256 --batches 64 --precision single
 
-Writes <name>_<adapter>.csv and <name>_<adapter>_first_frames.csv after every scene, so that what was measured survives
-an interruption, and <name>_<adapter>.png to --out at the end, and prints the tables with the crossover. A
-target that cannot do a scene (memory, limits, an adapter lost) is left out and named; a window of
-frames that takes long ends early, and the tables say after how many steps.
+Writes <name>_<adapter>.csv after every scene, so that what was measured survives an interruption. At the end writes
+<name>_<adapter>.png, and prints the tables with the crossover. A target that cannot do a scene (memory, limits, an adapter
+lost) is left out and named. A window of frames that takes long ends early, and the tables say after how many steps.
 
-Columns: steps_per_second is the median of the runs, beside its quartiles; point_steps_per_second counts the mass points
-of all members; times_fastest_cpu is the speed over the fastest CPU target with equal scene and precision; steps_asked and
-steps_timed are in all runs; frames_per_run and shortened say whether windows ended early; first_run_setup_seconds is the
+Columns: steps_per_second is the median of the runs, beside its quartiles. us_per_step, cloth_steps_per_second and
+ns_per_point_step follow from it; the last two count the cloths or mass points of all members. times_fastest_cpu is the
+speed over the fastest CPU target with equal scene and precision. memory_bytes_per_second is the bandwidth of the target's
+memory, read and written; memory_bytes_per_point_step is what it moves in the time of a point-step. steps_asked and
+steps_timed are in all runs; frames_per_run and shortened say whether windows ended early. first_run_setup_seconds is the
 making of the first stepper.
 """
 
@@ -43,7 +44,7 @@ def arguments():
         type=float,
         help=f"longest window of the paper's one cloth of 32 x 32, default {default.paper_seconds} s",
     )
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/gpu"), metavar="DIR")
     parser.add_argument("--name", help="begin of the files' names, before the adapter; default: gpu")
     return parser.parse_args()
 
@@ -86,7 +87,8 @@ def measure(settings, adapter, out, name):
 
     def finished(measurements):
         if measurements:
-            report.write_tables(measurements, out, name)
+            out.mkdir(parents=True, exist_ok=True)
+            report.write_csv(out / f"{name}.csv", report.rows(measurements))
 
     missing = []
 

@@ -246,7 +246,7 @@ def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):
     ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)), response="ray", offset="edge")
     scenes = [cs.Scene(cs.Cloth((3, 3)), ball.replace(radius=0.1 + 0.01 * k)) for k in range(9)]
     Simulation(scenes[:2], 0.0, "single", False, narrow)
-    told = r"graphics adapter: it needs a buffer of 89,856 bytes, .* has at most 40,000"
+    told = r"graphics adapter: it needs a buffer of 125,712 bytes, .* has at most 40,000"
     with pytest.raises(ValueError, match=told):
         Simulation(scenes, 0.0, "single", False, narrow)
 

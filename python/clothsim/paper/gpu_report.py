@@ -141,7 +141,11 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
                 "steps_per_second": m.rate,
                 "lower_quartile": low,
                 "upper_quartile": high,
-                "point_steps_per_second": m.rate * m.points,
+                "us_per_step": 1e6 / m.rate,
+                "cloth_steps_per_second": m.rate * m.members,
+                "ns_per_point_step": 1e9 / (m.rate * m.points),
+                "memory_bytes_per_second": m.bandwidth,
+                "memory_bytes_per_point_step": m.bandwidth / (m.rate * m.points),
                 "times_fastest_cpu": "" if gain is None else gain,
                 "first_run_setup_seconds": m.setup[0],
                 "first_frame_seconds_per_step": m.first_frames[0][0],
@@ -160,30 +164,20 @@ def write_csv(path: Path, entries: Sequence[dict[str, Any]]) -> Path:
     return path
 
 
-def first_frames(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
-    """Every first frame of every run; frame 0 of a run is the making of the stepper."""
-    entries = []
-    for m in measurements:
-        key = {"name": m.target.name, "precision": m.precision, "method": m.method, "rows": m.size, "members": m.members}
-        for number, (setup, frames) in enumerate(zip(m.setup, m.first_frames, strict=True), start=1):
-            entries.append({**key, "run": number, "frame": 0, "seconds": setup})
-            for k, seconds in enumerate(frames, start=1):
-                entries.append({**key, "run": number, "frame": k, "seconds": seconds})
-    return entries
-
-
 def text(measurements: Sequence[Measurement]) -> str:
     """The table, the crossovers and the first frames, to read."""
     lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = ("scene", "us/step", "steps/s", "Mpoints/s", "times CPU", "frames", "by")
+    head = ("scene", "us/step", "cloth-steps/s", "ns/point-step", "times CPU", "frames", "by")
     for (precision, method), group in by_table(measurements).items():
         cells = []
         for m in group:
             gain = against_cpu(m, measurements)
-            numbers = [f"{value:.4g}" for value in (1e6 / m.rate, m.rate, m.rate * m.points / 1e6)]
+            numbers = [f"{value:.4g}" for value in (1e6 / m.rate, m.rate * m.members, 1e9 / (m.rate * m.points))]
             frames = f"{frames_per_run(m):.3g}" + "*" * m.shortened
             cells.append((scene_name(m), *numbers, "" if gain is None else f"{gain:.3g}", frames, m.target.name))
         lines += ["", f"{precision}, method {method}", aligned(head, cells, left=(6,))]
+    memory = {m.target.name: m.bandwidth for m in measurements}
+    lines += ["", *(f"Memory of {name}: {bandwidth / 1e9:.3g} GB/s" for name, bandwidth in memory.items())]
     lines += ["", *shortened(measurements)]
     lines += ["", "Where the shader becomes faster:", *crossovers(measurements)]
     lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]
@@ -198,22 +192,14 @@ def text(measurements: Sequence[Measurement]) -> str:
     return "\n".join(lines)
 
 
-def write_tables(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
-    """`name`.csv and `name`_first_frames.csv in `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return [
-        write_csv(folder / f"{name}.csv", rows(measurements)),
-        write_csv(folder / f"{name}_first_frames.csv", first_frames(measurements)),
-    ]
-
-
 def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:
-    """The tables and, with matplotlib, `name`.png in `folder`."""
-    files = write_tables(measurements, folder, name)
+    """The table `name`.csv and, with matplotlib, `name`.png in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [write_csv(folder / f"{name}.csv", rows(measurements))]
     try:
         files.append(draw(measurements, folder / f"{name}.png"))
     except ImportError:
-        pass  # the figures are in the CSV files
+        pass  # the figures are in the CSV file
     return files
 
 

@@ -12,12 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 import clothsim as cs
-from clothsim.gpu import Adapter, adapters, using
+from clothsim import machine
+from clothsim.gpu import Adapter, adapters, probe, using
 from clothsim.scenes import PAPER_DT
 from clothsim.typing import Precision
 
@@ -62,6 +64,7 @@ class Measurement:
     frame_steps: int = 1
     asked: int = 0  # steps of a window that is not ended early
     limit: float = 0.0  # s after which one is
+    bandwidth: float = 0.0  # of the target's memory [B/s]
 
     @property
     def points(self) -> int:
@@ -219,6 +222,15 @@ def measure(measurement: Measurement, scene: cs.Scene, dt: float, settings: Sett
     return m
 
 
+@cache
+def memory_bandwidth(threads: int, adapter: Adapter | None) -> float:
+    """Bytes per second that a target reads and writes in its memory."""
+    if adapter is None:
+        return machine.memory_bandwidth(threads)["update"]
+    with using(adapter):
+        return probe.memory_bandwidth()
+
+
 def cases(settings: Settings) -> list[tuple[int, int]]:
     """(size, members) of every scene."""
     return [(n, 1) for n in settings.sizes] + [(settings.batch_size, b) for b in settings.batches]
@@ -257,10 +269,11 @@ def run(
     measurements: list[Measurement] = []
     for precision in settings.precisions:
         everyone = targets(precision, found)
+        bandwidths = {t.name: memory_bandwidth(t.threads, t.adapter) for t in everyone}
         for size, members in cases(settings):
             for method in settings.methods:
                 scene, dt = touching_scene(size, method)
-                group = [Measurement(t, method, precision, size, members) for t in everyone]
+                group = [Measurement(t, method, precision, size, members, bandwidth=bandwidths[t.name]) for t in everyone]
                 for done in range(settings.runs):
                     for one in list(group):
                         try:
