@@ -199,7 +199,7 @@ def memory_bandwidth(device: Device | None = None, size: int = 1 << 28) -> float
 
     Examples
     --------
-    >>> from clothsim.gpu.probe import memory_bandwidth
+    >>> from clothsim.gpu import memory_bandwidth
     >>> memory_bandwidth() > 1e8  # doctest: +SKIP
     True
     """

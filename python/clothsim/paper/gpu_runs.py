@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim import machine
-from clothsim.gpu import Adapter, adapters, probe, using
+from clothsim import gpu, machine
+from clothsim.gpu import Adapter, adapters, using
 from clothsim.scenes import PAPER_DT
 from clothsim.typing import Precision
 
@@ -228,7 +228,7 @@ def memory_bandwidth(threads: int, adapter: Adapter | None) -> float:
     if adapter is None:
         return machine.memory_bandwidth(threads)["update"]
     with using(adapter):
-        return probe.memory_bandwidth()
+        return gpu.memory_bandwidth()
 
 
 def cases(settings: Settings) -> list[tuple[int, int]]:
