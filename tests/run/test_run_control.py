@@ -245,6 +245,33 @@ def interrupted(*arguments, **options):
     return error, late
 
 
+@pytest.mark.parametrize("call", ["simulate", "error control", "settle"])
+def test_a_second_ctrl_c_does_not_lose_the_run(call, monkeypatch):
+    """The second signal comes while the run so far is put together."""
+    module = sys.modules["clothsim.run.settle" if call == "settle" else "clothsim.run.simulate"]
+    name = "Run" if call == "settle" else "report"
+    original, again = getattr(module, name), []
+
+    def report(*arguments, **options):
+        if not again:
+            again.append(1)
+            signal.raise_signal(signal.SIGINT)
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(module, name, report)
+    timer = threading.Timer(1.5 if call == "error control" else 0.3, signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    with pytest.raises(cs.RunInterrupted) as raised:
+        if call == "settle":
+            cs.settle(cs.scenes.paper_swing(), 1e-12)
+        else:
+            cs.simulate(SCENE, 400.0, **({"dt": 5e-5} if call == "simulate" else {"rtol": 1e-4}))
+    timer.join()
+    assert again and raised.value.run is not None
+    assert "interrupted" in (raised.value.run.report["stopped"], raised.value.run.report.get("reason"))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_ctrl_c_returns_the_finished_members(precision, same_bits):
     dt = 5e-5

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base import check
-from ..base.plots import BLACK, BLUE, GREY, figure, save, shown_axes, style
+from ..base.plots import BLACK, BLUE, GREY, figure, name_lines, save, shown_axes, style
 from .methods import OWN
 
 if TYPE_CHECKING:
@@ -61,8 +61,8 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
             style_of_line["mfc"] = "white"
         rms = np.where(np.isfinite(one["rms_error"]), one["rms_error"], np.nan)
         if np.isfinite(rms).any():
-            panels[0].plot(one["wall_time"], rms, label=label, **style_of_line)
-            panels[1].plot(one["force_evaluations"], rms, **style_of_line)
+            panels[0].plot(one["wall_time"], rms, **style_of_line)
+            panels[1].plot(one["force_evaluations"], rms, label=label, **style_of_line)
     front = data["pareto"].values
     order = np.argsort(data["wall_time"].values[front])
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
@@ -78,7 +78,8 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
         where = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 8}
         panels[1].annotate("error of the reference", (1, floor), color=GREY, **where)
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
-    panels[0].figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    panels[0].legend(fontsize="small", frameon=False)
+    name_lines(panels[1])
     return np.array(panels)
 
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ..base.interrupts import Interrupts
 from ..model.scene import Scene
 from . import device as devices
 from .block import MOST_STEPS_UNCHECKED, Block
 from .clock import Clock
 from .device import AdapterLostError, Device, translated
-from .interrupts import Interrupts
 from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
 from .safe import SafeCopy
 from .shader import check_scenes

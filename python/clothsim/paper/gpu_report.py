@@ -12,7 +12,7 @@ from clothsim.gpu import Adapter
 from clothsim.machine import processor
 
 from ..base.files import replacing
-from ..base.plots import BLUE, GREY, RED, figure, save
+from ..base.plots import BLUE, GREY, RED, figure, name_lines, save
 from ..base.table import aligned
 from . import paper_settings
 from .gpu_runs import GPU, Measurement, run, settings_of
@@ -248,7 +248,7 @@ def _draw_speed(panel: Any, group: list[Measurement], everything: Sequence[Measu
     panel.set(
         xscale="log", yscale="log", xlabel="mass points (filled: one cloth, open: batch)", ylabel="mass points x steps / s"
     )
-    panel.legend(fontsize="x-small")
+    name_lines(panel)
 
 
 def _mark(panel: Any, first: Measurement) -> None:

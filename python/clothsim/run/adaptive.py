@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 
+from ..base.interrupts import Interrupts
 from ..model.scene import Scene
 from .attempts import Attempts, Exhausted
 from .estimate import Controlled, Estimate
@@ -37,7 +38,8 @@ def solve(
     except Exhausted as exhausted:
         return runs.close(exhausted.run, Estimate.unknown(runs.exhausted()))
     except KeyboardInterrupt:
-        runs.hand_over()
+        with Interrupts():
+            runs.hand_over()
         raise
 
 

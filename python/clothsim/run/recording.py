@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from ..base import check
+from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..engine.state import State
+from ..errors import RunInterrupted
 from .between import Ends
 from .frames import Floats, Schedule
 
@@ -31,6 +33,18 @@ def progress_bar(shown: bool, duration: float) -> ProgressBar:
 
 class StopRun(Exception):
     """Raised to end a run that the callback stops."""
+
+
+def interrupted(so_far: Callable[[], Any]) -> NoReturn:
+    """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile, or begins this again."""
+    while True:
+        try:
+            with Interrupts():
+                raise RunInterrupted(so_far()) from None
+        except RunInterrupted:
+            raise
+        except KeyboardInterrupt:
+            continue
 
 
 class Watch:

@@ -20,13 +20,14 @@ from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.stepper import SilentStepper
 from ..engine.stepping import acceleration
-from ..errors import ContactError, RunInterrupted, UnstableError
+from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..typing import Report
 from .account import of_nothing, report
 from .fixed_steps import RunOptions, Solution
 from .frames import Floats
+from .recording import interrupted
 from .result import Run
 
 _INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it
@@ -135,7 +136,7 @@ def settle(
         try:
             reason = search.run(bar.bar)
         except KeyboardInterrupt:
-            raise RunInterrupted(search.result("interrupted")) from None
+            interrupted(lambda: search.result("interrupted"))
     return search.result(reason)
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..base import check
 from ..base.keywords import suggests
 from ..engine.snapshot import take
-from ..errors import ContactError, RunInterrupted, UnstableError
+from ..errors import ContactError, UnstableError
 from ..methods.data import integrator_name
 from ..methods.integration import warn_of_order
 from ..model.scene import Scene
@@ -22,7 +22,7 @@ from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
 from .fixed_steps import Resumed, RunOptions, Solution, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
-from .recording import StopRun, Watch, progress_bar
+from .recording import StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
 
@@ -275,7 +275,7 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
                 error.run = run  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
-        raise RunInterrupted(so_far("interrupted")) from None
+        interrupted(lambda: so_far("interrupted"))
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:

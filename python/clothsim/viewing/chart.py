@@ -82,7 +82,8 @@ def _scale(axis: Any, values: Any, log: bool) -> None:
     sizes = np.abs(values[np.isfinite(values)])
     if log and sizes.any():
         # Linear below four decades: smaller values are of the first frames, or rounding.
-        least = DECADES * float(sizes.max())
+        # A power of ten: the ticks at 0 and at the end of the linear part have room.
+        least = 10.0 ** np.ceil(np.log10(DECADES * sizes.max()))
         if np.nanmin(values) >= least:
             axis.set_yscale("log")
         else:

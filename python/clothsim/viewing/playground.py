@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..base import check
 from ..base.clocks import seconds_per_step
-from ..engine.stepper import Stepper
+from ..engine.stepper import SilentStepper, Stepper
 from ..errors import ContactError, UnstableError
 from ..measure.measures import energy, penetration
 from ..methods.bound import usable_dt
@@ -200,7 +200,7 @@ class Playground:
             limit = max_stable_dt(scene, options["integrator"])
             if options != self.options:
                 state = self.stepper.positions, self.stepper.velocities
-                self.stepper = _Silent(scene, *state, t=self.stepper.time, **options)
+                self.stepper = SilentStepper(scene, *state, t=self.stepper.time, **options)
             elif scene is not self.scene:
                 self.stepper.set_scene(scene)
             self.scene, self.limit, self.options, self.follows, self.speed = scene, limit, options, follows, speed
@@ -325,12 +325,6 @@ class Playground:
         """
         with self.lock:
             return self.recorder.run(self.scene, {**self.options, "dt": self.dt})
-
-
-class _Silent(Stepper):
-    """A stepper that is made on a thread of the server, where no user reads warnings."""
-
-    _announces = False
 
 
 def _towards(here: Floats, target: Floats, distance: float) -> Floats:

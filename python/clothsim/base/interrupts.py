@@ -1,4 +1,4 @@
-"""Ctrl-C takes effect only between two submissions, so that the state and the clock agree."""
+"""Ctrl-C takes effect only between two pieces of work, so that a state is whole."""
 
 from __future__ import annotations
 
