@@ -1,7 +1,8 @@
 """Build the site: `python docs/site/stage.py [FOLDER]`, by default into build/docs.
 
 Stages a copy of the pages in FOLDER/source, in the repository's layout, so that their links hold. Adds what is
-generated: a page for each room of public names, the commands, and the gallery's titles. A warning fails the build.
+generated: a page for each room of public names, the commands, the gallery's titles, and the paper's scenes as live pages.
+A warning fails the build.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 import clothsim as cs
 from clothsim.cli import COMMANDS
 from clothsim.cli import main as command
+from clothsim.paper import write_gallery
 from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,6 +109,15 @@ def relink(page: Path) -> None:
     page.write_text(text, encoding="utf8")
 
 
+def live(folder: Path, page: Path) -> None:
+    """Write the live pages, which Sphinx copies as they are, and a link to them below a heading of `page`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_gallery(folder)
+    link = '<p><a href="../live/live.html">Try the scenes of the paper, live in this browser</a></p>'
+    text = page.read_text(encoding="utf8")
+    page.write_text(text.replace("## In a browser\n", f"## In a browser\n\n{link}\n"), encoding="utf8")
+
+
 def stage(source: Path) -> None:
     """Write the sources that Sphinx reads."""
     shutil.rmtree(source, ignore_errors=True)
@@ -137,9 +148,9 @@ def main() -> int:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "docs").resolve()
     os.environ["COLUMNS"] = "100"  # width of --help
     stage(folder / "source")
-    return sphinx(
-        ["-W", "--keep-going", "-q", "-c", str(ROOT / "docs" / "site"), str(folder / "source"), str(folder / "html")]
-    )
+    live(folder / "extra" / "live", folder / "source" / "docs" / "gpu.md")
+    settings = ["-c", str(ROOT / "docs" / "site"), "-D", f"html_extra_path={folder / 'extra'}"]
+    return sphinx(["-W", "--keep-going", "-q", *settings, str(folder / "source"), str(folder / "html")])
 
 
 if __name__ == "__main__":

@@ -222,12 +222,20 @@ def test_page_is_whole_and_fetches_nothing(report, folder):
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
     links = [r for r in page.references if not r.startswith("data:image/png;base64,")]
-    assert links == ["table3.html", "live.html", "table4.html", "live_moving.html"] and page.tags.count("a") == 4
-    for name in ("live.html", "live_moving.html"):
-        assert (folder / name).stat().st_size < 400_000
-    assert page.tags.count("img") == len(page.references) - 4 == 24 + 4 + 1 + with_gpu(report)
+    assert links == ["live.html", "table3.html", "live_static.html", "table4.html", "live_moving.html"]
+    assert page.tags.count("a") == 5 and page.tags.count("img") == len(page.references) - 5 == 24 + 4 + 1 + with_gpu(report)
     style = source[source.index("<style>") : source.index("</style>")]
     assert "url(" not in style and "@import" not in style
+
+
+def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
+    page = Page()
+    page.feed((folder / "live.html").read_text())
+    links = [r for r in page.references if not r.startswith("data:")]
+    assert links == ["live_static.html", "live_moving.html", "live_swing.html", "live_continuous.html"]
+    for name in ("live.html", *links):
+        assert (folder / name).stat().st_size < 400_000
+        assert "://" not in (folder / name).read_text()
 
 
 @pytest.mark.parametrize("key", ["1", "2"])

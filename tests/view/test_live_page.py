@@ -3,6 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.paper import write_gallery
 
 DT = 4e-4
 # A paused page, and its state after some steps from the start.
@@ -283,6 +284,18 @@ def test_two_tabs_run_and_128_x_128_fits(live, opened, tmp_path):
         page.tab.bring_to_front()
         page.tab.wait_for_function("() => window.live.live.counted > 5")
         assert page.said == []
+
+
+def test_the_gallery_leads_to_pages_that_run_offline(opened, tmp_path):
+    page = opened(write_gallery(tmp_path), offline=True)
+    for k in range(page.tab.locator("figure a").count()):
+        page.tab.goto((tmp_path / "live.html").as_uri())
+        page.tab.locator("figure a").nth(k).click()
+        page.ready()
+        page.tab.wait_for_function("() => window.live.live.counted > 2")
+        assert page.tab.is_hidden("#problem")
+    assert k == 3 and page.said == []
+    assert all(address.startswith(("data:", tmp_path.as_uri())) for address in page.asked)
 
 
 def test_without_webgpu_it_says_so_and_shows_the_scene(opened, tmp_path):

@@ -23,16 +23,17 @@ from . import paper_page as page
 from . import paper_plots as plots
 from . import published as paper
 from . import responses as contact
+from .gallery import write_gallery
 from .paper_report import text, write
 from .paper_settings import FULL, QUICK, Settings, reductions
 from .side_by_side import RESPONSES, SCENES, comparison
 
-__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text"]
+__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "write_gallery"]
 
 SCHEMA = 1
 EXPERIMENTS = (1, 2, 3, 4, 5)
-LIVE = {"1": "live.html", "2": "live_moving.html"}
-"""Pages that simulate the scene of an experiment in the browser."""
+LIVE = {"1": "live_static.html", "2": "live_moving.html"}
+"""Pages of the gallery that simulate the scene of an experiment in the browser."""
 
 
 def reproduce(
@@ -68,7 +69,8 @@ def reproduce(
     dict
         The contents of report.json: "schema", "settings", "reductions", "provenance" and
         "experiments", a mapping from "1" to "5". "folder" holds report.txt, report.json,
-        index.html, the pictures, the pages of Tables 3 and 4, and live.html and live_moving.html.
+        index.html, the pictures, and the pages of Tables 3 and 4. Its live.html leads to the paper's scenes, simulated
+        in the browser.
 
     Raises
     ------
@@ -112,6 +114,7 @@ def reproduce(
     if overview:
         report["overview"] = overview
     report["folder"] = str(folder)
+    report["live"] = write_gallery(folder).name
     write(report, folder)
     page.write(report, folder)
     return report
@@ -128,7 +131,6 @@ def _contact(
     study = contact.step_study(experiment, settings, threads=threads) if number == "1" else []
     steps = settings.steps_per_frame(experiment.dt)
     scene = contact.scene_of(experiment, 2, "corrected")
-    live = scene.to_live_html(folder / LIVE[number], title=f"Experiment {number}: {experiment.title}")
     entry = {
         "title": experiment.title,
         "paper": paper.CLAIMS[number],
@@ -142,7 +144,7 @@ def _contact(
         "step_study": study,
         "sheet": pictures.draw_sheet(experiment, cases, folder),
         "page": pictures.play(experiment, cases, folder),
-        "live": live.name,
+        "live": LIVE[number],
         "plot": plots.history(experiment, cases, folder),
         "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
     }

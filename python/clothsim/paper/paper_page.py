@@ -46,7 +46,8 @@ def write(report: dict[str, Any], folder: Path) -> None:
         "<h1>The experiments of Kim et al., run by clothsim</h1>",
         f'<p class="origin">{"<br>".join(map(escape, headline(report)))}</p>',
         f"<p>{escape(paper.CITATION)}: what the paper reports, beside what the same scenes give "
-        "here. The same numbers are in report.txt and report.json.</p>",
+        "here. The same numbers are in report.txt and report.json. "
+        f'<a href="{report["live"]}">The scenes, live in the browser</a>, by the compute shader.</p>',
     ]
     if "overview" in report:
         parts.append(f'<div class="overview">{_image(folder, report["overview"], "")}</div>')
