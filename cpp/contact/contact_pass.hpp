@@ -1,7 +1,5 @@
-// The pass of continuous contacts after a step of
-// any integrator. The pass sees the state at the
-// start of the step, and the end of the step without
-// spheres.
+// The pass of continuous contacts after a step of any integrator. The pass sees the state at the start of the
+// step, and the end of the step without spheres.
 //
 //   1. A kernel finds the vectors of points that may touch, responds where it can and copies the others.
 //      Points do not depend on each other here, so any number of threads gives the same bits.
@@ -262,50 +260,57 @@ private:
         a.context = this;
         return a;
     }
-    // `work(begin, end)` for `count` rows, or what else there is of a cloth.
+    int team_of(int threads) const {
+        return std::max(1, std::min(threads, plan_.cloth.points() / least_points_per_thread));
+    }
+    // `work(begin, end)` for all rows in parts.
     template <class Work>
-    void each_part(int threads, std::int64_t count, const Work& work) const {
-        const int team = std::min(threads, plan_.cloth.points() / least_points_per_thread);
-        if (team <= 1) return work(0, count);
+    void each_part(int threads, const Work& work) const {
+        const int team = team_of(threads), rows = geometry_.rows;
+        if (team == 1) return work(0, rows);
 #pragma omp parallel for num_threads(team) schedule(static)
-        for (int part = 0; part < team; ++part) work(count * part / team, count * (part + 1) / team);
+        for (int part = 0; part < team; ++part)
+            work(int(std::int64_t(rows) * part / team), int(std::int64_t(rows) * (part + 1) / team));
     }
     void find(int threads) {
         const ContactArguments<Real> a = arguments();
-        each_part(threads, geometry_.rows,
-                  [&](std::int64_t begin, std::int64_t end) { kernel_(a, int(begin), int(end)); });
+        each_part(threads, [&](int begin, int end) { kernel_(a, begin, end); });
     }
 
     void respond_to_cells(int threads) {
-        const auto each = [&](const auto& work) {
-            each_part(threads, geometry_.rows,
-                      [&](std::int64_t begin, std::int64_t end) { work(int(begin), int(end)); });
-        };
+        const auto each = [&](const auto& work) { each_part(threads, work); };
         raising_ = false;
-        if (cell_pass_->respond(arguments(), each)) {
+        const bool several = swept_.size() > 1,
+                   near = cell_pass_->respond(arguments(), each, team_of(threads) == 1);
+        if (near || !several) finish_cells(each);
+        if (several) before_ = *memory_;
+    }
+    template <class Each>
+    void finish_cells(const Each& each) {
+        const std::uint8_t all = cell_pass_->marks();
+        report_.changed = (all & CellMarks::responded) != 0;
+        if (all & CellMarks::unresolved)
             for (int r = 0; r < geometry_.rows; ++r)
-                for (int j = 0; j < geometry_.vectors && cell_pass_->near(r); ++j) {
-                    report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
+                for (int j = 0; j < geometry_.vectors && (cell_pass_->marks(r) & CellMarks::unresolved); ++j)
                     finish_vector(r, j);
-                }
-            raising_ = true;
-            bool raised = true;
-            for (int round = 0; round < most_raises && raised; ++round) {
-                cell_pass_->find_radii_now(each);
-                raised = swept_.size() == 1 ? cell_pass_->raise(each) : raise_among_several();
-                report_.changed |= raised;
+        raising_ = true;
+        bool raised = true;
+        for (int round = 0; round < most_raises && raised; ++round) {
+            if (swept_.size() > 1) {
+                cell_pass_->find_radii(each);
+                raised = raise_among_several();
+            } else {
+                raised = cell_pass_->raise(each);
             }
-            note_capped();
+            report_.changed |= raised;
         }
-        each_part(threads, std::int64_t(before_.size()), [&](std::int64_t begin, std::int64_t end) {
-            std::copy(memory_->begin() + begin, memory_->begin() + end, before_.begin() + begin);
-        });
+        note_capped();
     }
     // `visit(i)` for the mass points near a sphere that may move.
     template <class Visit>
     void each_near_point(const Visit& visit) const {
         for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors && cell_pass_->near(r); ++j) {
+            for (int j = 0; j < geometry_.vectors && cell_pass_->marks(r); ++j) {
                 std::uint64_t lanes = cell_pass_->near_lanes(index(r, j)) & free_[index(r, j)];
                 for (; lanes != 0; lanes &= lanes - 1)
                     visit(r * plan_.cloth.columns + layout_.column(j, __builtin_ctzll(lanes), lanes_));
@@ -325,7 +330,7 @@ private:
         return raised;
     }
     void note_capped() {
-        if (swept_.size() == 1 && !cell_pass_->any_capped()) return;
+        if (swept_.size() == 1 && !(cell_pass_->marks() & CellMarks::capped)) return;
         const int columns = plan_.cloth.columns;
         each_near_point([&](int i) {
             const double radius2 = cell_pass_->radius2_now(plan_.cloth, i / columns, i % columns);

@@ -69,13 +69,14 @@ CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometr
     });
 }
 
-// Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, and returns the remaining
-// lanes. `radii2`: rho^2 of the points, null without cells. Momenta are added lane after lane, so that the
-// strict class has the same bits for lanes of any width.
+// Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, those that began outside to
+// `outside_lanes`, and returns the remaining lanes. `radii2`: rho^2 of the points, null without cells.
+// Momenta are added lane after lane, so that the strict class has the same bits for lanes of any width.
 template <class Arch, class Real, int W>
 __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
                                                        std::uint64_t lanes, const Real* radii2,
-                                                       std::uint64_t& responded_lanes) {
+                                                       std::uint64_t& responded_lanes,
+                                                       std::uint64_t& outside_lanes) {
     using D = xsimd::batch<double, Arch>;
     using Memory = Wide<Arch, Real>;
     const VectorGeometry& g = a.geometry;
@@ -102,6 +103,7 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
         const D free_end[3] = {v[0], v[1], v[2]};
         const VectorResponse<D> m = respond(s, surface, x0, v0, x, v);
         const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
+        outside_lanes |= std::uint64_t((asked & !m.inside).mask()) << l;
         unresolved |= std::uint64_t((asked & (m.in_the_air | (m.responded & !moves))).mask()) << l;
         const auto responded = asked & m.responded & moves;
         if (xsimd::none(responded)) continue;
@@ -142,15 +144,15 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 auto near = spheres[0].near(x, x0);
                 for (int s = 1; s < count; ++s) near = near | spheres[s].near(x, x0);
                 const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
-                std::uint64_t unresolved = near.mask(), responded = 0;
+                std::uint64_t unresolved = near.mask(), responded = 0, outside = 0;
                 if (unresolved && a.sphere_count == 1) {
                     if constexpr (arithmetic == Arithmetic::fused)
                         unresolved = resting.respond(g, a.state + at, a.before + at, near,
-                                                     lanes_of<Lanes<Real, Arch>>(a.free[index]), nullptr,
+                                                     lanes_of<Lanes<Real, Arch>>(a.free[index]), V(Real(0)),
                                                      a.mass + index * W, responded);
                     if (unresolved)
-                        unresolved =
-                            respond_vector<Arch, Real, W>(a, row, vector, unresolved, nullptr, responded);
+                        unresolved = respond_vector<Arch, Real, W>(a, row, vector, unresolved, nullptr,
+                                                                   responded, outside);
                 }
                 if (unresolved) a.unresolved(a.context, row, vector, unresolved);
                 std::uint8_t& open = a.open[index];

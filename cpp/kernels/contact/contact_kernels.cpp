@@ -7,10 +7,13 @@
 namespace clothsim {
 namespace {
 
+template <class Real, Arithmetic arithmetic>
+constexpr typename CellKernels<Real>::Passes cell_passes{
+    &cell_rows<ThisArch, Real, arithmetic>, &cell_radii<ThisArch, Real, arithmetic>,
+    &raise_rows<ThisArch, Real, arithmetic>, &stream_cells<ThisArch, Real, arithmetic>};
 template <class Real>
-constexpr CellKernels<Real> cell_kernels{
-    &near_points<ThisArch, Real>, &cell_radii<ThisArch, Real>, &cell_rows<ThisArch, Real, Arithmetic::fused>,
-    &cell_rows<ThisArch, Real, Arithmetic::strict>, &raise_rows<ThisArch, Real>};
+constexpr CellKernels<Real> cell_kernels{cell_passes<Real, Arithmetic::fused>,
+                                         cell_passes<Real, Arithmetic::strict>};
 
 }  // namespace
 

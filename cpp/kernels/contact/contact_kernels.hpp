@@ -14,10 +14,13 @@ using ContactKernel = void (*)(const ContactArguments<Real>&, int begin, int end
 template <class Real>
 struct CellKernels {
     using Rows = void (*)(const CellArguments<Real>&, int begin, int end);
-    Rows near;  // which points may touch a sphere
-    void (*radii)(const CellArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
-    Rows respond, respond_strict;
-    Rows raise;  // moves points outwards where rho has grown
+    struct Passes {
+        Rows respond;
+        void (*radii)(const CellArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
+        Rows raise;  // moves points outwards where rho has grown
+        int (*stream)(const CellArguments<Real>&);  // all three, row after row
+    };
+    Passes fused, strict;
 };
 
 struct ContactKernels {
@@ -27,9 +30,9 @@ struct ContactKernels {
     CellKernels<double> cells_double;
 
     template <class Real>
-    const CellKernels<Real>& cells() const {
-        if constexpr (sizeof(Real) == 4) return cells_single;
-        else return cells_double;
+    const typename CellKernels<Real>::Passes& cells(bool strict) const {
+        if constexpr (sizeof(Real) == 4) return strict ? cells_single.strict : cells_single.fused;
+        else return strict ? cells_double.strict : cells_double.fused;
     }
 
     template <class Real>

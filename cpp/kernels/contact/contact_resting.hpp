@@ -12,6 +12,9 @@
 // whether another point keeps clear of the sphere in this step. All others go to
 // kernels/contact/continuous.hpp. They come from further away, were inside, bounce, or go far in a step.
 //
+// With offset "cell" the band above the distance (CellBand) is far wider than rounding in Real, so Real
+// decides.
+//
 // Its arithmetic is fused, so the strict class does without.
 #pragma once
 
@@ -29,6 +32,9 @@ class OnSphere {
     using Memory = Wide<Arch, Real>;
     using D = typename Memory::D;
     static constexpr bool compensated = sizeof(Real) == 4;
+    // Rounding of squares in single [part], up to 6e-7. Half of it would find points on the surface inside;
+    // with twice as much more points of the band go to the slower path.
+    static constexpr double rounding_in_single = 1e-6;
 
     // A double as its nearest Real and the rest.
     struct Split {
@@ -41,7 +47,6 @@ class OnSphere {
 
 public:
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        sphere_ = &s;
         const double surface2 = s.surface * s.surface, low = s.surface - s.slop / 4,
                      high = s.surface + s.slop / 4;
         for (int k = 0; k < 3; ++k) {
@@ -55,11 +60,14 @@ public:
         highest2_ = D(high * high);
         clear2_ = D(high * high * (1 + 0x1p-44));
         short2_ = D(surface2 / 256);
+        surface2_ = V(Real(surface2));
+        in_a_step2_ = V(Real(surface2 / 256));
         if constexpr (cells) {
-            constexpr double top = 1 + cell_band<Real>, held = 1 + cell_band<Real> / 2;
-            top2_ = D(top * top);
-            held2_ = D(held * held);
-            highest2_ = D(top * top * (1 + s.slop / (2 * s.surface)));
+            constexpr double top = 1 + cell_band<Real>;
+            const double rounding = compensated ? rounding_in_single : s.slop / (2 * s.surface);
+            top_part_ = V(Real(top * top * (1 + rounding)));
+            clear_part_ =
+                V(Real(top * top * (1 + rounding) * (1 + (compensated ? rounding_in_single : 0x1p-44))));
         }
         inverse_surface2_ = V(Real(1 / surface2));
         half_inverse_surface_ = V(Real(0.5 / s.surface));
@@ -71,36 +79,35 @@ public:
         each<3>([&](auto k) __attribute__((always_inline)) { momentum_[k] = V(Real(0)); });
     }
 
-    // Responses those of the lanes `near` that are such points, and adds them to `answered`; of the others,
-    // those that have to be inspected. `radii2`: rho^2 of the points, for offset "cell". `mass`: theirs.
+    // Responds for the lanes `near` that are such points, and adds them to `responded`. Of the other lanes,
+    // those that have to be inspected. `radius2`: rho^2 of the points, for offset "cell". `mass`: of the
+    // points.
     CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
-                                          const Mask& near, const Mask& moves, const Real* radii2,
-                                          const Real* mass, std::uint64_t& responded) {
-        // In double down to here: their signs and sizes hang on digits that Real lacks.
-        alignas(64) Real pq[V::size], raised[V::size];
-        const Decision decided = decide(g, state, before, radii2, pq, raised);
+                                          const Mask& near, const Mask& moves,
+                                          [[maybe_unused]] const V& radius2, const Real* mass,
+                                          std::uint64_t& responded) {
+        const V zero(Real(0)), one(Real(1));
+        V p[3], q[3], pq, raised(zero);
+        Decision decided;
+        if constexpr (cells) {
+            start_and_way(g, state, before, p, q);
+            decided = decide_in_cells(p, q, radius2, pq, raised);
+        } else {
+            // In double down to here: their signs and sizes hang on digits that Real lacks.
+            alignas(64) Real products[V::size];
+            decided = decide(g, state, before, products);
+            pq = V::load_aligned(products);
+        }
         Mask touches = near & moves & lanes_of<V>(decided.touching);
         const std::uint64_t unresolved = near.mask() & ~(touches.mask() | decided.clear);
         if (xsimd::none(touches)) return unresolved;
 
-        const V zero(Real(0)), one(Real(1));
-        V p[3], q[3];
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            const Real* const x0 = before + k * g.component;
-            const Real* const x1 = state + k * g.component;
-            p[k] = load(x0) - center_[k].value;
-            q[k] = load(x1) - load(x0) - way_[k].value;
-            if constexpr (compensated) {
-                const V rest = load(x0 + g.compensation);
-                p[k] += rest - center_[k].rest;
-                q[k] += load(x1 + g.compensation) - rest - way_[k].rest;
-            }
-        });
+        if constexpr (!cells) start_and_way(g, state, before, p, q);
         // 1 / |p|. Without cells |p| is the surface but for rounding, so that a Newton step is enough.
         V inverse;
         if constexpr (cells) inverse = scaled_reciprocal_root(inner(p, p)) * V(1 / root_scale<Real, Arch>());
         else inverse = half_inverse_surface_ * xsimd::fnma(inner(p, p), inverse_surface2_, V(Real(3)));
-        const V normal_way = V::load_aligned(pq) * inverse;
+        const V normal_way = pq * inverse;
         V n[3], u[3];
         each<3>([&](auto k) __attribute__((always_inline)) {
             n[k] = p[k] * inverse;
@@ -142,7 +149,7 @@ public:
         const V kept = one - lost, normal_gain = xsimd::fnma(kept, speed, leaving);
         V normal_change = kept * normal_way;
         if constexpr (cells)  // a radius that has grown moves points and gives no velocity
-            normal_change = xsimd::fnma(V::load_aligned(raised) * V(Real(0.5)), inverse, normal_change);
+            normal_change = xsimd::fnma(raised * V(Real(0.5)), inverse, normal_change);
         each<3>([&](auto k) __attribute__((always_inline)) {
             add(g, state + k * g.component, xsimd::fnms(lost, q[k], normal_change * n[k]), touches);
             const V gain = xsimd::fnma(lost, u[k], normal_gain * n[k]);
@@ -170,9 +177,39 @@ private:
     struct Decision {
         std::uint64_t touching, clear;
     };
+    // From the centre to the points, and their way in the frame of the sphere.
+    CLOTHSIM_INLINE void start_and_way(const VectorGeometry& g, const Real* state, const Real* before,
+                                       V (&p)[3], V (&q)[3]) const {
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            const Real* const x0 = before + k * g.component;
+            const Real* const x1 = state + k * g.component;
+            p[k] = load(x0) - center_[k].value;
+            q[k] = load(x1) - load(x0) - way_[k].value;
+            if constexpr (compensated) {
+                const V rest = load(x0 + g.compensation);
+                p[k] += rest - center_[k].rest;
+                q[k] += load(x1 + g.compensation) - rest - way_[k].rest;
+            }
+        });
+    }
+    // `raised`: how much further |p|^2 has to be where it lies in the lower half of the band.
+    CLOTHSIM_INLINE Decision decide_in_cells(const V (&p)[3], const V (&q)[3], const V& radius2, V& pq,
+                                             V& raised) const {
+        constexpr double least = compensated ? 1 + rounding_in_single : 1, top = 1 + cell_band<Real>,
+                         held = 1 + cell_band<Real> / 2;
+        const V zero(Real(0)), start2 = inner(p, p), a = inner(q, q);
+        const V least2 = surface2_ + xsimd::min(radius2 * V(Real(cell_rounding<Real>)), surface2_);
+        pq = inner(p, q);
+        raised =
+            xsimd::select(start2 < least2 * V(Real(held * held)), least2 * V(Real(top * top)) - start2, zero);
+        const auto outside = start2 >= least2 * V(Real(least)), inwards = pq < zero, brief = a < in_a_step2_;
+        const auto touching = outside & (start2 <= least2 * top_part_) & inwards & brief;
+        // Still approaching when the step ends, well outside.
+        const auto falls_short = brief & (a + pq < zero) & (start2 + (pq + pq + a) > least2 * clear_part_);
+        return {touching.mask(), (outside & (falls_short | !inwards)).mask()};
+    }
     CLOTHSIM_INLINE Decision decide(const VectorGeometry& g, const Real* state, const Real* before,
-                                    [[maybe_unused]] const Real* radii2, Real* pq,
-                                    [[maybe_unused]] Real* raised) const {
+                                    Real* pq) const {
         const D zero(0.0);
         Decision decided{0, 0};
         each<int(V::size) / Memory::N>([&](auto part) __attribute__((always_inline)) {
@@ -186,20 +223,10 @@ private:
             });
             const D start2 = inner(p, p), b = inner(p, q), a = inner(q, q);
             Memory::store(pq + l, Memory::narrow(Memory::doubles(b)));
-            D lowest2 = lowest2_, highest2 = highest2_, clear2 = clear2_;
-            if constexpr (cells) {
-                lowest2 =
-                    least_distance2<Real>(*sphere_, Memory::batch(Memory::widen(Memory::load(radii2 + l))));
-                const D top2 = lowest2 * top2_;
-                highest2 = lowest2 * highest2_;
-                clear2 = highest2 * D(1 + 0x1p-44);
-                const D below = xsimd::select(start2 < lowest2 * held2_, top2 - start2, zero);
-                Memory::store(raised + l, Memory::narrow(Memory::doubles(below)));
-            }
-            const auto outside = start2 >= lowest2, inwards = b < zero, brief = a < short2_;
-            const auto touching = outside & (start2 <= highest2) & inwards & brief;
+            const auto outside = start2 >= lowest2_, inwards = b < zero, brief = a < short2_;
+            const auto touching = outside & (start2 <= highest2_) & inwards & brief;
             // Still approaching when the step ends, well outside.
-            const auto falls_short = brief & (a + b < zero) & (start2 + (b + b + a) > clear2);
+            const auto falls_short = brief & (a + b < zero) & (start2 + (b + b + a) > clear2_);
             decided.touching |= std::uint64_t(touching.mask()) << l;
             decided.clear |= std::uint64_t((outside & (falls_short | !inwards)).mask()) << l;
         });
@@ -224,10 +251,10 @@ private:
         }
     }
 
-    const SweptSphere* sphere_ = nullptr;
     Split center_[3], way_[3], velocity_[3];
-    D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_, top2_, held2_;
-    V inverse_surface2_, half_inverse_surface_, inverse_dt_, restitution_, friction_;
+    D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_;
+    V surface2_, in_a_step2_, top_part_, clear_part_, inverse_surface2_, half_inverse_surface_, inverse_dt_,
+        restitution_, friction_;
     V momentum_[3];  // that this row has been given [N s]
     bool bounces_, rough_, gave_ = false;
 };
