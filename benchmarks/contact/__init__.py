@@ -5,7 +5,7 @@ assert them, docs/contact-figures.md explains them. Sizes are arguments. Tests t
 takes the sizes of the claims.
 """
 
-from .cost import cost, drape
+from .cost import cost, drape, offsets
 from .law import draped, face_drop, impact, lying, stick
 from .physics import cone, drop, resting, under_whole_cloth
 
@@ -18,6 +18,7 @@ __all__ = [
     "face_drop",
     "impact",
     "lying",
+    "offsets",
     "resting",
     "stick",
     "under_whole_cloth",

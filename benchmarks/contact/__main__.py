@@ -17,7 +17,7 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from clothsim.paper.side_by_side import SCENES, comparison, follow
-from clothsim.typing import Precision
+from clothsim.typing import Offset, Precision
 from common import Progress, aligned, as_json, short
 
 import contact
@@ -55,9 +55,16 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
     "draped": ("how quietly a light sheet hangs", {"points": 24, "dt": 1e-4, "duration": 2.0}, {}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
+    "offsets": ("the cost of every offset", {"windows": 20, "scenes": 2}, {}),
     "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
+
+
+def _by_offset(figure: Callable[..., dict[str, Any]], other: Offset) -> Callable[..., list[dict[str, Any]]]:
+    """The figure for points with another offset, and for "cell"."""
+    offsets: tuple[Offset, ...] = (other, "cell")
+    return lambda **sizes: [{"offset": offset, **figure(**sizes, offset=offset)} for offset in offsets]
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
@@ -67,10 +74,14 @@ def _functions() -> dict[str, Callable[..., Any]]:
             for name in SCENES
             for response in ("reflect, corrected", "ray, corrected", "continuous, face")
         ],
-        "drop": contact.drop,
-        "under": contact.under_whole_cloth,
-        "resting": contact.resting,
-        "cone": lambda: [contact.cone(part * SLOPE) for part in (0.0, 0.97, 1.03)],
+        "drop": _by_offset(contact.drop, "edge"),
+        "under": _by_offset(contact.under_whole_cloth, "none"),
+        "resting": _by_offset(contact.resting, "none"),
+        "cone": lambda: [
+            {"offset": offset, **contact.cone(part * SLOPE, offset=offset)}
+            for offset in ("none", "cell")
+            for part in (0.0, 0.97, 1.03)
+        ],
         "stick": lambda more=False: [
             {"part": part, "dt": dt, "radius": radius, "points_per_side": points, **contact.stick(part, dt, radius, points)}
             for points, steps in (((2, (1e-4, 2e-5, 5e-6, 1e-6)), (12, (1e-4,))) if more else ((2, (1e-4, 2e-5)),))
@@ -96,6 +107,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "lying": contact.lying,
         "draped": contact.draped,
         "cost": contact.cost,
+        "offsets": contact.offsets,
         "drape": contact.drape,
         "table": comparison,
     }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from time import process_time
-from typing import Any
+from typing import Any, get_args
 
 import clothsim as cs
-from clothsim.typing import Precision
+from clothsim.typing import Offset, Precision
 from timing import Steps, measure
+
+from .drape_cost import SCENES, drape_cost
 
 # A variant's own step without a sphere, where it is not the one named first.
 _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
@@ -73,6 +75,45 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
             }
             for name, taken in least.items()
         ]
+    return rows
+
+
+def offsets(windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = len(SCENES)) -> list[dict[str, Any]]:
+    """Cost of every offset over a step without spheres, one thread: least times of many short windows.
+
+    Nothing touches the sphere, or all points of the paper's cloth lie on it. The last figures are for
+    the light drapes of `drape_cost`, in double: least and largest mean, and the worst window of 50 steps.
+
+    Returns
+    -------
+    list of dict
+        "offset", "untouched", "touched" and "touched_in_single", "drape_least", "drape_mean", "drape_worst".
+    """
+    cloth, rows = cs.Cloth(pins=()), []
+    for offset in get_args(Offset):
+        under = cs.Sphere((0.5, -5.0, 0.5), 5.0, offset=offset, friction=0.2)
+        settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
+        settled.advance(6000, 5e-5)
+        ratios = {}
+        for precision in ("double", "single"):
+            works = [
+                Steps(cs.Stepper(scene, settled.positions, settled.velocities, threads=1, precision=precision), dt, steps)
+                for scene in (cs.Scene(cloth, s) for s in ((), under.replace(center=(0.5, -9.0, 0.5), radius=0.25), under))
+            ]
+            least = [timing.minimum for timing in measure(works, windows)]
+            ratios[precision] = [time / least[0] for time in least]
+        drapes = [drape_cost(name, offset) for name in list(SCENES)[:scenes]]
+        rows.append(
+            {
+                "offset": offset,
+                "untouched": max(ratios["double"][1], ratios["single"][1]),
+                "touched": ratios["double"][2],
+                "touched_in_single": ratios["single"][2],
+                "drape_least": min(mean for mean, _ in drapes),
+                "drape_mean": max(mean for mean, _ in drapes),
+                "drape_worst": max(worst for _, worst in drapes),
+            }
+        )
     return rows
 
 

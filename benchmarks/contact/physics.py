@@ -7,7 +7,7 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.typing import Precision
+from clothsim.typing import Offset, Precision
 
 GRAVITY = 9.80665
 
@@ -27,7 +27,7 @@ def _bounce(scene: cs.Scene, before: float, after: float, dt: float) -> dict[str
     }
 
 
-def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str, Any]:
+def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2, offset: Offset = "edge") -> dict[str, Any]:
     """Energy that contact makes when an undamped cloth falls on an elastic sphere.
 
     The paper's cloth falls from the height `height` on its sphere, without pins. It bounces and crumples for `after`
@@ -40,6 +40,8 @@ def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str,
         Time step [s].
     height, after : float
         Height of the fall [m], time from the first contact on [s].
+    offset : str
+        Offset of the sphere.
 
     Returns
     -------
@@ -47,14 +49,14 @@ def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2) -> dict[str,
         "made" [J], "part" of m g h, and the energies of `dt`'s run.
     """
     cloth = cs.Cloth(damping=0.0, pins=())
-    sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous", offset="edge", restitution=1.0)
+    sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous", offset=offset, restitution=1.0)
     sphere = sphere.replace(center=(0.5, -height - sphere.contact_radius(cloth), 0.5))
     result = _bounce(cs.Scene(cloth, sphere), math.sqrt(2 * height / GRAVITY), after, dt)
     result["part"] = result["made"] / (cloth.mass_per_point.sum() * GRAVITY * height)
     return result
 
 
-def under_whole_cloth(dt: float = 1e-4, height: float = 0.2, after: float = 0.2) -> dict[str, Any]:
+def under_whole_cloth(dt: float = 1e-4, height: float = 0.2, after: float = 0.2, offset: Offset = "none") -> dict[str, Any]:
     """As `drop`, on a sphere of 5 m that the whole cloth meets, at a coarse step.
 
     Returns
@@ -63,8 +65,8 @@ def under_whole_cloth(dt: float = 1e-4, height: float = 0.2, after: float = 0.2)
         "part" of the kinetic energy at impact that contact made.
     """
     cloth = cs.Cloth(damping=0.0, pins=())
-    sphere = cs.Sphere((0.5, 0.0, 0.5), 5.0, response="continuous", offset="none", restitution=1.0)
-    sphere = sphere.replace(center=(0.5, -height - 5.0, 0.5))
+    sphere = cs.Sphere((0.5, 0.0, 0.5), 5.0, response="continuous", offset=offset, restitution=1.0)
+    sphere = sphere.replace(center=(0.5, -height - sphere.contact_radius(cloth), 0.5))
     result = _bounce(cs.Scene(cloth, sphere), math.sqrt(2 * height / GRAVITY), after, dt)
     result["part"] = result["made"] / result["kinetic_at_impact"]
     return result
@@ -82,7 +84,9 @@ def on_sphere(cloth: cs.Cloth, center: Any, radius: float, slope: float) -> np.n
     return np.asarray(np.asarray(center) + radius * (1 + 1e-12) * turned)
 
 
-def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float = 1e-4) -> dict[str, Any]:
+def cone(
+    friction: float, slope: float = 0.35, duration: float = 0.2, dt: float = 1e-4, offset: Offset = "none"
+) -> dict[str, Any]:
     """A block of cloth at rest on a slope that travels: does it slide?
 
     The slope is the side of a sphere of 50 m that moves at 3 m/s. The block is 0.1 m x 0.1 m with
@@ -97,6 +101,8 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
         Angle [rad].
     duration, dt : float
         Time the block is watched, and time step [s].
+    offset : str
+        Offset of the sphere.
 
     Returns
     -------
@@ -105,9 +111,9 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
         formula [m]; "spread": difference between its points [m].
     """
     motion = cs.Linear((3.0, 0.4, -1.0))
-    sphere = cs.Sphere((0.0, -50.0, 0.0), 50.0, motion, "continuous", "none", restitution=0.0, friction=friction)
+    sphere = cs.Sphere((0.0, -50.0, 0.0), 50.0, motion, "continuous", offset, restitution=0.0, friction=friction)
     cloth = cs.Cloth((6, 6), (0.1, 0.1), 0.36, 100.0, 0.05, pins=())
-    x = on_sphere(cloth, sphere.center, sphere.radius, slope)
+    x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), slope)
     v = np.broadcast_to(motion.velocity, x.shape)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x, velocity=v), threads=1)
     stepper.advance(round(duration / dt), dt)
@@ -124,7 +130,9 @@ def cone(friction: float, slope: float = 0.35, duration: float = 0.2, dt: float 
     }
 
 
-def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double") -> dict[str, Any]:
+def resting(
+    steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double", offset: Offset = "none"
+) -> dict[str, Any]:
     """How quietly a cloth lies on a sphere at restitution 0.
 
     A cloth of 0.1 m x 0.1 m with 8 x 8 mass points lies on top of the paper's sphere, with
@@ -136,9 +144,9 @@ def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double
         "touching" mass points, "depth" [m], the deepest that any was inside, "normal_jitter" and
         "jitter" [m], how far any moved along the normal and in all.
     """
-    sphere = cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", offset="none", restitution=0.0, friction=0.7)
+    sphere = cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", offset=offset, restitution=0.0, friction=0.7)
     cloth = cs.Cloth((8, 8), (0.1, 0.1), 0.64, 500.0, 0.5, pins=())
-    x = on_sphere(cloth, sphere.center, sphere.radius, 0.0)
+    x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)
     stepper.advance(20_000, 5e-5)
     first = stepper.positions
@@ -149,7 +157,7 @@ def resting(steps: int = 10**6, dt: float = 5e-6, precision: Precision = "double
     heights = np.array(distances)
     return {
         "steps": steps // 100 * 100,
-        "touching": int((heights[-1] < sphere.radius + 1e-6).sum()),
+        "touching": int((heights[-1] < sphere.contact_radius(cloth) + 1e-5).sum()),
         "depth": max(0.0, float(sphere.radius - heights.min())),
         "normal_jitter": float(np.ptp(heights, axis=0).max()),
         "jitter": float(np.abs(stepper.positions - first).max()),

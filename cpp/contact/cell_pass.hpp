@@ -25,7 +25,10 @@ public:
     template <class Layout>
     CellPass(const Cloth& cloth, const Layout& layout, const VectorGeometry& geometry, int lanes,
              const ContactKernels& kernels, bool strict)
-        : kernels_(kernels.cells<Real>(strict)), lanes_(lanes), cell_rows_(std::max(cloth.rows - 1, 1)) {
+        : kernels_(kernels.cells<Real>(strict)),
+          lanes_(lanes),
+          columns_(cloth.columns),
+          cell_rows_(std::max(cloth.rows - 1, 1)) {
         const std::size_t vectors = std::size_t(geometry.rows) * std::size_t(geometry.vectors);
         const int cell_columns = std::max(cloth.columns - 1, 1);
         cells_.assign(vectors, 0);
@@ -118,14 +121,15 @@ public:
     }
     std::uint8_t marks(int row) const { return marks_[std::size_t(row)]; }
     std::uint64_t near_lanes(std::size_t index) const { return near_[index]; }
-    // rho^2 of a point before the step, and with the cells as they are now.
-    double radius2_before(std::size_t index, int lane) const {
-        return double(point_radii2_[index * std::size_t(lanes_) + std::size_t(lane)]);
+    // rho^2 of a near point before the step, and with the cells as they are now.
+    double radius2_before(int i) const {
+        return double(point_radii2_[std::size_t(place(i / columns_, i % columns_))]);
     }
-    double radius2_now(const Cloth& cloth, int row, int column) const {
+    double radius2_now(int i) const {
         double most = 0;
+        const int row = i / columns_, column = i % columns_;
         for (int r = std::max(row - 1, 0); r <= std::min(row, cell_rows_ - 1); ++r)
-            for (int c = std::max(column - 1, 0); c <= std::min(column, std::max(cloth.columns - 2, 0)); ++c)
+            for (int c = std::max(column - 1, 0); c <= std::min(column, std::max(columns_ - 2, 0)); ++c)
                 most = std::max(most, double(a_.cell_radii2[place(r, c)]));
         return most;
     }
@@ -146,7 +150,7 @@ private:
     }
 
     const typename CellKernels<Real>::Passes& kernels_;
-    int lanes_, cell_rows_;
+    int lanes_, columns_, cell_rows_;
     int raised_rows_ = 0;  // that the stream has done in this step
     bool alone_ = true;
     CellArguments<Real> a_{};

@@ -14,12 +14,12 @@
 #include <limits>
 #include <memory>
 #include <optional>
-#include <utility>
 
 #include "contact/cell_pass.hpp"
 #include "contact/contact_report.hpp"
 #include "contact/exact.hpp"
 #include "contact/face_pass.hpp"
+#include "contact/large_cells.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/contact/contact_marks.hpp"
 #include "kernels/dispatch.hpp"
@@ -158,13 +158,10 @@ public:
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }
     Surface<double> cell_surface_at(int i, const SweptSphere& s) const {
-        const auto [index, lane] = lane_of(i);
-        const double began = cell_pass_->radius2_before(index, lane);
-        const Surface<double> before = cell_surface<Real>(s, began);
+        const Surface<double> before = cell_surface<Real>(s, cell_pass_->radius2_before(i));
         if (!raising_) return before;
-        const double now =
-            cell_pass_->radius2_now(plan_.cloth, i / plan_.cloth.columns, i % plan_.cloth.columns);
-        Surface<double> surface = cell_surface<Real>(s, std::max(began, now));
+        Surface<double> surface =
+            cell_surface<Real>(s, std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i)));
         surface.innermost = before.innermost;
         return surface;
     }
@@ -232,14 +229,6 @@ private:
         }
     }
 
-    // Vector (as `index`) and lane of a mass point.
-    std::pair<std::size_t, int> lane_of(int i) const {
-        const int row = i / plan_.cloth.columns, column = i % plan_.cloth.columns;
-        if constexpr (Layout::is_transposed)
-            return {index(row, column % geometry_.vectors), column / geometry_.vectors};
-        else return {index(row, column / lanes_), column % lanes_};
-    }
-
     ContactArguments<Real> arguments() {
         ContactArguments<Real> a{};
         a.geometry = geometry_;
@@ -284,6 +273,7 @@ private:
                    near = cell_pass_->respond(arguments(), each, team_of(threads) == 1);
         if (near || !several) finish_cells(each);
         if (several) before_ = *memory_;
+        report_.note_capped(large_cells_.pierced(plan_.cloth, swept_, [this](int i) { return position(i); }));
     }
     template <class Each>
     void finish_cells(const Each& each) {
@@ -320,6 +310,7 @@ private:
     bool raise_among_several() {
         bool raised = false;
         each_near_point([&](int i) {
+            if (!low(i)) return;
             PointState end = now(i);
             const Vec3 velocity = end.velocity, start = before(i).position, free_end = end.position;
             if (!exact::resolve(*this, i, swept_, start, end)) report_.note_trapped(i);
@@ -329,11 +320,18 @@ private:
         });
         return raised;
     }
+    // Whether a point lies too deep in a sphere.
+    bool low(int i) const {
+        const double radius2 = std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i));
+        return std::any_of(swept_.begin(), swept_.end(), [&](const SweptSphere& s) {
+            const double least2 = s.cells ? least_distance2<Real>(s, radius2) : s.surface * s.surface;
+            return (position(i) - exact::vec(s.end)).squaredNorm() < least2 * (1 + 1e-12);
+        });
+    }
     void note_capped() {
-        if (swept_.size() == 1 && !(cell_pass_->marks() & CellMarks::capped)) return;
-        const int columns = plan_.cloth.columns;
+        if (swept_.size() == 1 ? !(cell_pass_->marks() & CellMarks::capped) : !large_cells_.some()) return;
         each_near_point([&](int i) {
-            const double radius2 = cell_pass_->radius2_now(plan_.cloth, i / columns, i % columns);
+            const double radius2 = cell_pass_->radius2_now(i);
             for (const SweptSphere& s : swept_)
                 if (s.cells && radius2 > s.surface * s.surface &&
                     (position(i) - exact::vec(s.end)).norm() < s.reach)
@@ -392,6 +390,7 @@ private:
     std::vector<SweptSphere> swept_;
     std::unique_ptr<FacePass> face_pass_;
     std::optional<CellPass<Real>> cell_pass_;
+    LargeCells large_cells_;
     bool raising_ = false;
     std::vector<std::ptrdiff_t> places_;  // of the points' x
     ContactReport report_;

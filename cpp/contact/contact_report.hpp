@@ -20,7 +20,7 @@ struct ContactReport {
         if (trapped < 0) energy = energy_made;
         note_trapped(i);
     }
-    void note_capped(std::int64_t i) {
+    void note_capped(std::int64_t i) {  // -1: none
         if (capped < 0) capped = i;
     }
     void note_pinned(std::int64_t i) {

@@ -155,6 +155,19 @@ def test_stretched_cells_warn_of_the_stretch():
         cs.simulate(scene, 0.03, dt=1e-4)
 
 
+@pytest.mark.parametrize("stretch, match", [(1, "diagonal below 0.1 m"), (20, "a stretch of its cells below 1.41")])
+def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
+    """All points of the cell are farther off than any point keeps from the sphere."""
+    cloth = sheet(4, size=(3.0 / stretch, 3.0 / stretch), stiffness=1e-3)
+    x = cloth.rest_positions * stretch
+    sphere = cs.Sphere((1.5, -0.1, 1.5), 0.05, cs.Linear((0, 1.0, 0)))
+    scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0), position=x)
+    with pytest.warns(cs.ContactWarning, match=match) as caught:
+        run = cs.simulate(scene, 0.1, dt=1e-3, every="step")
+    assert len(caught) == 1
+    assert run.report["penetration"]["triangles"] == pytest.approx(0.05, rel=0.03)
+
+
 def test_the_papers_responses_take_the_cells_at_rest():
     cloth = cs.Cloth()
     for response in ("ray", "reflect"):

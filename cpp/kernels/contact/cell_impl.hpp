@@ -36,7 +36,7 @@ CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const
     const auto acute = [&](const V& s, const V& t, const V& e) __attribute__((always_inline)) {
         const V w = s + t - e, st = s * t, sine2 = multiply_add<arithmetic>(-w, w, four * st);
         if (!xsimd::any((w > zero) & (e * st > more * sine2))) return;
-        const auto counts = (w > zero) & (s + e > t) & (t + e > s) & (e * st > quarter * sine2);
+        const auto counts = (w > zero) & (s + e > t) & (t + e > s) & (e * st > more * sine2);
         const V circle = e * st / xsimd::select(counts, sine2, V(Real(1)));
         radius2 = xsimd::select(counts, xsimd::max(circle, radius2), radius2);
     };
@@ -172,6 +172,8 @@ private:
             if (unresolved)
                 unresolved =
                     respond_vector<Arch, Real, W>(c, row, vector, unresolved, radii2, responded, outside);
+        } else {
+            unresolved &= nearer(a, row, vector, radius2);
         }
         a.raisable[index] = outside & c.free[index];
         c.open[index] =
@@ -179,6 +181,21 @@ private:
         if (unresolved) c.unresolved(c.context, row, vector, unresolved);
         return std::uint8_t((responded ? CellMarks::responded : 0) |
                             (unresolved ? CellMarks::unresolved : 0));
+    }
+
+    // Points that may touch one of several spheres, with rho before the step.
+    CLOTHSIM_INLINE std::uint64_t nearer(const CellArguments<Real>& a, int row, int vector,
+                                         const V& radius2) {
+        const ContactArguments<Real>& c = a.contact;
+        const std::ptrdiff_t at = row * c.geometry.row + vector * c.geometry.vector;
+        const auto x = load3<V>(c.state + at, c.geometry.component),
+                   before = load3<V>(c.before + at, c.geometry.component);
+        std::uint64_t near = 0;
+        for (int s = 0; s < c.sphere_count; ++s) {
+            sphere_.prepare(c.spheres[s]);
+            near |= sphere_.near(x, before, sphere_.radius_of(c.spheres[s], radius2)).mask();
+        }
+        return near;
     }
 
     SphereNear<V, Real> sphere_;

@@ -41,12 +41,21 @@ struct SphereNear {
         const double radius = s.reach + rounding;
         radius2 = V(Real((1 + near_margin) * radius * radius * (1 + 1e-6)));
     }
+    // The squared radius for a point that keeps less than `reach`: with offset "cell", by its rho^2.
+    CLOTHSIM_INLINE V radius_of(const SweptSphere& s, const V& rho2) const {
+        if (!s.cells) return radius2;
+        const V largest(Real(s.reach * s.reach)), own = V(Real(s.surface * s.surface)) + rho2;
+        return xsimd::min(radius2, radius2 * (own * V(Real(1 + 1e-5)) / largest));
+    }
     CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
+        return near(x, x0, radius2);
+    }
+    CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0, const V& within2) const {
         const Vector3<V> m{x.x - center[0], x.y - center[1], x.z - center[2]};
         const Vector3<V> q{x.x - x0.x - way[0], x.y - x0.y - way[1], x.z - x0.z - way[2]};
         const V m2 = m.x * m.x + m.y * m.y + m.z * m.z;
         const V q2 = q.x * q.x + q.y * q.y + q.z * q.z;
-        return m2 < radius2 + V(Real(1 + 1 / near_margin)) * q2;
+        return m2 < within2 + V(Real(1 + 1 / near_margin)) * q2;
     }
 };
 

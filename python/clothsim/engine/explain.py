@@ -13,7 +13,7 @@ from ..methods.integration import Integrator, integrators
 from ..methods.limiting import limiting_term
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
-from ..model.sphere import Sphere
+from ..model.sphere import CONTACT_COSTS, Sphere
 from .options import Options
 from .plan import core_plan, in_cells, point_radius
 
@@ -61,7 +61,7 @@ class Explanation(Mapping[str, Any]):
 
 def _text(value: Any) -> str:
     if isinstance(value, (tuple, list)):
-        return ", ".join(map(str, value)) or "nothing"
+        return ", ".join(map(_text, value)) or "nothing"
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_text(v)}" for name, v in value.items()) or "nothing"
     if isinstance(value, int) and not isinstance(value, bool):
@@ -73,6 +73,16 @@ def _radius_text(sphere: Sphere, cloth: Cloth) -> str:
     if in_cells(sphere):
         return f"by cells, {sphere.contact_radius(cloth):.6g} m at rest"
     return f"{point_radius(sphere, cloth):.6g} m{', triangles' if sphere.offset == 'face' else ''}"
+
+
+def _contact_cost(sphere: Sphere, precision: str) -> dict[str, float]:
+    """Measured time of a step over a step without spheres."""
+    if sphere.response != "continuous":
+        return {"untouched": 1.0}
+    cost = CONTACT_COSTS["none" if isinstance(sphere.offset, float) else sphere.offset]
+    touched = cost.touched_in_single if precision == "single" else cost.touched
+    drapes = {"on light drapes": cost.drape_mean, "at worst": cost.drape_worst}
+    return {"untouched": cost.untouched, "all points touched": touched, **drapes}
 
 
 def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> dict[str, int]:
@@ -137,6 +147,7 @@ def explain(
                 f"{s.response}{' (as printed)' if s.as_printed else ''}, contact radius {_radius_text(s, cloth)}"
                 for s in scene.spheres
             ),
+            "contact_costs": tuple(_contact_cost(s, precision) for s in scene.spheres),
             "integrator": integrator,
             "order": method.order_of(scene),
             "force_evaluations_per_step": (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,24 @@ from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
 
 RESPONSES: tuple[Response, ...] = get_args(Response)
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
+
+
+class ContactCost(NamedTuple):
+    """Time of a step with "continuous" over a step without spheres, by `python benchmarks/contact offsets`."""
+
+    untouched: float
+    touched: float  # by all mass points
+    touched_in_single: float
+    drape_mean: float  # largest of several light drapes
+    drape_worst: float  # 50 steps of these
+
+
+CONTACT_COSTS: dict[Offset, ContactCost] = {
+    "cell": ContactCost(1.0, 1.4, 1.6, 2.7, 4.4),
+    "edge": ContactCost(1.0, 1.2, 1.6, 1.7, 2.4),
+    "none": ContactCost(1.0, 1.2, 1.6, 1.5, 2.1),
+    "face": ContactCost(1.0, 8, 20, 26, 58),
+}
 
 
 @suggesting
@@ -51,13 +69,14 @@ class Sphere(Record):
         the contact radius, then reflects the velocity.
     offset : {"cell", "edge", "none", "face"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
-        of each point as they are now, so that no triangle dips in. It costs a part of a step where
-        the cloth touches. A cell must be smaller than the sphere; else a `ContactWarning` says so.
-        With "ray" and "reflect" the cells are those at rest.
+        of each point as they are now, so that no triangle dips in. A step in which all points touch
+        costs 1.4 steps without spheres (single: 1.6). A cell must be smaller than the sphere; else a
+        `ContactWarning` says so. With "ray" and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
         outside. "none" is 0, and a number is that length [m], >= 0. "face" lets triangles touch the
         sphere itself, also spheres smaller than a cell. It needs the response "continuous" and the
-        CPU. A step that touches costs 8 to 26 times a step without spheres, up to 58 (docs/contact.md).
+        CPU. A light drape costs up to 26 times a step without spheres on average, and up to 58 times
+        in folds; "cell" is recommended there. `Scene.explain` gives the cost of each offset.
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute

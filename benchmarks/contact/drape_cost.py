@@ -1,14 +1,17 @@
-"""Cost of offset "face" over a step without spheres, on light drapes: mean and worst 50 steps.
+"""Cost of an offset over a step without spheres, on light drapes: mean and worst 50 steps.
 
-python benchmarks/contact/face_cost.py
+python benchmarks/contact/drape_cost.py        # offset "face"
+python benchmarks/contact/drape_cost.py cell   # another
 """
 
 from __future__ import annotations
 
+import sys
 import time
 
 import clothsim as cs
 import numpy as np
+from clothsim.typing import Offset
 
 _WINDOW = 50  # steps
 
@@ -44,9 +47,10 @@ def _per_step(stepper: cs.Stepper, dt: float) -> float:
     return (time.process_time() - start) / _WINDOW
 
 
-def face_cost(name: str) -> tuple[float, float]:
+def drape_cost(name: str, offset: Offset = "face") -> tuple[float, float]:
     """Mean and worst cost of a scene of `SCENES`, as multiples of a step without spheres."""
-    cloth, spheres, speed, duration, dt = SCENES[name]
+    cloth, balls, speed, duration, dt = SCENES[name]
+    spheres = [ball.replace(offset=offset) for ball in balls]
     velocity = np.broadcast_to((0.0, -speed, 0.0), (*cloth.shape, 3))
     free, touched = (cs.Stepper(cs.Scene(cloth, s, velocity=velocity), threads=1) for s in ((), spheres))
     alone = min(_per_step(free, dt) for _ in range(40))
@@ -56,5 +60,5 @@ def face_cost(name: str) -> tuple[float, float]:
 
 if __name__ == "__main__":
     for scene in SCENES:
-        mean, worst = face_cost(scene)
+        mean, worst = drape_cost(scene, *sys.argv[1:2])  # type: ignore[arg-type]
         print(f"{scene}: mean {mean:.1f}, worst {worst:.1f}")

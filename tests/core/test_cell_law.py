@@ -1,0 +1,114 @@
+"""Law of offset "cell": bits, energy, rest, friction and symmetry, as for points."""
+
+import math
+
+import clothsim as cs
+import numpy as np
+import pytest
+from contact import cone, drop, resting, under_whole_cloth
+from contact.drape_cost import SCENES
+
+
+def draped(points=24, speed=3.0, centre=(0.5, -0.26, 0.5), cloth=None, **changes):
+    """A sheet that falls on a sphere; `points` along each side."""
+    cloth = cloth or cs.Cloth((points, points), mass=0.3, stiffness=60.0, damping=0.02, pins=())
+    velocity = np.broadcast_to((0.0, -speed, 0.0), (*cloth.shape, 3))
+    return cs.Scene(cloth, cs.Sphere(centre, 0.25, **changes), velocity=velocity)
+
+
+def run(scene, steps=150, **options):
+    stepper = cs.Stepper(scene, strict=True, **options)
+    stepper.advance(steps, 2e-4)
+    return stepper.positions, stepper.velocities
+
+
+@pytest.mark.parametrize("changes", [{"friction": 0.3}, {"restitution": 0.5}])
+def test_strict_bits_are_those_of_every_instruction_set(monkeypatch, same_bits, changes):
+    scene = draped(**changes)
+    for precision in ("double", "single"):
+        results = []
+        for name in cs.build_config()["instruction_sets_supported"]:
+            monkeypatch.setenv("CLOTHSIM_ISA", name)
+            results.append(run(scene, precision=precision))
+        assert all(same_bits(result, results[0]) for result in results[1:])
+        free = run(scene.replace(spheres=()), precision=precision)
+        assert np.abs(free[0] - results[0][0]).max() > 1e-2
+
+
+@pytest.mark.parametrize("changes", [{"friction": 0.3}, {"restitution": 0.5}])
+def test_strict_bits_are_those_of_one_thread_and_of_one_cloth(same_bits, changes):
+    large = draped(150, **changes)
+    one, two = (run(large, 60, threads=threads) for threads in (1, 2))
+    assert same_bits(one, two)
+    scene = draped(**changes)
+    alone = run(scene)
+    x, v = np.stack([scene.initial_position] * 3), np.stack([scene.initial_velocity] * 3)
+    x[1] += (0.01, 0.0, 0.0)
+    together = cs.step(scene, x, v, 2e-4, 150, strict=True)
+    assert same_bits((together[0][2], together[1][2]), alone)
+
+
+def test_a_sphere_that_comes_and_goes_changes_no_bits(same_bits):
+    """rho is kept from step to step where points touch; here rows begin and cease to touch."""
+    cloth = cs.Cloth((24, 24), mass=0.3, stiffness=60.0, damping=0.02, pins=())
+    ball = cs.Sphere((0.1, -0.099, 0.5), 0.1, cs.Linear((4.0, 0.8, 0.0)), friction=0.2)
+    scene = cs.Scene(cloth, ball)
+    whole = cs.Stepper(scene)
+    whole.advance(400, 2e-4)
+    parts = cs.Stepper(scene)
+    for _ in range(100):
+        parts = cs.Stepper.restore(parts.snapshot())
+        parts.advance(4, 2e-4)
+    assert same_bits((whole.positions, whole.velocities), (parts.positions, parts.velocities))
+    assert np.abs(whole.velocities).max() > 1
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_triangle_is_inside_at_any_step_of_a_drape(name):
+    cloth, balls, speed, duration, dt = SCENES[name]
+    velocity = np.broadcast_to((0.0, -speed, 0.0), (*cloth.shape, 3))
+    scene = cs.Scene(cloth, [ball.replace(offset="cell") for ball in balls], velocity=velocity)
+    for precision in ("double", "single"):
+        report = cs.simulate(scene, duration, dt=dt, precision=precision).report
+        assert report["penetration"]["points"] == report["penetration"]["triangles"] == 0
+        assert np.isfinite(report["first_contact"]["time"])
+
+
+def test_growth_of_rho_makes_little_energy():
+    """A radius that grows moves points against their springs: 6e-6 of m g h."""
+    for dt in (1e-4, 2e-5):
+        result = drop(dt, offset="cell")
+        assert result["elastic_afterwards"] > 100
+        assert abs(result["part"]) < 1e-5
+    assert abs(under_whole_cloth(offset="cell")["part"]) < 2e-9
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_cloth_at_rest_stays_at_rest(precision):
+    result = resting(20_000, precision=precision, offset="cell")
+    assert result["touching"] == 64
+    assert result["depth"] == result["normal_jitter"] == result["jitter"] == 0
+
+
+def test_friction_holds_below_the_slope_and_slides_by_the_formula_above():
+    tangent = math.tan(0.35)
+    held, slides = (cone(part * tangent, offset="cell") for part in (1.03, 0.97))
+    assert abs(held["slip"]) < 1e-10
+    assert slides["slip"] == pytest.approx(slides["expected"], rel=0.02)
+    assert cone(0.0, offset="cell")["slip"] == pytest.approx(cone(0.0)["slip"], rel=1e-6)
+
+
+def test_a_mirrored_scene_stays_mirrored():
+    """Across both axes and the diagonal of the sheet, whose triangles then have the other diagonal."""
+    x, v = run(draped(16, centre=(0.42, -0.26, 0.55), friction=0.2), 200)
+    nearest = np.linalg.norm(x - (0.42, -0.26, 0.55), axis=-1).min()
+    assert nearest < 0.255
+    for centre, back, flip in (
+        ((0.58, -0.26, 0.55), lambda a: a[:, ::-1], (-1, 1, 1)),
+        ((0.42, -0.26, 0.45), lambda a: a[::-1], (1, 1, -1)),
+        ((0.55, -0.26, 0.42), lambda a: a.transpose(1, 0, 2)[..., ::-1], (1, 1, 1)),
+    ):
+        y, w = run(draped(16, centre=centre, friction=0.2), 200)
+        corner = np.array([0.5, 0.0, 0.5])
+        assert np.abs((back(y) - corner) * flip - (x - corner)).max() < 1e-9
+        assert np.abs(back(w) * flip - v).max() < 1e-6
