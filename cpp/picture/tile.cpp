@@ -55,6 +55,7 @@ Tile::Tile(const Picture& picture, const Bins& bins, const Shadow& shadow)
 
 bool Tile::draw(int number, Poll& poll, std::uint8_t* pixels) {
     box_ = bins_.tile(number);
+    if (poll.stopped()) return false;  // also in tiles without cloth, where `find` does not ask
     if (!nearest_.find(picture_.sheet, bins_, number, poll)) return false;
     for (int k = 0; k < 3; ++k)
         std::fill(color_[k].begin(), color_[k].end(), float(picture_.shading.background[std::size_t(k)]));

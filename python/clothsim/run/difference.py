@@ -59,6 +59,6 @@ def difference(a: Run, b: Run) -> dict[str, Floats]:
             f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got {b.t[0]:g} to {b.t[-1]:g} s: "
             "give fps= or times= to simulate"
         )
-    distance = np.linalg.norm(a.x[equal] - b.x[nearest[equal]], axis=-1)
+    distance = np.array([np.linalg.norm(a.x[k] - b.x[nearest[k]], axis=-1) for k in np.flatnonzero(equal)])
     by_time = distance.reshape(len(distance), -1)
     return {"t": a.t[equal], "distance": distance, "rms": np.sqrt((by_time**2).mean(axis=1)), "max": by_time.max(axis=1)}

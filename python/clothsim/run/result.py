@@ -176,7 +176,8 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
         >>> total.shape, bool(abs(total - total[0]).max() < 1e-9)
         ((11,), True)
         """
-        return energy(self.scene, self.x, self.v)  # type: ignore[return-value]
+        found = [energy(self.scene, *one) for one in zip(self.x, self.v)]  # Ctrl-C acts between two frames
+        return {name: np.array([one[name] for one in found]) for name in found[0]}
 
     def penetration(self, sphere: int | None = None) -> dict[str, Floats]:
         """How deep the cloth is inside the spheres, each at its place at the time of the frame.

@@ -151,7 +151,8 @@ def direction_of(value: Any) -> tuple[float, float, float]:
 def _points(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]) -> Iterator[Any]:
     """Mass points, then the outlines of each sphere at all times, both along `axes`, shape (3, n)."""
     # `@` would wake BLAS's threads, which then spin beside the picture.
-    yield np.einsum("pk,ak->ap", x.reshape(-1, 3), axes)
+    for frame in x:
+        yield np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
     for sphere in scene.spheres:
         centers = np.einsum("pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes)
         ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T

@@ -44,17 +44,24 @@ def pack(x: npt.NDArray[np.float64], scalars: list[npt.NDArray[np.float64]], top
     flat = x.reshape(frames, -1, 3)
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
     step = np.where(high > low, (high - low) / LEVELS, 1.0)
-    q = np.round((flat - low) / step).astype(np.int64).transpose(0, 2, 1).reshape(frames, -1)
-    residual = q.copy()
-    residual[1:] -= q[:-1]
-    residual[2:] -= q[1:-1] - q[:-2]
-    signed = residual.astype(np.int16).astype(np.int32)  # modulo 65536, and back
-    zigzag = ((signed << 1) ^ (signed >> 31)).astype(np.uint16)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
-    parts = [(zigzag & 255).astype(np.uint8), (zigzag >> 8).astype(np.uint8)]
+    # Frame by frame, and deflated piece by piece: Ctrl-C acts in between.
+    zigzag = np.empty((frames, flat[0].size), np.uint16)
+    last = rate = np.zeros(flat[0].size, np.int64)
+    for k, points in enumerate(flat):
+        q = np.round((points - low) / step).astype(np.int64).T.reshape(-1)
+        signed = (q - last - rate).astype(np.int16).astype(np.int32)  # modulo 65536, and back
+        zigzag[k] = (signed << 1) ^ (signed >> 31)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
+        last, rate = q, q - last if k else rate
+    deflate = zlib.compressobj(6)
+    data = [deflate.compress((one & 255).astype(np.uint8).tobytes()) for one in zigzag]
+    data += [deflate.compress((one >> 8).astype(np.uint8).tobytes()) for one in zigzag]
     for values, top in zip(scalars, tops, strict=True):
-        levels = np.round(255 * np.sqrt(np.clip(values / (top or 1.0), 0, 1))).astype(np.uint8)
-        parts.append(np.diff(levels, axis=0, prepend=np.zeros_like(levels[:1])))
-    return Packed(zlib.compress(b"".join(part.tobytes() for part in parts), 6), low, step)
+        before = np.zeros(values.shape[1:], np.uint8)
+        for one in values:
+            levels = np.round(255 * np.sqrt(np.clip(one / (top or 1.0), 0, 1))).astype(np.uint8)
+            data.append(deflate.compress((levels - before).tobytes()))
+            before = levels
+    return Packed(b"".join([*data, deflate.flush()]), low, step)
 
 
 def point_stretch(

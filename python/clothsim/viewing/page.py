@@ -265,7 +265,7 @@ def _contents(
 ) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
     values = {"stretch": [point_stretch(run.scene, run.x, advance) for run in runs.values()]}
-    values["speed"] = [np.linalg.norm(run.v, axis=-1).reshape(len(run), -1) for run in runs.values()]
+    values["speed"] = [np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()]
     lines = [curves(run, advance) for run in runs.values()]
     if difference:
         found = _differences(runs)
@@ -316,7 +316,7 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     far = [float(np.linalg.norm(view.target - target)) for view in views]
     reach = 0.0
     for run in runs.values():
-        reach = max(reach, float(np.linalg.norm(run.x - target, axis=-1).max()))
+        reach = max(reach, *(float(np.linalg.norm(x - target, axis=-1).max()) for x in run.x))
         for sphere in run.scene.spheres:
             away = np.linalg.norm(sphere.center_at(run.t) - target, axis=-1).max()
             reach = max(reach, float(away) + sphere.radius)

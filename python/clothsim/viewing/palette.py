@@ -55,12 +55,11 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None, t: Floats) ->
         if color == "speed":
             if v is None:
                 raise ValueError('v must be given with color="speed", got None')
-            speed: Floats = np.linalg.norm(v, axis=-1)
-            return speed
+            return np.array([np.linalg.norm(one, axis=-1) for one in v])
         depth = np.zeros(x.shape[:-1])
         for sphere in scene.spheres:
-            center = np.reshape(sphere.center_at(t), (-1, 1, 1, 3))
-            depth = np.maximum(depth, sphere.radius - np.linalg.norm(x - center, axis=-1))
+            for deepest, points, center in zip(depth, x, np.reshape(sphere.center_at(t), (-1, 3))):
+                np.maximum(deepest, sphere.radius - np.linalg.norm(points - center, axis=-1), out=deepest)
         return depth
     values = np.asarray(color)
     if values.dtype.kind not in "iufb" or values.shape not in (x.shape[:-1], x.shape[1:-1]):
