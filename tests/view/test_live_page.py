@@ -68,11 +68,27 @@ def core_after(scene, steps, **options):
     return stepper
 
 
+def slider_place(page, name, value):
+    """Pixel of the tab where a slider has a value."""
+    page.tab.locator(f"#{name}").scroll_into_view_if_needed()
+    box = page.tab.locator(f"#{name}").bounding_box()
+    low, high = page.tab.eval_on_selector(f"#{name}", "(s) => [Number(s.min), Number(s.max)]")
+    thumb = 16  # pixels in Chromium, whose middle is at the value
+    part = (value - low) / (high - low)
+    return box["x"] + thumb / 2 + part * (box["width"] - thumb), box["y"] + box["height"] / 2
+
+
 def set_slider(page, name, value):
-    page.tab.evaluate(
-        "([id, k]) => { const s = document.getElementById(id); s.value = k; s.dispatchEvent(new Event('input')); }",
-        [name, value],
-    )
+    """Drag the slider with the mouse from where it is."""
+    mouse, now = page.tab.mouse, page.tab.eval_on_selector(f"#{name}", "(s) => s.valueAsNumber")
+    mouse.move(*slider_place(page, name, now))
+    mouse.down()
+    mouse.move(*slider_place(page, name, value), steps=4)
+    mouse.up()
+    idle(page)
+    step = page.tab.get_attribute(f"#{name}", "step")
+    found = page.tab.eval_on_selector(f"#{name}", "(s) => s.valueAsNumber")
+    assert found == pytest.approx(value, abs=0.15 if step == "any" else 0)
 
 
 def idle(page):
@@ -160,7 +176,6 @@ def test_the_guarantee_of_the_sliders_is_that_of_python(live):
     for stiffness, damping in ((4, 3), (8, 0), (0, 5)):
         set_slider(page, "stiffness", stiffness)
         set_slider(page, "damping", damping)
-        idle(page)
         factors = 2.0 ** (stiffness - 4), (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)[damping]
         cloth = scene.cloth
         cloth = cloth.replace(
@@ -168,6 +183,23 @@ def test_the_guarantee_of_the_sliders_is_that_of_python(live):
             damping={family: factors[1] * k for family, k in cloth.family_damping.items()},
         )
         assert page.tab.evaluate("() => window.live.live.limit") == cs.max_stable_dt(scene.replace(cloth=cloth))
+
+
+def test_sliders_of_gravity_and_radius_move_by_mouse_and_by_touch(live):
+    page = live(draped(), has_touch=True)
+    set_slider(page, "gravity", 20.0)
+    assert page.tab.evaluate("() => window.live.live.gravity[1]") == pytest.approx(-20, abs=0.2)
+    page.tab.touchscreen.tap(*slider_place(page, "radius", 0.5))
+    page.tab.wait_for_function("() => Math.abs(Math.log2(window.live.live.spheres[0].radius / 0.25) - 0.5) < 0.05")
+    idle(page)
+    assert page.tab.inner_text("#radius-says").startswith("x 1.4") and page.tab.is_hidden("#problem")
+    page.tab.touchscreen.tap(*center_of(page, "#reset"))
+    page.tab.wait_for_function("() => window.live.live.spheres[0].radius === 0.25 && window.live.live.gravity[1] < -9")
+
+
+def center_of(page, selector):
+    box = page.tab.locator(selector).bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
 def test_one_step_is_one_step(live):

@@ -316,16 +316,15 @@ async function start() {
     return (now) => { if (now) live.moved[s].to = moved(from, now); };
   }
 
-  function fail(error) {
-    live.problem = state.lost || error.message;  // work that the loss ended fails too, with words of its own
+  // Work that a loss ends fails too, maybe before the loss is known, with words of its own.
+  async function fail(error) {
+    pause(true);
+    const lost = solver.lost.then((why) => `The graphics adapter was lost (${why}). Load the page again.`);
+    live.problem = await Promise.race([lost, new Promise((known) => setTimeout(known, 1000, error.message))]);
     $("problem").hidden = false;
     $("problem").textContent = live.problem;
-    pause(true);
   }
-  solver.lost.then((why) => {
-    state.lost = `The graphics adapter was lost (${why}). Load the page again.`;
-    fail(new Error(state.lost));
-  });
+  solver.lost.then(fail);
   camera.listen(canvas, redraw, () => {}, grab);
   new ResizeObserver(redraw).observe($("runs"));
   limits();
