@@ -12,7 +12,8 @@ group_size: int
 outer_epsilons: float
 slop_epsilons: float
 cell_bands: tuple[float, float]
-cell_rounding_epsilons: int
+cell_roundings: tuple[float, float]
+cell_excesses: tuple[float, float]
 most_threads: int
 least_points_per_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]

@@ -19,7 +19,7 @@ _SPRINGS = _core.spring_kinds
 
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_SPRINGS)
-CONTACT_SIZE = 18
+CONTACT_SIZE = 20
 # Part by which the squared radius of the test in `real` is larger, so that no fast point is missed, inverse. With half more
 # fast points pass the test, with twice more near points; any number is right (kernels/contact/contact_impl.hpp).
 NEAR = 64
@@ -30,7 +30,6 @@ _SHARED = {
     "first_weight": FIRST_WEIGHT,
     "contact_size": CONTACT_SIZE,
     "near_factor": 1 + NEAR,
-    "cell_rounding": _core.cell_rounding_epsilons,
 }
 """Numbers that the shader shares with the core or with the host."""
 
@@ -125,6 +124,7 @@ def contacts(
                 velocities, radius = gone / dt, radius + slop
                 row[:, 13], row[:, 14], row[:, 15] = slop, sphere.push_out_speed * dt, dt
                 row[:, 16], row[:, 17] = _core.cell_bands[not single], eps
+                row[:, 18], row[:, 19] = _core.cell_roundings[not single], 1 + _core.cell_excesses[not single]
             row[:, 9], row[:, 10:12], row[:, 12] = radius, (sphere.restitution, sphere.friction), real(outer)
             row[:, 0:3] = centers
             row[:, 3:6] = centers - row[:, 0:3]

@@ -8,8 +8,8 @@ struct Contact {
     radius: wide, restitution: wide, friction: wide,                   // radius: with the offset
     outer_radius_squared: wide,  // of the test in `real`, which finds a point too many, but none too few
     // Of a continuous sphere: radius - slop is the contact radius; a point that began inside goes outwards by `push` in
-    // a step at most; `band` is the one of offset "cell", a part of the distance; epsilon of `real`.
-    slop: wide, push: wide, dt: wide, band: wide, epsilon: wide,
+    // a step at most; epsilon of `real`; `band`, `rounding` and `excess` of offset "cell" (CellBand).
+    slop: wide, push: wide, dt: wide, band: wide, epsilon: wide, rounding: wide, excess: wide,
 }
 
 // From the centre.
@@ -23,7 +23,8 @@ fn contact_of(member: u32, sphere: u32, steps_ago: u32) -> Contact {
         vec3<wide>(contacts[at + 3u], contacts[at + 4u], contacts[at + 5u]),
         vec3<wide>(contacts[at + 6u], contacts[at + 7u], contacts[at + 8u]),
         contacts[at + 9u], contacts[at + 10u], contacts[at + 11u], contacts[at + 12u], contacts[at + 13u],
-        contacts[at + 14u], contacts[at + 15u], contacts[at + 16u], contacts[at + 17u]);
+        contacts[at + 14u], contacts[at + 15u], contacts[at + 16u], contacts[at + 17u], contacts[at + 18u],
+        contacts[at + 19u]);
 }
 
 fn length_of(a: vec3<wide>) -> wide {

@@ -7,8 +7,7 @@ struct Surface { top: wide, innermost: wide, lowest: wide, held: wide }
 fn surface_of(s: Contact, radius2: real) -> Surface {
     if (!cells) { return Surface(s.radius, s.radius - wide(2.0) * s.slop, s.radius - s.slop / wide(2.0), s.radius); }
     let surface2 = wide_product(s.radius, s.radius);
-    let inflated = wide_product(wide(radius2), wide(1.0) + wide(cell_rounding) * s.epsilon);
-    let least = sqrt(surface2 + min(inflated, surface2));
+    let least = sqrt(surface2 + min(wide_product(wide(radius2), s.rounding), surface2));
     let held = wide_product(least, wide(1.0) + s.band / wide(2.0));
     return Surface(wide_product(least, wide(1.0) + s.band), least - s.slop, least, held);
 }
@@ -63,7 +62,7 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
     let gone = (body.position - before.position) - vec3<real>(s.center - start.center);
     if (!(inner(m, m) < real(s.outer_radius_squared) + real(near_factor) * inner(gone, gone))) { return body; }
     var radius2 = real(0.0);
-    if (cells) { radius2 = point_radius2(id); }
+    if (cells) { radius2 = point_radius2(id, real(s.excess)); }
     let surface = surface_of(s, radius2);
     let p = position_from(before, start);
     let start2 = wide_inner(p, p);
@@ -78,7 +77,7 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
         let inwards = min(wide_inner(end.velocity, n), wide(0.0));
         end = Response(true, wide_scaled(aim, n), end.velocity - wide_scaled(inwards, n));
     } else {
-        if (cells) { accelerations[place(id)] = radius2; }
+        if (cells) { accelerations[place(id)] = real(1.0); }
         end = impact(s, surface.top, end, p, way(body, before, s, start), velocity_of(body) - velocity_of(before));
         end = lifted(end, select(surface.lowest, surface.held, end.moved), surface.top);
     }
@@ -87,38 +86,40 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
 }
 
 // Offset "cell": each mass point keeps sqrt(R^2 + rho^2) from the centre (cpp/kernels/contact/cell_impl.hpp). The fourth
-// stage leaves rho^2 before the step in `accelerations`, or -1 for a point that is far or began inside.
+// stage leaves 1 in `accelerations`, or -1 for a point that is far or began inside.
 fn squared(a: vec3<real>, b: vec3<real>) -> real { return inner(b - a, b - a); }
 
-// The larger of radius2 and, if it is acute, rho^2 of the triangle with the squared sides s, t and e.
-fn with_acute(radius2: real, s: real, t: real, e: real) -> real {
+// The larger of radius2 and rho^2 of the triangle with the squared sides s, t and e, if it is acute and above `more`.
+fn with_acute(radius2: real, more: real, s: real, t: real, e: real) -> real {
     let w = s + t - e;
     let st = product(s, t);
     let part = real(4.0) * st - product(w, w);
-    let counts = w > real(0.0) && s + e > t && t + e > s && product(e, st) > product(radius2, part);
+    let counts = w > real(0.0) && s + e > t && t + e > s && product(e, st) > product(more, part);
     return select(radius2, max(product(e, st) / part, radius2), counts);
 }
 
 // rho^2 of a cell with the corners a, b and c, d below them.
-fn cell_radius2(a: vec3<real>, b: vec3<real>, c: vec3<real>, d: vec3<real>) -> real {
+fn cell_radius2(excess: real, a: vec3<real>, b: vec3<real>, c: vec3<real>, d: vec3<real>) -> real {
     let side = vec4<real>(squared(a, b), squared(b, d), squared(d, c), squared(c, a));
     let falling = squared(a, d);
     let rising = squared(b, c);
     let longest = max(max(max(side.x, side.y), max(side.z, side.w)), max(falling, rising));
-    let beside = with_acute(with_acute(real(0.25) * longest, side.x, side.y, falling), side.z, side.w, falling);
-    return with_acute(with_acute(beside, side.y, side.z, rising), side.w, side.x, rising);
+    let most = real(0.25) * longest;
+    let more = product(most, excess);
+    let beside = with_acute(with_acute(most, more, side.x, side.y, falling), more, side.z, side.w, falling);
+    return with_acute(with_acute(beside, more, side.y, side.z, rising), more, side.w, side.x, rising);
 }
 
 // The largest of a mass point's cells. At the border a cell beyond it has no area, and counts for nothing.
-fn point_radius2(id: vec3<u32>) -> real {
+fn point_radius2(id: vec3<u32>, excess: real) -> real {
     var p: array<vec3<real>, 9>;
     for (var k = 0u; k < 9u; k++) {
         let row = min(max(id.y + k / 3u, 1u), constants.rows) - 1u;
         let at = place(vec3<u32>(min(max(id.x + k % 3u, 1u), constants.columns) - 1u, row, id.z));
         if (stage == 4u) { p[k] = state_at(at); } else { p[k] = source(at); }
     }
-    let above = max(cell_radius2(p[0], p[1], p[3], p[4]), cell_radius2(p[1], p[2], p[4], p[5]));
-    return max(max(cell_radius2(p[3], p[4], p[6], p[7]), cell_radius2(p[4], p[5], p[7], p[8])), above);
+    let above = max(cell_radius2(excess, p[0], p[1], p[3], p[4]), cell_radius2(excess, p[1], p[2], p[4], p[5]));
+    return max(max(cell_radius2(excess, p[3], p[4], p[6], p[7]), cell_radius2(excess, p[4], p[5], p[7], p[8])), above);
 }
 
 // A round of the growth of cells: points that lie deeper than rho lets them go outwards, and keep their velocities.
@@ -129,17 +130,16 @@ fn raise(@builtin(global_invocation_id) id: vec3<u32>) {
     var body = Body(source(at), source(at + 3u * points()), vec3<real>(), vec3<real>());
     if (accelerations[at] >= real(0.0)) {
         let s = contact_of(id.z, continuous_sphere, 0u);
-        let radius2 = max(accelerations[at], point_radius2(id));
+        let radius2 = point_radius2(id, real(s.excess));
         let center = vec3<real>(s.center);
         let low = vec3<real>((s.center - vec3<wide>(center)) + s.center_low);
         let m = (body.position - center) + (body.position_low - low);
         let surface2 = real(wide_product(wide_product(s.radius, s.radius), wide(1.0) + wide(8.0) * s.epsilon));
-        let inflated = product(radius2, real(wide(1.0) + wide(cell_rounding + 8u) * s.epsilon));
+        let inflated = product(radius2, real(s.rounding + wide(8.0) * s.epsilon));
         if (radius2 > surface2 && inner(m, m) < real(2.0002) * surface2) { note(2u, id); }
-        let surface = surface_of(s, radius2);
-        let end = lifted(Response(false, position_from(body, s), vec3<wide>()), surface.held, surface.top);
-        if (end.moved && inner(m, m) < surface2 + min(inflated, surface2)) {
-            body = moved_body(body, s, end);
+        if (inner(m, m) < surface2 + min(inflated, surface2)) {
+            let end = Response(false, position_from(body, s), vec3<wide>());
+            body = moved_body(body, s, lifted(end, wide(2.0) * s.radius, surface_of(s, radius2).top));
             if (stage == 7u) { atomicStore(&results[1u + 4u * constants.members], 1u); }
         }
     }

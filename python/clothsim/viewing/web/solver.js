@@ -115,7 +115,7 @@ class Solver {
 
   // A sphere after a step, as parameters.contacts writes it; `from`: its centre before.
   contact(s, { center, velocity, radius }, from) {
-    const { data, dt } = this, { restitution, friction, push } = data.spheres[s], { epsilon, near, band } = data;
+    const { data, dt } = this, { restitution, friction, push } = data.spheres[s], { epsilon, near, band, rounding, excess } = data;
     const low = center.map((k) => k - Math.fround(k)), size = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]);
     if (this.responses[s] !== "continuous") {
       return [...center, ...low, ...velocity, radius, restitution, friction, radius * radius * (1 + data.outerEpsilons * epsilon)];
@@ -123,7 +123,7 @@ class Solver {
     const gone = center.map((k, i) => k - from[i]), slop = data.slopEpsilons * epsilon * (size(center) + radius);
     const reach = 1.4144 * (radius + slop), outer = reach + 16 * epsilon * (reach + size(center) + size(gone));
     return [...center, ...low, ...gone.map((k) => k / dt), radius + slop, restitution, friction,
-      (1 + 1 / near) * outer * outer * (1 + 1e-6), slop, push * dt, dt, band, epsilon];
+      (1 + 1 / near) * outer * outer * (1 + 1e-6), slop, push * dt, dt, band, epsilon, rounding, excess];
   }
 
   // Take the steps of a path: centre, velocity and contact radius of every sphere before the first step and after each.
