@@ -119,8 +119,8 @@ def run(args: argparse.Namespace) -> None:
 
 def _examined(report: dict[str, Any], args: argparse.Namespace) -> dict[str, Any]:
     """The report without searches that did not happen: a given time step has no tolerance and no test of chaos."""
-    if not report["impulse_reason"]:
-        del report["impulse_reason"]
+    for name in ("residual", "reason", *(() if report["impulse_reason"] else ("impulse_reason",))):
+        del report[name]
     if args.dt is not None:
         absent = ("tolerance", "chaotic", "outcomes", "estimate_evaluations", "estimate_wall_time")
         return {name: value for name, value in report.items() if name not in absent}
