@@ -1,5 +1,6 @@
 """Pages that play runs, in headless Chromium; `make test-view` runs those marked slow too."""
 
+import json
 import os
 import zlib
 
@@ -355,3 +356,15 @@ def test_progress_counts_all_frames(runs):
 def test_a_page_goes_where_there_is_a_folder(runs):
     with pytest.raises(ValueError, match="existing folder"):
         runs["method 2"].to_html("/no/such/folder/page.html")
+
+
+def test_a_cloth_that_was_thrown_off_makes_no_other_run_small(tmp_path):
+    run = cs.simulate(cs.scenes.paper_static(), 0.2, dt=1e-3, fps=20)
+    x = run.x.copy()
+    x[-1, 20:] += 9.0
+    thrown = cs.Run(run.scene, run.t, x, run.v, run.report)
+    widths = []
+    for runs in ({"a": run}, {"a": run, "thrown": thrown, "b": run}, {"thrown": thrown}):
+        text = cs.compare(runs).to_html(tmp_path / "page.html").read_text()
+        widths.append(json.loads(text.split('id="meta">')[1].split("</script>")[0])["camera"]["width"])
+    assert widths[1] == pytest.approx(widths[0]) and widths[2] > 3 * widths[0]

@@ -37,6 +37,15 @@ img { max-width: 100%; display: block; }
             max-width: 50rem; }
 .notes ul { margin: .3rem 0; padding-left: 1.2rem; }
 .red { color: #db1419; font-weight: 600; }
+@media (prefers-color-scheme: dark) {
+  :root { color-scheme: dark; }
+  body { color: #dfe5ec; background: #14181d; }
+  th { background: #1f262e; }
+  h2, th, td { border-color: #333c47; }
+  .origin, figcaption { color: #a7b2c0; }
+  .claim, .notes { background: #1f262e; }
+  .red { color: #ff6b6b; }
+}
 """
 
 

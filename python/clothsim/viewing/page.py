@@ -37,6 +37,9 @@ from .picture import file_path, picture
 
 Advance = Callable[[int], object]
 
+# Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it makes others small, at
+# half two scenes of different size do not both fit.
+WIDER = 2.5
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
@@ -311,7 +314,8 @@ def _contents(
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
-    """A view that contains all runs, and its depth."""
+    """A view that contains all runs but those of far wider views, which would make the others small; and its depth."""
+    views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [float(np.linalg.norm(view.target - target)) for view in views]
     reach = 0.0
