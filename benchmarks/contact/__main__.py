@@ -72,7 +72,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "faces": lambda every: [
             follow(name, response, every=every)
             for name in SCENES
-            for response in ("reflect, corrected", "ray, corrected", "continuous, face")
+            for response in ("reflect, corrected", "ray, corrected", "continuous, cell", "continuous, face")
         ],
         "drop": _by_offset(contact.drop, "edge"),
         "under": _by_offset(contact.under_whole_cloth, "none"),

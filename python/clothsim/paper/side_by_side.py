@@ -17,6 +17,7 @@ RESPONSES: dict[str, dict[str, Any]] = {
     "reflect, corrected": {"response": "reflect"},
     "ray, corrected": {"response": "ray"},
     "continuous": {"response": "continuous"},
+    "continuous, cell": {"response": "continuous", "offset": "cell"},
     "continuous, face": {"response": "continuous", "offset": "face"},
 }
 
