@@ -247,8 +247,9 @@ def place(page, point):
     return page.tab.evaluate(script, list(point))
 
 
-def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
-    page = live(draped())
+@pytest.mark.parametrize("response, offset", [("ray", "edge"), ("continuous", "cell")])
+def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live, response, offset):
+    page = live(draped(response=response, offset=offset))
     mouse = page.tab.mouse
     for place_now, point in (
         ("window.live.live.center(0)", ball().center),
@@ -262,6 +263,8 @@ def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
         page.tab.wait_for_function(f"(s) => Math.hypot(...{place_now}.map((k, i) => k - s[i])) > 0.02", arg=start)
         mouse.up()
     idle(page)
+    if response == "continuous":
+        assert page.tab.evaluate("() => window.live.live.depths().triangles") == 0
     angle = "() => [window.live.camera.azimuth, window.live.camera.zoom]"
     before = page.tab.evaluate(angle)
     box = page.tab.locator("#canvas-0").bounding_box()
