@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from clothsim.gpu import AdapterLostError, block
 from clothsim.gpu import safe as safe_copy
+from clothsim.gpu.block import MOST_STEPS_UNCHECKED
 from clothsim.gpu.device import Device
+from clothsim.gpu.parameters import CONTACT_SIZE
 from clothsim.gpu.simulation import Simulation
 
 GPU = {"backend": "gpu", "precision": "single"}
@@ -246,7 +248,8 @@ def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):
     ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)), response="ray", offset="edge")
     scenes = [cs.Scene(cs.Cloth((3, 3)), ball.replace(radius=0.1 + 0.01 * k)) for k in range(9)]
     Simulation(scenes[:2], 0.0, "single", False, narrow)
-    told = r"graphics adapter: it needs a buffer of 125,712 bytes, .* has at most 40,000"
+    needed = (1 + MOST_STEPS_UNCHECKED) * len(scenes) * CONTACT_SIZE * (8 if device.float64 else 4)
+    told = f"graphics adapter: it needs a buffer of {needed:,} bytes, .* has at most 40,000"
     with pytest.raises(ValueError, match=told):
         Simulation(scenes, 0.0, "single", False, narrow)
 
