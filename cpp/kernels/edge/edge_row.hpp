@@ -1,4 +1,28 @@
-// The edge kernel: all springs of a row.
+// The edge kernel: all springs of a row, in one pass over its vectors.
+//
+// Legs are the springs that start in a vector of mass points P. Their other ends lie in the vectors beside
+// and below it:
+//
+//     row r      P ----side---- N ....side_2.... N2       N: the next vector, N2: the one after it
+//                |  \        /
+//               down  falling        rising leads from N down to the vector below P
+//                |      \  /
+//     row r+1    B       BN          BN: below N
+//                |
+//              down_2
+//                |
+//     row r+2    B2
+//
+// A leg adds its force to P and passes the opposite force on:
+//
+//     along the row   `to_next`, `to_next_2`: in registers, to the vectors one and two further
+//     one row down    `straight` + `diagonal`: to `sent_down`, which the next row reads as `received`
+//     two rows down   to `received_2`, which the next row adds to what it sends down
+//
+// For each vector the pass takes turns (Pipeline): begin a leg, take the root of an earlier leg, end a still
+// earlier leg as a force. A sum is formed in the turn in which the last of its forces is known
+// (Turns::after). After the last vector, what was passed beyond the row's end goes to its first vectors, a
+// lane further.
 #pragma once
 
 #include <algorithm>
@@ -77,169 +101,238 @@ enum class Row {
 
 // All springs that start in a row. `fixed` is the number of vectors of a row, 0 if it is not known here.
 // `along`: springs from column to column are those of a whole row (all), or where `reach` has them (some).
-// `ahead`: a row of which a share is fetched meanwhile.
-template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along, Row which = Row::inner>
-CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
-                              const Real* __restrict received, Real* __restrict sent_down,
-                              const PendingRow<Real>& pending, const Reach<Lanes<Real, Arch>, fixed>& reach,
-                              const Real* ahead = nullptr) {
+template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along, Row which>
+class RowPass {
     using V = Lanes<Real, Arch>;
-    constexpr int W = int(V::size);
-    constexpr bool own = which != Row::halo, has_below = which != Row::last,
-                   has_below_2 = has_below && which != Row::second_last;
-    constexpr bool damped = set.damped, shear = set.shear && has_below, bend_down = set.bend && has_below_2;
-    constexpr bool bend_aside = set.bend && own;
-    constexpr auto only = [](Leg leg, bool there) { return Legs(there) << leg; };
-    constexpr Legs diagonals = only(rising, shear) | only(falling, shear),
-                   downs = only(down, has_below) | only(down_2, bend_down);
-    constexpr Legs sides = only(side, own) | only(side_2, bend_aside);
+    static constexpr int W = int(V::size);
+    static constexpr bool own = which != Row::halo, has_below = which != Row::last,
+                          has_below_2 = has_below && which != Row::second_last;
+    static constexpr bool damped = set.damped, shear = set.shear && has_below,
+                          bend_down = set.bend && has_below_2, bend_aside = set.bend && own;
+    static constexpr Legs only(Leg leg, bool there) { return Legs(there) << leg; }
+    static constexpr Legs diagonals = only(rising, shear) | only(falling, shear),
+                          downs = only(down, has_below) | only(down_2, bend_down),
+                          sides = only(side, own) | only(side_2, bend_aside);
     using Order = Turns<Real, diagonals | downs | sides>;
-    const std::ptrdiff_t stride = source_stride<V>(stage == any_stage ? e.stage : stage);
-    const int m = fixed ? fixed : e.vectors;
-    const Real* const here = source.here;
-    const Real* const below = source.below;
-    const Real* const below_2 = source.below_2;
-    Real* const __restrict received_2 = e.received_2;
-    Real* const __restrict forces = e.force;
-    const auto points = [&](const Real* p) __attribute__((always_inline)) -> Points<V> {
-        if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
-        else return {load3<V>(p, W), {}};
-    };
-    // Behind the last vector stands the first, a lane on.
-    const auto place_of = [&](int k) __attribute__((always_inline)) {
-        return k < m ? k * stride : (k - m) * stride + 1;
-    };
 
-    const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
-    Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
-    Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
-    Vector3<V> kept[2];  // forces to which the row's end adds, where `fixed` keeps them in registers
-    const SpringConstants<V> constants{};
+    const EdgeArguments<Real>& e_;
+    const Real* __restrict received_;
+    Real* __restrict sent_down_;
+    Real* const __restrict received_2_;
+    Real* const __restrict force_;
+    const Real* const here_;
+    const Real* const below_;
+    const Real* const below_2_;
+    const PendingRow<Real>& pending_;
+    const Reach<V, fixed>& reach_;
+    const Real* ahead_;  // a row of which a part is fetched meanwhile, or null
+    const std::ptrdiff_t stride_;
+    const int m_;
+    const SpringConstants<V> constants_{};
 
-    // `first`: the row's first vector, which is handed nothing.
-    const auto column = [&]<Place place, bool first>(int k) __attribute__((always_inline)) {
-        const std::ptrdiff_t at = k * stride;
-        constexpr int follow = place == Place::inner ? 2
-            : place == Place::second_last            ? 1
-                                                     : 0;  // vectors, as far as is known
-        const std::ptrdiff_t next = follow > 0 ? at + stride : place == Place::last ? 1 : place_of(k + 1);
-        const std::ptrdiff_t next_2 = follow > 1 ? at + 2 * stride
-            : place == Place::second_last        ? 1
-            : place == Place::last               ? stride + 1
-                                                 : place_of(k + 2);
-        const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
-        constexpr int kind_size = EdgeCoefficientIndex::count * W;
-        if constexpr (!fixed && which == Row::inner)
-            if (ahead) fetch<V>(e, ahead, k);
+    // Passed on from vector to vector within the row.
+    Vector3<V> to_next_ = none(), to_next_2_ = none();
+    Vector3<V> fell_ = none(), rose_ = none();  // the diagonal forces of the vector before
+    Vector3<V> kept_[2];  // forces to which the row's end adds, where `fixed` keeps them in registers
 
+    // A vector of mass points on its way through the turns.
+    struct Column {
+        int k;
+        std::ptrdiff_t at, next, next_2;  // places of the vector and of the two behind it
+        std::ptrdiff_t vector;            // place of its forces
         Points<V> point;
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
         // `within` is the force of the row on the vector; for the first vector, the received force.
-        Vector3<V> straight = none, diagonal, pair, behind, before, within;
-        const auto take_turn = [&]<int turn>() __attribute__((always_inline)) {
-            constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
-            if constexpr (turn < Order::legs) {
-                constexpr Leg leg = Order::order[turn];
-                const Real* const row = leg == side || leg == side_2 ? here : leg == down_2 ? below_2 : below;
-                const std::ptrdiff_t other_end = leg == falling || leg == side ? next
-                    : leg == side_2                                            ? next_2
-                                                                               : at;
-                if constexpr (leg == rising) {
-                    springs[leg] = stretch<damped>(points(here + next), row + other_end, constants);
-                } else {
-                    if constexpr (turn == Order::first_of_point) point = points(here + at);
-                    springs[leg] = stretch<damped>(point, row + other_end, constants);
-                }
-            }
-            // Finishing any stage is a call, before which what is in registers would be stored.
-            if constexpr (own && turn == (stage == any_stage ? 0 : Order::finishing))
-                if (__builtin_expect(pending.there, 1)) finish<V, Real, stage, fixed>(e, pending, k);
-            if constexpr (of_root >= 0 && of_root < Order::legs)
-                root(springs[Order::order[of_root]], constants);
-            if constexpr (of_force >= 0) {
-                constexpr Leg leg = Order::order[of_force];
-                constexpr SpringKind kind = kind_of_leg[leg];
-                constexpr int columns = spring_kinds[kind].column;
-                // The force between padding and padding is 0.
-                constexpr bool all = columns == 0 || (columns <= follow && along == Springs::all);
-                SomeLanes<V> lanes;
-                if constexpr (!all) lanes = reach(k, columns);
-                f[leg] = force<damped, all ? Springs::all : Springs::some>(
-                    springs[leg], e.coefficients + kind * kind_size, lanes);
-            }
+        Vector3<V> straight = none(), diagonal, pair, behind, before, within;
+    };
 
-            constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
-            if constexpr (has_below && complete(only(down, true))) {
-                if constexpr (set.bend) straight = load3<V>(received_2 + vector, W);
-                straight = set.bend ? f[down] + straight : f[down];
-            }
-            if constexpr (shear && complete(only(rising, true)))
-                diagonal = first ? f[rising] : fell + f[rising];
-            if constexpr (has_below && complete(only(rising, shear) | only(down, true)))
-                store3(sent_down + vector, W, shear ? straight + diagonal : straight);
-            if constexpr (shear && complete(diagonals)) {
-                pair = first ? f[falling] : rose + f[falling];
-                fell = f[falling];
-                rose = f[rising];
-            }
-            if constexpr (bend_down && complete(downs)) store3(received_2 + vector, W, f[down_2]);
-            if constexpr (own && has_below && complete(downs))
-                behind = bend_down ? f[down] + f[down_2] : f[down];
-            if constexpr (own && complete(downs | diagonals)) {
-                before = load3<V>(received + vector, W);
-                if constexpr (shear) behind = behind + pair;
-                if constexpr (has_below) before = before - behind;
-            }
-            if constexpr (own && complete(only(side, true))) {
-                within = first ? f[side] : to_next - f[side];
-                to_next = bend_aside && !first ? to_next_2 + f[side] : f[side];
-            }
-            if constexpr (bend_aside && complete(sides)) {
-                within = first ? within + f[side_2] : within - f[side_2];
-                to_next_2 = f[side_2];
-            }
-        };
+    static CLOTHSIM_INLINE Vector3<V> none() { return {V(Real(0)), V(Real(0)), V(Real(0))}; }
+    static CLOTHSIM_INLINE Points<V> points(const Real* p) {
+        if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
+        else return {load3<V>(p, W), {}};
+    }
+    // How many vectors follow in the row, as far as is known.
+    static constexpr int following(Place place) {
+        return place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
+    }
+    // The place of vector k. Behind the last vector stands the first, a lane on.
+    CLOTHSIM_INLINE std::ptrdiff_t place_of(int k) const {
+        return k < m_ ? k * stride_ : (k - m_) * stride_ + 1;
+    }
+    // The place of the vector so many behind vector k, which is at `at`.
+    template <Place place, int count>
+    CLOTHSIM_INLINE std::ptrdiff_t place_behind(int k, std::ptrdiff_t at) const {
+        constexpr int past = count - following(place);  // the first vector is one past the last
+        if constexpr (past <= 0) return at + count * stride_;
+        else if constexpr (place == Place::any) return place_of(k + count);
+        else return (past - 1) * stride_ + 1;
+    }
+
+    template <Leg leg>
+    CLOTHSIM_INLINE void begin(Column& c, bool first_of_point) {
+        const Real* const row = leg == side || leg == side_2 ? here_ : leg == down_2 ? below_2_ : below_;
+        const std::ptrdiff_t end = leg == falling || leg == side ? c.next : leg == side_2 ? c.next_2 : c.at;
+        if (first_of_point) c.point = points(here_ + c.at);
+        if constexpr (leg == rising)
+            c.springs[leg] = stretch<damped>(points(here_ + c.next), row + end, constants_);
+        else c.springs[leg] = stretch<damped>(c.point, row + end, constants_);
+    }
+
+    template <Leg leg, Place place>
+    CLOTHSIM_INLINE void end(Column& c) {
+        constexpr SpringKind kind = kind_of_leg[leg];
+        constexpr int columns = spring_kinds[kind].column;
+        // The force between padding and padding is 0.
+        constexpr bool all = columns == 0 || (columns <= following(place) && along == Springs::all);
+        SomeLanes<V> lanes;
+        if constexpr (!all) lanes = reach_(c.k, columns);
+        c.f[leg] = force<damped, all ? Springs::all : Springs::some>(
+            c.springs[leg], e_.coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
+    }
+
+    // What a turn completes for the rows below.
+    template <int turn, bool first>
+    CLOTHSIM_INLINE void send_down(Column& c) {
+        constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
+        if constexpr (has_below && complete(only(down, true))) {
+            if constexpr (set.bend) c.straight = load3<V>(received_2_ + c.vector, W);
+            c.straight = set.bend ? c.f[down] + c.straight : c.f[down];
+        }
+        if constexpr (shear && complete(only(rising, true)))
+            c.diagonal = first ? c.f[rising] : fell_ + c.f[rising];
+        if constexpr (has_below && complete(only(rising, shear) | only(down, true)))
+            store3(sent_down_ + c.vector, W, shear ? c.straight + c.diagonal : c.straight);
+        if constexpr (shear && complete(diagonals)) {
+            c.pair = first ? c.f[falling] : rose_ + c.f[falling];
+            fell_ = c.f[falling];
+            rose_ = c.f[rising];
+        }
+        if constexpr (bend_down && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
+    }
+
+    // What a turn completes for the row's own points.
+    template <int turn, bool first>
+    CLOTHSIM_INLINE void sum_own(Column& c) {
+        constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
+        if constexpr (has_below && complete(downs))
+            c.behind = bend_down ? c.f[down] + c.f[down_2] : c.f[down];
+        if constexpr (complete(downs | diagonals)) {
+            c.before = load3<V>(received_ + c.vector, W);
+            if constexpr (shear) c.behind = c.behind + c.pair;
+            if constexpr (has_below) c.before = c.before - c.behind;
+        }
+        if constexpr (complete(only(side, true))) {
+            c.within = first ? c.f[side] : to_next_ - c.f[side];
+            to_next_ = bend_aside && !first ? to_next_2_ + c.f[side] : c.f[side];
+        }
+        if constexpr (bend_aside && complete(sides)) {
+            c.within = first ? c.within + c.f[side_2] : c.within - c.f[side_2];
+            to_next_2_ = c.f[side_2];
+        }
+    }
+
+    template <int turn, Place place, bool first>
+    CLOTHSIM_INLINE void take_turn(Column& c) {
+        constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
+        if constexpr (turn < Order::legs) begin<Order::order[turn]>(c, turn == Order::first_of_point);
+        // Finishing any stage is a call, before which what is in registers would be stored.
+        if constexpr (own && turn == (stage == any_stage ? 0 : Order::finishing))
+            if (__builtin_expect(pending_.there, 1)) finish<V, Real, stage, fixed>(e_, pending_, c.k);
+        if constexpr (of_root >= 0 && of_root < Order::legs)
+            root(c.springs[Order::order[of_root]], constants_);
+        if constexpr (of_force >= 0) end<Order::order[of_force], place>(c);
+        send_down<turn, first>(c);
+        if constexpr (own) sum_own<turn, first>(c);
+    }
+
+    // `first`: the row's first vector, which is passed nothing.
+    template <Place place, bool first>
+    CLOTHSIM_INLINE void column(int k) {
+        if constexpr (!fixed && which == Row::inner)
+            if (ahead_) fetch<V>(e_, ahead_, k);
+        Column c;
+        c.k = k;
+        c.at = k * stride_;
+        c.next = place_behind<place, 1>(k, c.at);
+        c.next_2 = place_behind<place, 2>(k, c.at);
+        c.vector = std::ptrdiff_t(k) * 3 * W;
         [&]<int... turn>(std::integer_sequence<int, turn...>) __attribute__((always_inline)) {
-            (take_turn.template operator()<turn>(), ...);
+            (take_turn<turn, place, first>(c), ...);
         }(std::make_integer_sequence<int, Order::count>{});
         if constexpr (own) {
-            const Vector3<V> sum = first ? before - within : within + before;
-            if (fixed && k < 2) kept[k] = sum;
-            else store3(forces + vector, W, sum);
-        }
-    };
-    if constexpr (fixed > 0) {
-        each<fixed - 2>(CLOTHSIM_EACH(k) { column.template operator()<Place::inner, k == 0>(k); });
-        column.template operator()<Place::second_last, fixed == 2>(fixed - 2);
-        column.template operator()<Place::last, false>(fixed - 1);
-    } else {
-        // Where masks cost something, rows that need them at every vector are rare: one copy of the code is
-        // enough.
-        int k = 0;
-        if constexpr (which == Row::inner && (along == Springs::all || masks_in_registers))
-            for (; k < m - 2; ++k) column.template operator()<Place::inner, false>(k);
-        if constexpr (along == Springs::all) {
-            column.template operator()<Place::second_last, false>(k++);
-            column.template operator()<Place::last, false>(k++);
-        } else {
-            for (; k < m; ++k) column.template operator()<Place::any, false>(k);
+            const Vector3<V> sum = first ? c.before - c.within : c.within + c.before;
+            if (fixed && k < 2) kept_[k] = sum;
+            else store3(force_ + c.vector, W, sum);
         }
     }
 
-    const std::ptrdiff_t past = std::ptrdiff_t(m) * 3 * W;
-    if constexpr (shear) store3(sent_down + past, W, fell);
-    if constexpr (!own) return;
-    Vector3<V> past_last = to_next;
-    if constexpr (set.shear) {
-        const Vector3<V> before = load3<V>(received + past, W);
-        past_last = (shear ? before - rose : before) + past_last;
+    CLOTHSIM_INLINE void all_columns() {
+        if constexpr (fixed > 0) {
+            each<fixed - 2>(CLOTHSIM_EACH(k) { column<Place::inner, k == 0>(k); });
+            column<Place::second_last, fixed == 2>(fixed - 2);
+            column<Place::last, false>(fixed - 1);
+        } else {
+            // Where masks cost something, rows that need them at every vector are rare: one copy of the code
+            // is enough.
+            int k = 0;
+            if constexpr (which == Row::inner && (along == Springs::all || masks_in_registers))
+                for (; k < m_ - 2; ++k) column<Place::inner, false>(k);
+            if constexpr (along == Springs::all) {
+                column<Place::second_last, false>(k++);
+                column<Place::last, false>(k++);
+            } else {
+                for (; k < m_; ++k) column<Place::any, false>(k);
+            }
+        }
     }
+
     // Forces past the last vector belong to the first vectors, a lane further.
-    const auto sum = [&](int k) { return fixed ? kept[k] : load3<V>(forces + k * 3 * W, W); };
-    store3(forces, W, sum(0) + shifted_lanes(past_last));
-    if constexpr (bend_aside) store3(forces + 3 * W, W, sum(1) + shifted_lanes(to_next_2));
-    else if constexpr (fixed > 0) store3(forces + 3 * W, W, kept[1]);
+    CLOTHSIM_INLINE void pass_beyond_end() {
+        const std::ptrdiff_t past = std::ptrdiff_t(m_) * 3 * W;
+        if constexpr (shear) store3(sent_down_ + past, W, fell_);
+        if constexpr (!own) return;
+        Vector3<V> past_last = to_next_;
+        if constexpr (set.shear) {
+            const Vector3<V> before = load3<V>(received_ + past, W);
+            past_last = (shear ? before - rose_ : before) + past_last;
+        }
+        const auto sum = [&](int k) { return fixed ? kept_[k] : load3<V>(force_ + k * 3 * W, W); };
+        store3(force_, W, sum(0) + shifted_lanes(past_last));
+        if constexpr (bend_aside) store3(force_ + 3 * W, W, sum(1) + shifted_lanes(to_next_2_));
+        else if constexpr (fixed > 0) store3(force_ + 3 * W, W, kept_[1]);
+    }
+
+public:
+    CLOTHSIM_INLINE RowPass(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
+                            const Real* received, Real* sent_down, const PendingRow<Real>& pending,
+                            const Reach<V, fixed>& reach, const Real* ahead)
+        : e_(e),
+          received_(received),
+          sent_down_(sent_down),
+          received_2_(e.received_2),
+          force_(e.force),
+          here_(source.here),
+          below_(source.below),
+          below_2_(source.below_2),
+          pending_(pending),
+          reach_(reach),
+          ahead_(ahead),
+          stride_(source_stride<V>(stage == any_stage ? e.stage : stage)),
+          m_(fixed ? fixed : e.vectors) {}
+    CLOTHSIM_INLINE void run() {
+        all_columns();
+        pass_beyond_end();
+    }
+};
+
+template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along, Row which = Row::inner>
+CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
+                              const Real* received, Real* sent_down, const PendingRow<Real>& pending,
+                              const Reach<Lanes<Real, Arch>, fixed>& reach, const Real* ahead = nullptr) {
+    RowPass<Arch, Real, set, stage, fixed, along, which>(e, source, received, sent_down, pending, reach,
+                                                         ahead)
+        .run();
 }
 
 }  // namespace
