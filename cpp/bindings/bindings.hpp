@@ -1,4 +1,4 @@
-// Python meets the core here and nowhere else.
+// Python touches the core here and nowhere else.
 #pragma once
 
 #include <pybind11/numpy.h>

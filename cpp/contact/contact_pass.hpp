@@ -1,10 +1,20 @@
 // The pass of continuous contacts after a step of any integrator. The pass sees the state at the start of the
 // step, and the end of the step without spheres.
 //
+//      start of step      free end                        response
+//
+//           o - - - - - - -> x                 o - - -t    t: time of impact, on the contact radius
+//                       ____                         / \   n: normal there
+//                     /  S   \                      s    n   v.n -> -e v.n, friction on the rest
+//                                                            s: the rest of the step, along the new velocity
+//
 //   1. A kernel finds the vectors of points that may touch, responds where it can and copies the others.
 //      Points do not depend on each other here, so any number of threads gives the same bits.
 //   2. Bounces and points near several spheres follow, point by point in the cloth's order.
 //      The energy of a bounce depends on the neighbours as they are now.
+//
+//     all points -> open vectors (kernel) -> done | free: untouched | unresolved -> exact::respond, one by
+//     one
 //
 // Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
 // Where a sphere has the offset "cell", each point has a contact radius of its own: contact/cell_pass.hpp.
@@ -116,7 +126,7 @@ public:
         return report_;
     }
 
-    // Whether the pass has looked closer at a mass point of the row: any other is outside the spheres.
+    // Whether the pass has inspected a mass point of the row: any other is outside the spheres.
     bool touched(int row) const {
         if (faces_) return face_pass_->touched;
         const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));

@@ -25,8 +25,8 @@ namespace clothsim {
 
 struct ContactRow {
     std::array<int, 3> corner;
-    std::array<double, 3> weight, part;  // share: weight / mass, 0 if the corner is pinned [1/kg]
-    double mobility, inertia;  // sum of weight * share [1/kg], and its inverse [kg]
+    std::array<double, 3> weight, part;  // part: weight / mass, 0 if the corner is pinned [1/kg]
+    double mobility, inertia;  // sum of weight * part [1/kg], and its inverse [kg]
     double friction;
     Vec3 normal;
     struct Side {

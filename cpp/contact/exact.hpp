@@ -47,9 +47,11 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
 
 namespace exact {
 
-// More contacts than this in a step happen only where spheres close on a point: it is then stopped.
+// A bound: more contacts in a step happen only where spheres close on a point, which is then stopped. Half or
+// twice changes no other point.
 inline constexpr int most_contacts = 16;
-// Rounds over all spheres in which a point is taken out of them, before it counts as trapped.
+// A bound: rounds over all spheres in which a point is taken out of them, before it counts as trapped. Half
+// or twice changes nothing else.
 inline constexpr int resolve_rounds = 100;
 
 inline Vec3 vec(const double (&a)[3]) { return {a[0], a[1], a[2]}; }
@@ -96,7 +98,7 @@ PointState respond(const Points& points, int i, const SweptSphere& s, const Touc
     return {vec(s.end) + vec(p), velocity + vec(v)};
 }
 
-// Nearest place outside two spheres that overlap, on the circle where their surfaces meet.
+// Nearest place outside two spheres that overlap, on the circle where their surfaces intersect.
 inline Vec3 on_common_circle(const SweptSphere& a, double top_a, const SweptSphere& b, double top_b,
                              const Vec3& x) {
     const Vec3 between = vec(b.end) - vec(a.end);

@@ -36,7 +36,7 @@ FaceWork::FaceWork(const Scene& scene, const std::vector<bool>& faces, const Fac
     moved_.resize(n);
     sum_.resize(n);
     seen_.resize(6 * n * faces.size(), 0);
-    lasted_.resize(seen_.size(), 0);
+    persistent_at_.resize(seen_.size(), 0);
     drift_.resize(at(cloth.rows));
     stiffness_.assign(n, 0.0);
     for (int i = 0; i < cloth.points(); ++i)
@@ -144,11 +144,12 @@ void FaceWork::solve(std::size_t first, ContactSide side) {
 void FaceWork::restore_persistent(double dt) {
     if (persistent.empty()) return;
     std::erase_if(persistent, [this](const PersistentContact& l) {
-        return l.feature >= lasted_.size();
+        return l.feature >= persistent_at_.size();
     });  // of another scene
-    for (std::size_t k = 0; k < persistent.size(); ++k) lasted_[persistent[k].feature] = std::uint32_t(k + 1);
+    for (std::size_t k = 0; k < persistent.size(); ++k)
+        persistent_at_[persistent[k].feature] = std::uint32_t(k + 1);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
-        const std::uint32_t last = lasted_[origins_[k].feature];
+        const std::uint32_t last = persistent_at_[origins_[k].feature];
         if (last == 0) continue;
         ContactRow& row = rows_[k];
         row.place.impulse = dt * dt * persistent[last - 1].place;
@@ -156,7 +157,7 @@ void FaceWork::restore_persistent(double dt) {
         row.push(x, row.place.impulse);
         row.push(v, row.speed.impulse);
     }
-    for (const PersistentContact& l : persistent) lasted_[l.feature] = 0;
+    for (const PersistentContact& l : persistent) persistent_at_[l.feature] = 0;
 }
 
 void FaceWork::save_persistent(double dt) {
@@ -164,7 +165,7 @@ void FaceWork::save_persistent(double dt) {
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const ContactRow& row = rows_[k];
         if ((row.place.impulse.array() == 0).all() && (row.speed.impulse.array() == 0).all()) continue;
-        std::uint32_t& last = lasted_[origins_[k].feature];
+        std::uint32_t& last = persistent_at_[origins_[k].feature];
         if (last == 0) {
             persistent.push_back({origins_[k].feature, Vec3::Zero(), Vec3::Zero()});
             last = std::uint32_t(persistent.size());
@@ -172,7 +173,7 @@ void FaceWork::save_persistent(double dt) {
         persistent[last - 1].place += row.place.impulse / (dt * dt);
         persistent[last - 1].speed += row.speed.impulse / dt;
     }
-    for (const PersistentContact& l : persistent) lasted_[l.feature] = 0;
+    for (const PersistentContact& l : persistent) persistent_at_[l.feature] = 0;
 }
 
 // Points and triangles inside at the start go outwards by at most the push of their sphere, and not inwards.

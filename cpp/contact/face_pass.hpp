@@ -1,7 +1,5 @@
-// The contact of whole triangles with
-// spheres: the end of the pass for
-// continuous contact where a sphere keeps
-// faces out.
+// The contact of whole triangles with spheres: the end of the pass for continuous contact where a sphere
+// keeps faces out.
 //
 //   1. Rows: triangles that lie on a sphere when the step begins, or reach it within the step.
 //      Their corners go straight to the end of the free step (contact/triangle.hpp).

@@ -76,7 +76,9 @@ inline void offer_inside_of_thin(const Corners& c, Foot& best, double& least) {
 // In a thin or collapsed triangle rounding hides which these are: then all count. Every candidate is a point
 // of the triangle.
 inline Foot nearest_to_origin(const Corners& c) {
-    constexpr double thin = 1e-8;  // squared sine of the angle at the first corner
+    // Squared sine of the angle at the first corner: the root of the rounding of a product. Half or twice
+    // changes no drape and no shot.
+    constexpr double thin = 1e-8;
     const Vec3 ab = c[1] - c[0], ac = c[2] - c[0];
     const Vec3 normal = ab.cross(ac);
     const double area2 = normal.squaredNorm();
@@ -133,7 +135,9 @@ inline bool beyond_turning_plane(const Corners& p0, const Corners& p1, const Vec
 // time of the touch by regula falsi.
 inline TriangleTouch triangle_touch(const Corners& p0, const Corners& p1, double reach, double tolerance) {
     constexpr double shortest_leap = 1e-12;  // of the step; not tuned: above the rounding of a time
-    constexpr int most_advances = 500;  // then it grazes at this distance all along: called a touch
+    // A bound: a triangle that needs more grazes all along, and counts as touching. Half or twice changes no
+    // drape and no shot.
+    constexpr int most_advances = 500;
     TriangleTouch t;
     Corners now = p0;
     t.foot = nearest_to_origin(now);

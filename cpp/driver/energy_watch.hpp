@@ -45,7 +45,7 @@ public:
     // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into
     // engine.watched.
     std::int64_t runaway_point(Engine& engine, bool record);
-    // Whether the energy has grown at a recorded look; true once.
+    // Whether the energy has grown at a recorded inspection; true once.
     bool take_growth() { return std::exchange(news_, false); }
 
 private:

@@ -17,23 +17,27 @@ namespace {
 using std::chrono::steady_clock;
 
 // Steps. The state of an unstable run is caught within this many steps of its first non-finite value. Going
-// back to the last checkpoint then finds the exact step.
+// back to the last checkpoint then finds the exact step. Half inspects twice as often; twice repeats more
+// steps of an unstable run.
 constexpr std::int64_t most_steps_unchecked = 128;
 // Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth
 // is likely.
 constexpr std::int64_t steps_between_energies = most_steps_unchecked,
                        steps_between_energies_above = EnergyWatch::steps_between_checks;
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
-// the steps of earlier calls cannot be interrupted, and takes no longer than this.
+// the steps of earlier calls cannot be interrupted, and takes no longer than this. Half or
+// twice: as long without Ctrl-C.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
 // contact pass each. That takes ten times as long and cannot be interrupted.
 constexpr double most_seconds_behind_planes = 0.004;
-// Of a batch later: each member has to come into cache, and should then be stepped more than once.
+// Of a batch later: each member has to come into cache, and should then be stepped more than once. Half or
+// twice: as long until Ctrl-C is seen.
 constexpr double seconds_of_batch = 0.05;
 
-// From so many mass points on, waking a team takes less than it saves in a step.
+// From so many mass points on, waking a team (some 50 us) takes less than it saves in a step. Half or twice
+// only concerns the first step of a run.
 constexpr std::int64_t least_points_per_team = 16384;
 
 // How many of `count` members are stepped by one thread each. The others are too few for all threads. The

@@ -1,5 +1,23 @@
 // A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres near
-// it.
+// it. A thread works on a band.
+//
+//     band 0, upwards   row 0       rows 1 and 0 of the sweep's order: finished last
+//         ^             row 1
+//         |             row 2       `border` and `second`: finished first
+//     ====|============ border: `near` of both bands ==================================
+//         |             row 3       `border` and `second` of band 1: finished first
+//         v             row 4
+//     band 1, downwards row 5
+//
+// A spring across the border needs the rows of the other band at the same stage. So each band copies its two
+// rows into a HaloSlot of its neighbour as soon as it has made them:
+//
+//     make rows --> hand(): copy into the neighbour's slot --> signal the stage
+//                                                                   |
+//     neighbour: claim() lines to write, fetch() lines to read, wait() for the stage, sum springs
+//
+// Both bands of a border begin their sweeps there, or both end them there. At a border where they begin,
+// a band has a whole sweep of time until the neighbour's rows are needed.
 #pragma once
 
 #include "engines/edge_engine.hpp"
@@ -134,10 +152,10 @@ struct EdgeEngine<Real>::Band : RowBand {
         }
     }
     // Copies two finished rows to the halo slot of a neighbour, which reads them in stage `number`.
-    void hand(HaloSlot<Real>& box, std::int64_t number, int border, int second) const {
+    void hand(HaloSlot<Real>& slot, std::int64_t number, int border, int second) const {
         const Stage next = Stage(number % 4);
         const auto row = [&](int r) { return source(next, r); };
-        box.put(number, row(border), row(second));
+        slot.put(number, row(border), row(second));
     }
 
     static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
@@ -154,7 +172,7 @@ struct EdgeEngine<Real>::Band : RowBand {
     void begin() {
         step = engine->step_;
         finite = true;
-        for (auto* box : {&from_near, &from_far}) box->begin(4 * step);
+        for (auto* slot : {&from_near, &from_far}) slot->begin(4 * step);
     }
     void give_border(int r, std::int64_t step) {
         if (r + 1 < size()) engine->halos_.claim(strip, row(r + 1), step);

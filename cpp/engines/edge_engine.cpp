@@ -34,7 +34,7 @@ constexpr int rows_between_stages = 3;
 constexpr int rows_at_a_time = 4;
 // Of work, from the newest that the first stage makes to the oldest that the last one reads.
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
-// The third row finishes the second one, and then the first two may be handed over.
+// The third row finishes the second one, and then the first two may be sent.
 constexpr int rows_to_hand = 3;
 
 template <class Real>
@@ -274,7 +274,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool inspect) {
     ++band.step;
 }
 
-// The share of a team's thread in some steps.
+// The part of a team's thread in some steps.
 template <class Real>
 void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const Clock& clock) {
     const auto& all = bands(team);

@@ -52,13 +52,13 @@ private:
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
-    // `look`: at the state it leaves, whether that is finite.
+    // `inspect`: whether the state that it leaves is finite.
     void step_band(Band& band, double t, bool inspect);
     // Parts of a step's stage s = 0..3.
     void begin_stage(Band& band, int s);
     void run_rows(Band& band, int s, int begin, int end);
     void run_last_rows(Band& band, int s, int begin, int end);
-    // With strips the next step's state is handed over when their halos are filled.
+    // With strips the next step's state is sent when their halos are filled.
     bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
     // A strip's row in its place in `state`, which is laid out like memory.

@@ -37,7 +37,7 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
                                    FieldScratch<Real>& scratch) {
     scratch.values.resize(std::size_t(scratch_size()));
     scratch.band = band;
-    // The band and the two rows after it, at which its last ones look. The stage only reads their state.
+    // The band and the two rows after it, which its last rows read. The stage only reads their state.
     const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
     const std::ptrdiff_t acceleration_row = layout_.vectors * WorkRecord::count * layout_.lanes;
     scratch.rows.clear();

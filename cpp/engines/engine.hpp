@@ -28,7 +28,7 @@ public:
     // the state must then be discarded.
     bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
 
-    // Of continuous contact since the last look, see ContactReport.
+    // Of continuous contact since the last inspection, see ContactReport.
     ContactReport contact_report;
 
     // Extremes over the states so far. Depths are watched only when asked for; the first contact always.

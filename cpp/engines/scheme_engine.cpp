@@ -1,5 +1,21 @@
 // Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
 // state. Each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
+//
+// A family of methods is a way through three arrays: the state, two stages, and a slot of accelerations for
+// each stage.
+//
+//     explicit Runge-Kutta    state --a0--> stage 0 --a1--> stage 1 --a2--> stage 0 ... --> state
+//                               |_____________|_______________|_____ each from the state and all slopes
+//     with error control      the same, but the end goes to `result_`: an accepted step swaps it with the
+//                             state, a rejected one leaves the state alone. `previous_` serves dense output.
+//     splitting               state --drift--> state --kick a0--> state --drift--> ..., in place
+//     implicit                state --ImplicitMidpoint--> state, by Newton's method, one thread
+//
+// An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a row as
+// soon as its accelerations are known, so that the row is still in cache. Explicit sweeps follow each other
+// without barriers. Splittings overwrite the state in place and need a barrier between drift and kick.
+//
+// After the last arrow: driven pins are placed, spheres respond, depths and speeds are watched.
 #include "engines/scheme_engine.hpp"
 
 #include <algorithm>

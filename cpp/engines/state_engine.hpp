@@ -410,7 +410,7 @@ private:
         for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
     }
 
-    // Of rows in which a sphere has found a mass point since the last look. No other can have one inside: the
+    // Of rows in which a sphere has found a mass point since the last pass. No other can have one inside: the
     // test of the responses takes in the contact radius, pinned points too, and nothing moves points after
     // it.
     void note_depths(int begin, int end, double t, int first_column, int end_column) {

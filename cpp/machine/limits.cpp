@@ -14,9 +14,11 @@ namespace clothsim {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr int windows = 8;  // of a measurement, the best counts; half is noisier
+// Windows of a measurement, of which the best counts, and the seconds of each. Half of either has fewer quiet
+// moments of a shared machine; twice only takes longer.
+constexpr int windows = 8;
 constexpr double window_seconds = 0.01;
-constexpr std::ptrdiff_t cache_line = 64;
+constexpr std::ptrdiff_t cache_line = 64;  // bytes, on all processors with kernels
 
 double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
@@ -66,6 +68,7 @@ private:
 template <class Real>
 double multiply_add_peak(const KernelTable& kernels, int threads) {
     const LimitKernels<Real>& limits = kernels_of<Real>(kernels).limits;
+    // Some 50 us, so that reading the clock costs nothing; half or twice does not either.
     constexpr std::int64_t rounds = 4096;
     return best_rate(threads, [&](int) {
         limits.multiply_add(rounds);
@@ -95,7 +98,7 @@ Bandwidth memory_bandwidth(const KernelTable& kernels, int threads, std::int64_t
 }
 
 double core_round_trip() {
-    constexpr int trips = 2000;
+    constexpr int trips = 2000;  // 0.2 ms or more, far above the resolution of the clock at half too
     struct alignas(2 * cache_line) Flag {
         std::atomic<int> value{0};
     } ping, pong;

@@ -17,7 +17,7 @@ struct Bandwidth {
 template <class Real>
 Bandwidth memory_bandwidth(const KernelTable& kernels, int threads, std::int64_t bytes);
 
-// A message to another thread and its answer through two flags [s]: the best of several windows.
+// A message to another thread and back through two flags [s]: the best of several windows.
 double core_round_trip();
 
 }  // namespace clothsim

@@ -1,11 +1,11 @@
-// Plain work over an array, shared among threads.
+// Plain work over an array, in a part for each thread.
 #pragma once
 
 #include <cstddef>
 
 namespace clothsim {
 
-// `work(begin, end, share)` of each of `shares` about equal shares of [0, count). It must not throw.
+// `work(begin, end, part)` for `parts` parts of [0, count) of about equal size. It must not throw.
 template <class Work>
 void in_parts(std::ptrdiff_t count, int parts, Work work) {
     if (parts == 1) return work(0, count, 0);  // a region of one thread costs as much as a small cloth's copy

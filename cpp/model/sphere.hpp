@@ -1,4 +1,4 @@
-// A sphere, its motion and how cloth answers to it.
+// A sphere, its motion and how cloth responds to it.
 #pragma once
 
 #include <array>

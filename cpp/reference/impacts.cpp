@@ -26,7 +26,7 @@ double bisect(double low, double high, const Predicate& holds) {
     return high;
 }
 
-// The time after `elapsed` at which the path next meets the sphere, within `left`.
+// The time after `elapsed` at which the path next touches the sphere, within `left`.
 std::optional<double> impact(const Path& path, const MovingSphere& sphere, double elapsed, double left) {
     const auto from_center = [&](double s) -> Vec3 { return path.at(s) - sphere.at(elapsed + s); };
     const auto inside = [&](double s) { return from_center(s).norm() < sphere.radius; };

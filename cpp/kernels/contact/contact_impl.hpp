@@ -2,8 +2,8 @@
 // within the step, and responds. The many points that lie on the sphere go to
 // kernels/contact/contact_resting.hpp, the others to kernels/contact/continuous.hpp.
 //
-// A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have met it unless
-// |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
+// A point at distance |m| after the step, having gone |q| in the sphere's frame, cannot have touched it
+// unless |m| <= R + |q|. That costs a root; (R + |q|)^2 <= (1 + k) R^2 + (1 + 1/k) q^2 for any k does not.
 //
 // This check is in Real, and rounding never hides a point. A point that needs a response came to R or nearer,
 // at a right angle to its way or at its end. So even m^2 <= R^2 + q^2 holds for it. Let m and q be wrong by

@@ -79,8 +79,8 @@ public:
         each<3>([&](auto k) __attribute__((always_inline)) { momentum_[k] = V(Real(0)); });
     }
 
-    // Responds for the lanes `near` that are such points, and adds them to `responded`. Of the other lanes,
-    // those that have to be inspected. `radius2`: rho^2 of the points, for offset "cell". `mass`: of the
+    // Responds in those lanes of `near` that are such points, and adds them to `responded`. Returns the other
+    // lanes that have to be inspected. `radius2`: rho^2 of the points, for offset "cell". `mass`: of the
     // points.
     CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
                                           const Mask& near, const Mask& moves,
@@ -172,7 +172,7 @@ public:
     }
 
 private:
-    // Lanes of points on the sphere and pressed against it; of points outside that do not meet it in this
+    // Lanes of points on the sphere and pressed against it; of points outside that do not touch it in this
     // step.
     struct Decision {
         std::uint64_t touching, clear;

@@ -1,4 +1,4 @@
-// Continuous contact of a mass point with a sphere: when within a step they meet, and what follows.
+// Continuous contact of a mass point with a sphere: the time of impact within a step, and what follows.
 //
 // Everything is in the sphere's frame and in double. Within a step the point goes straight from the start of
 // the step to the end of the free step. The sphere goes straight between its two places, so that
@@ -130,7 +130,7 @@ CLOTHSIM_LANE Surface<D> cell_surface(const SweptSphere& s, const D& radius2) {
     return {least * D(1 + cell_band<Real>), least - D(s.slop), least, least * D(1 + cell_band<Real> / 2)};
 }
 
-// Where a point meets the sphere within a step.
+// Where a point touches the sphere within a step.
 template <class D>
 struct Touch {
     MaskOf<D> hit;  // within the step

@@ -40,7 +40,7 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
         return k < m ? k * stride : (k - m) * stride + 1;
     };
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
-    Vector3<V> to_next = none, to_next_2 = none;  // handed on within the row
+    Vector3<V> to_next = none, to_next_2 = none;  // passed on within the row
     Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
     const SpringConstants<V> constants{};
     for (int k = 0; k < m; ++k) {

@@ -19,8 +19,8 @@
 //     one row down    `straight` + `diagonal`: to `sent_down`, which the next row reads as `received`
 //     two rows down   to `received_2`, which the next row adds to what it sends down
 //
-// For each vector the pass takes turns (Pipeline): begin a leg, take the root of an earlier leg, end a still
-// earlier leg as a force. A sum is formed in the turn in which the last of its forces is known
+// For each vector the pass takes turns (Pipeline). A turn begins a leg, takes the root of an earlier leg, and
+// ends a still earlier leg as a force. A sum is formed in the turn in which the last of its forces is known
 // (Turns::after). After the last vector, what was passed beyond the row's end goes to its first vectors, a
 // lane further.
 #pragma once
@@ -139,7 +139,7 @@ class RowPass {
     struct Column {
         int k;
         std::ptrdiff_t at, next, next_2;  // places of the vector and of the two behind it
-        std::ptrdiff_t vector;            // place of its forces
+        std::ptrdiff_t vector;  // place of its forces
         Points<V> point;
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
@@ -191,7 +191,7 @@ class RowPass {
             c.springs[leg], e_.coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
     }
 
-    // What a turn completes for the rows below.
+    // Sums for the rows below that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void send_down(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -211,7 +211,7 @@ class RowPass {
         if constexpr (bend_down && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
     }
 
-    // What a turn completes for the row's own points.
+    // Sums for the points of the row that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void sum_own(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };

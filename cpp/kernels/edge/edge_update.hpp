@@ -1,5 +1,5 @@
-// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres it may have
-// met.
+// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres that it may
+// have touched.
 #pragma once
 
 #include "kernels/edge/edge_spring.hpp"
@@ -129,7 +129,7 @@ CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row,
     return xsimd::all(nearest <= V(sphere.plane));
 }
 
-// The spheres that points of rows [begin, end) have met.
+// The spheres that points of rows [begin, end) have entered.
 template <class V, class Real>
 __attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int begin, int end) {
     constexpr int W = int(V::size), state_stride = StateRecord::count * W;
@@ -155,7 +155,7 @@ CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) 
     if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
 }
 
-// Ask for the share of a row ahead that belongs to a vector. In one go the requests would wait for each
+// Ask for the part of a row ahead that belongs to a vector. In one go the requests would wait for each
 // other, and the arithmetic with them.
 template <class V, class Real>
 CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
