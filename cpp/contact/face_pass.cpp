@@ -28,16 +28,14 @@ constexpr Effort bouncing{1e-10, 20000, 100, 1000};  // of what flies for longer
 }  // namespace
 
 FaceWork::FaceWork(const Scene& scene, const std::vector<bool>& faces, const FaceKernels& kernels)
-    : scene_(scene), cloth_(scene.cloth), faces_(faces), kernels_(kernels) {
+    : scene_(scene), cloth_(scene.cloth), faces_(faces), broad_phase_(cloth_, faces.size(), kernels) {
     const Cloth& cloth = scene.cloth;
     const std::size_t n = at(cloth.points());
     for (auto* a : {&x0, &v0, &x, &v, &scratch_}) a->resize(n);
     changed.resize(n);
-    moved_.resize(n);
     sum_.resize(n);
     seen_.resize(6 * n * faces.size(), 0);
     persistent_at_.resize(seen_.size(), 0);
-    drift_.resize(at(cloth.rows));
     stiffness_.assign(n, 0.0);
     for (int i = 0; i < cloth.points(); ++i)
         for (const Neighbour& neighbour : neighbours) {
@@ -45,70 +43,17 @@ FaceWork::FaceWork(const Scene& scene, const std::vector<bool>& faces, const Fac
             if (cloth.present[neighbour.family] && r >= 0 && r < cloth.rows && c >= 0 && c < cloth.columns)
                 stiffness_[at(i)] += cloth.stiffness[neighbour.family];
         }
-    frames_.resize(faces.size());
-    for (Frame& frame : frames_) {
-        for (std::size_t k = 0; k < 3; ++k) {
-            frame.start[k].resize(n);
-            frame.end[k].resize(n);
-        }
-        for (auto& heights : frame.heights) heights.resize(n);
-        for (auto& of_triangle : frame.planes)
-            for (std::size_t k = 0; k < 6; ++k) of_triangle[k].assign(n, k % 3 == 1 ? 1.0 : 0.0);
-    }
-    reached_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
-    reached_list_.resize(faces.size());
-    followed_ = reached_;
     inside_.assign(faces.size(), std::vector<std::uint8_t>(2 * n, 0));
+    followed_ = inside_;
 }
 
 Corners FaceWork::corners(const std::vector<Vec3>& of, const std::array<int, 3>& c) const {
     return {of[at(c[0])], of[at(c[1])], of[at(c[2])]};
 }
 
-void FaceWork::place(const std::vector<Vec3>& from, const double (&center)[3],
-                     std::array<std::vector<double>, 3>& to) {
-    for (std::size_t k = 0; k < 3; ++k) {
-        double* const out = to[k].data();
-        for (std::size_t i = 0; i < from.size(); ++i) out[i] = from[i][Eigen::Index(k)] - center[k];
-    }
-}
-
 // Where points are now, seen from a sphere.
-FaceWork::Frame& FaceWork::place_in_frame(int sphere) {
-    Frame& frame = frames_[at(sphere)];
-    place(x, (*spheres_)[at(sphere)].end, frame.end);
-    return frame;
-}
-
-CellRow FaceWork::cell_row(const Frame& frame, int first) const {
-    CellRow row;
-    row.cells = cloth_.columns - 1;
-    for (std::size_t k = 0; k < 3; ++k) {
-        row.start[k] = frame.start[k].data() + first;
-        row.end[k] = frame.end[k].data() + first;
-        row.start_below[k] = row.start[k] + cloth_.columns;
-        row.end_below[k] = row.end[k] + cloth_.columns;
-    }
-    for (std::size_t t = 0; t < 2; ++t)
-        for (std::size_t k = 0; k < 6; ++k) row.planes[t][k] = frame.planes[t][k].data() + first;
-    return row;
-}
-
-void FaceWork::note_drift() {
-    for (int r = 0; r < cloth_.rows; ++r) {
-        double farthest2 = 0;
-        for (int i = r * cloth_.columns; i < (r + 1) * cloth_.columns; ++i)
-            farthest2 = std::max(farthest2, (x[at(i)] - free_x_[at(i)]).squaredNorm());
-        drift_[at(r)] = std::sqrt(farthest2);
-    }
-}
-
-void FaceWork::set_plane(int sphere, const Triangle& t, const TriangleTouch& touch) {
-    auto& planes = frames_[at(sphere)].planes[t.number % 2];
-    for (std::size_t k = 0; k < 3; ++k) {
-        planes[k][t.number / 2] = touch.first_normal[Eigen::Index(k)];
-        planes[3 + k][t.number / 2] = touch.normal[Eigen::Index(k)];
-    }
+const FaceWork::Frame& FaceWork::place_in_frame(int sphere) {
+    return broad_phase_.place(sphere, (*spheres_)[at(sphere)].end, x);
 }
 
 void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance,
@@ -278,7 +223,7 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
         const double margin = face_margin * s.radius + 4 * s.slop;
         shells_.push_back({s.radius, s.radius + margin / 2, s.radius + margin, s.radius + 2 * margin});
     }
-    for (std::size_t s = 0; s < spheres.size(); ++s) place(x0, spheres[s].start, frames_[s].start);
+    for (int s = 0; s < int(spheres.size()); ++s) broad_phase_.begin(s, spheres[at(s)].start, x0);
     free_x_ = x;
     free_v_ = v;
     grounded_ = false;

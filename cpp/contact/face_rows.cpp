@@ -34,15 +34,6 @@ std::array<double, 3> weights_of(const Foot& foot, const std::array<int, 3>& cor
 
 }  // namespace
 
-// Whether the triangle keeps beyond its plane at that distance throughout.
-bool FaceWork::separated(int sphere, const Triangle& t, double reach) const {
-    const Frame& frame = frames_[at(sphere)];
-    const auto& of = frame.planes[t.number % 2];
-    const std::size_t i = t.number / 2;
-    return beyond_turning_plane(Frame::corners(frame.start, t.corner), Frame::corners(frame.end, t.corner),
-                                {of[0][i], of[1][i], of[2][i]}, {of[3][i], of[4][i], of[5][i]}, reach);
-}
-
 // A row for the first place of the triangle that the way to the end leads below the surface. After the first
 // round it has to lead well below: the rest is found when the next step begins.
 bool FaceWork::inspect_triangle(int sphere, const Triangle& triangle, int round) {
@@ -50,11 +41,11 @@ bool FaceWork::inspect_triangle(int sphere, const Triangle& triangle, int round)
     const double margin = shell.surface - shell.inside;
     const double reach = round == 0 ? shell.surface : shell.middle, tolerance = margin * closeness;
     if (inside_[at(sphere)][triangle.number]) return false;
-    const Frame& frame = frames_[at(sphere)];
+    const Frame& frame = broad_phase_.frame(sphere);
     const Corners p0 = Frame::corners(frame.start, triangle.corner),
                   p1 = Frame::corners(frame.end, triangle.corner);
     const TriangleTouch touch = triangle_touch(p0, p1, reach, tolerance);
-    set_plane(sphere, triangle, touch);
+    broad_phase_.set_plane(sphere, triangle, touch);
     if (!touch.hit) return false;
     touched = true;
     const double distance = touch.foot.point.norm();
@@ -69,13 +60,13 @@ bool FaceWork::inspect_triangle(int sphere, const Triangle& triangle, int round)
     const bool added = reaches && add_row(sphere, triangle, touch.foot, touch.normal, touch.time, round);
     if (added && after < shell.surface) return true;
     // That place goes away again, or strokes past. Another may follow.
-    if (separated(sphere, triangle, shell.inside)) return added;
+    if (broad_phase_.separated(sphere, triangle, shell.inside)) return added;
     const double deeper = touch.time == 0 ? std::min(shell.middle, distance) : shell.middle;
     const double room = deeper - shell.inside;
     const double lower = room > slop ? shell.inside + room / 2 : shell.inside - slop,
                  finer = std::max(room, slop) / 16;
     const TriangleTouch next = triangle_touch(p0, p1, lower, finer);
-    set_plane(sphere, triangle, next);
+    broad_phase_.set_plane(sphere, triangle, next);
     if (!next.hit || next.time == 0) return added;
     return add_row(sphere, triangle, next.foot, next.normal, next.time, round) || added;
 }
@@ -85,7 +76,7 @@ bool FaceWork::inspect_point(int sphere, int i, int round) {
     const Shell& shell = shells_[at(sphere)];
     const double margin = shell.surface - shell.inside;
     const double reach = round == 0 ? shell.surface : shell.middle;
-    const Frame& frame = frames_[at(sphere)];
+    const Frame& frame = broad_phase_.frame(sphere);
     const Vec3 p0 = Frame::at(frame.start, i), p1 = Frame::at(frame.end, i), q = p1 - p0;
     const double far = reach + margin * closeness, a = q.squaredNorm(), b = p0.dot(q);
     const double closest = a > 0 ? std::clamp(-b / a, 0.0, 1.0) : 0.0;
@@ -109,32 +100,21 @@ bool FaceWork::inspect_point(int sphere, int i, int round) {
     return add_row(sphere, {{i, i, i}, at(i)}, foot, outward_normal(place), time, round);
 }
 
-// Points that have moved since the last inspection by more than a part of the smallest margin. A clear path
-// keeps that margin to spare.
-void FaceWork::note_moves(int round) {
-    if (round == 0) {
-        inspected_x_ = x;
-        std::fill(moved_.begin(), moved_.end(), std::uint8_t(1));
-        return;
-    }
-    double slack = std::numeric_limits<double>::infinity();
-    for (const Shell& shell : shells_) slack = std::min(slack, (shell.middle - shell.inside) / 16);
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        moved_[i] = (x[i] - inspected_x_[i]).squaredNorm() > slack * slack;
-        if (moved_[i]) inspected_x_[i] = x[i];
-    }
-}
-
-bool FaceWork::has_moved(const Triangle& t, int sphere) const {
-    return moved_[at(t.corner[0])] | moved_[at(t.corner[1])] | moved_[at(t.corner[2])] |
-        reached_[at(sphere)][t.number];
-}
-
 bool FaceWork::find_rows(int round) {
     bool found = false;
     ++inspection_;
-    note_moves(round);
-    if (round > 0) note_drift();
+    if (round == 0) {
+        broad_phase_.note_all_moved(x);
+    } else {
+        // A clear path keeps a part of the smallest margin to spare.
+        double slack = std::numeric_limits<double>::infinity();
+        for (const Shell& shell : shells_) slack = std::min(slack, (shell.middle - shell.inside) / 16);
+        broad_phase_.note_moves(x, slack);
+        broad_phase_.note_drift(x, free_x_);
+    }
+    const auto pass = round == 0 ? FaceBroadPhase::Pass::first
+        : round == most_rounds   ? FaceBroadPhase::Pass::all
+                                 : FaceBroadPhase::Pass::moved;
     for (int s = 0; s < int(spheres_->size()); ++s) {
         place_in_frame(s);
         if (!faces_[at(s)]) {
@@ -144,14 +124,12 @@ bool FaceWork::find_rows(int round) {
         const Shell& shell = shells_[at(s)];
         const double reach =
             (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
-        std::vector<std::size_t> reached;
-        each_open_triangle(s, reach, round, [&](const Triangle& t) {
-            if (inspect_triangle(s, t, round)) reached.push_back(t.number);
+        std::vector<std::size_t> touching;
+        broad_phase_.each_open(s, reach, pass, [&](const Triangle& t) {
+            if (inspect_triangle(s, t, round)) touching.push_back(t.number);
         });
-        for (const std::size_t t : reached_list_[at(s)]) reached_[at(s)][t] = 0;
-        for (const std::size_t t : reached) reached_[at(s)][t] = 1;
-        found |= !reached.empty();
-        reached_list_[at(s)].swap(reached);
+        found |= !touching.empty();
+        broad_phase_.note_touches(s, std::move(touching));
     }
     return found;
 }
@@ -190,7 +168,7 @@ void FaceWork::follow_feet() {
         Origin& origin = origins_[k];
         if (!origin.rests() || origin.height > 0) continue;
         const int s = origin.sphere;
-        const Foot foot = nearest_to_origin(Frame::corners(frames_[at(s)].end, rows_[k].corner));
+        const Foot foot = nearest_to_origin(Frame::corners(broad_phase_.frame(s).end, rows_[k].corner));
         if (foot.point.norm() > shells_[at(s)].near) continue;
         ContactRow row = rows_[k];
         const std::array<double, 3> last = weights_of(foot, row.corner);
@@ -228,7 +206,7 @@ bool FaceWork::add_row(int sphere, const Triangle& triangle, const Foot& foot, c
     const auto& [corner, piece] = triangle;
     const SweptSphere& s = (*spheres_)[at(sphere)];
     const Shell& shell = shells_[at(sphere)];
-    const Frame& frame = frames_[at(sphere)];
+    const Frame& frame = broad_phase_.frame(sphere);
     ContactRow row{};
     row.corner = corner;
     set_foot(row, weights_of(foot, corner));
@@ -289,7 +267,8 @@ void FaceWork::aim(ContactRow& row, Origin& origin, double depth, double time, i
     double pull = (start - n.dot(row.at(free_v_) - vec(s.velocity))) / s.dt;
     double left = (1 - time) * s.dt;
     if (round == 0) {
-        const double gap = std::max(0.0, n.dot(row.at(frames_[at(origin.sphere)].start)) - shell.surface);
+        const double gap =
+            std::max(0.0, n.dot(row.at(broad_phase_.frame(origin.sphere).start)) - shell.surface);
         const double arrival2 = start < 0 || pull > 0 ? start * start + 2 * pull * gap : 0;
         origin.arrival = std::sqrt(std::max(0.0, arrival2));
         if (origin.arrival > 0)

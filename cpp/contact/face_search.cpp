@@ -20,7 +20,7 @@ bool FaceWork::place_rows() {
     constexpr double far = 1.2;
     bool low = false;
     ++inspection_;
-    note_drift();
+    broad_phase_.note_drift(x, free_x_);
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const Shell& shell = shells_[at(s)];
@@ -36,13 +36,13 @@ bool FaceWork::place_rows() {
                 if (!inside_[at(s)][at(i)]) add({{i, i, i}, at(i)}, {Frame::at(frame.end, i), {1, 0, 0}}, 0);
             continue;
         }
-        each_open_triangle(s, far * shell.surface, most_rounds, [&](const Triangle& t) {
+        broad_phase_.each_open(s, far * shell.surface, FaceBroadPhase::Pass::all, [&](const Triangle& t) {
             if (inside_[at(s)][t.number]) return;
             const Corners p0 = Frame::corners(frame.start, t.corner),
                           p1 = Frame::corners(frame.end, t.corner);
             const Foot last = nearest_to_origin(p1);
             const double tolerance = (shell.middle - shell.inside) / 16;
-            if (last.point.norm() >= shell.middle && !separated(s, t, shell.inside)) {
+            if (last.point.norm() >= shell.middle && !broad_phase_.separated(s, t, shell.inside)) {
                 const TriangleTouch first = triangle_touch(p0, p1, shell.inside, tolerance);
                 const double time =
                     (first.time + 1 - triangle_touch(p1, p0, shell.inside, tolerance).time) / 2;
@@ -163,7 +163,7 @@ bool FaceWork::move_with_spheres() {
             if (known) return;
             known = 1;
             const SweptSphere& sphere = (*spheres_)[at(s)];
-            const Vec3 foot = nearest_to_origin(Frame::corners(frames_[at(s)].start, t.corner)).point;
+            const Vec3 foot = nearest_to_origin(Frame::corners(broad_phase_.frame(s).start, t.corner)).point;
             const Vec3 n = outward_normal(foot);
             const Shell& shell = shells_[at(s)];
             const double level =
@@ -234,17 +234,17 @@ FaceWork::Fault FaceWork::search(Fault fault) {
 // path proves it clear, whatever chose the plane.
 template <class Visit>
 void FaceWork::each_blocked(Visit visit) {
-    note_drift();
+    broad_phase_.note_drift(x, free_x_);
     for (int s = 0; s < int(spheres_->size()); ++s) {
         const Frame& frame = place_in_frame(s);
         const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
         if (faces_[at(s)]) {
-            each_open_triangle(s, reach, most_rounds, [&](const Triangle& t) {
+            broad_phase_.each_open(s, reach, FaceBroadPhase::Pass::all, [&](const Triangle& t) {
                 if (inside_[at(s)][t.number]) return;
                 const Corners p0 = Frame::corners(frame.start, t.corner),
                               p1 = Frame::corners(frame.end, t.corner);
                 const TriangleTouch touch = triangle_touch(p0, p1, reach, slop / 2);
-                set_plane(s, t, touch);
+                broad_phase_.set_plane(s, t, touch);
                 if (touch.hit) visit(s, t);
             });
             continue;

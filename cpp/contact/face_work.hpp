@@ -25,8 +25,8 @@
 #include <vector>
 
 #include "contact/contact_problem.hpp"
+#include "contact/face_broad_phase.hpp"
 #include "contact/face_pass.hpp"
-#include "contact/triangle.hpp"
 
 namespace clothsim {
 
@@ -34,35 +34,17 @@ namespace clothsim {
 // twice saves a tenth, and cloth stands off twice as far.
 inline constexpr double face_margin = 5e-7;
 
-inline std::size_t at(int i) { return std::size_t(i); }
-
 class FaceWork : public FacePass {
 public:
     FaceWork(const Scene& scene, const std::vector<bool>& faces, const FaceKernels& kernels);
     ContactReport run(const std::vector<SweptSphere>& spheres) final;
 
 private:
-    struct Triangle {
-        std::array<int, 3> corner;
-        std::size_t number;
-    };
+    using Triangle = FaceBroadPhase::Triangle;
+    using Frame = FaceBroadPhase::Frame;
     // Distances from the centre of a sphere: of what it holds from inside out.
     struct Shell {
         double inside, middle, surface, near;
-    };
-    // Of a sphere: the points as seen from it, as columns of x, y and z. Of each triangle: the directions of
-    // a plane between the two, at the start and at the end.
-    struct Frame {
-        std::array<std::vector<double>, 3> start, end;
-        std::array<std::array<std::vector<double>, 6>, 2> planes;  // of the triangles 2 i and 2 i + 1
-        std::array<std::vector<double>, 2> heights;  // of them above the planes, in round 0 of the step
-
-        static Vec3 at(const std::array<std::vector<double>, 3>& of, int i) {
-            return {of[0][std::size_t(i)], of[1][std::size_t(i)], of[2][std::size_t(i)]};
-        }
-        static Corners corners(const std::array<std::vector<double>, 3>& of, const std::array<int, 3>& c) {
-            return {at(of, c[0]), at(of, c[1]), at(of, c[2])};
-        }
     };
     // Of a row of the contact problem.
     struct Origin {
@@ -97,16 +79,7 @@ private:
     static constexpr Sweeps all_sweeps{30, 100}, single_sweeps{400, 1};
 
     Corners corners(const std::vector<Vec3>& of, const std::array<int, 3>& corner) const;
-    template <class Visit>
-    void each_open_triangle(int sphere, double reach, int round, Visit visit);
-    CellRow cell_row(const Frame& frame, int first) const;
-    void note_drift();
-    static void place(const std::vector<Vec3>& from, const double (&center)[3],
-                      std::array<std::vector<double>, 3>& to);
-    Frame& place_in_frame(int sphere);
-    void set_plane(int sphere, const Triangle& triangle, const TriangleTouch& touch);
-    void note_moves(int round);
-    bool has_moved(const Triangle& triangle, int sphere) const;
+    const Frame& place_in_frame(int sphere);
     bool find_rows(int round);
     bool inspect_triangle(int sphere, const Triangle& triangle, int round);
     bool inspect_point(int sphere, int i, int round);
@@ -117,7 +90,6 @@ private:
     void aim(ContactRow& row, Origin& origin, double depth, double time, int round);
     std::size_t feature(int sphere, const std::array<int, 3>& corner,
                         const std::array<double, 3>& weight) const;
-    bool separated(int sphere, const Triangle& triangle, double reach) const;
     void solve(std::size_t first, ContactSide side);
     void solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance, double quiet,
                     int most);
@@ -157,19 +129,12 @@ private:
     std::vector<bool> faces_;
     const std::vector<SweptSphere>* spheres_ = nullptr;
     std::vector<Shell> shells_;
-    const FaceKernels& kernels_;
-    std::vector<Frame> frames_;
-    // Of rows of points: the farthest distance of a point from the end of its free step [m].
-    std::vector<double> drift_;
+    FaceBroadPhase broad_phase_;
     std::vector<Vec3> scratch_;  // of points
     std::vector<Vec3> free_x_, free_v_;  // where the free step ended
     std::vector<ContactRow> rows_;
     std::vector<ContactRow> begun_;  // before velocities responded at the end of a step with a bounce
     std::vector<Origin> origins_;
-    std::vector<Vec3> inspected_x_;  // x at the inspection of a point's triangles
-    std::vector<std::uint8_t> moved_;  // points that have left it
-    std::vector<std::vector<std::uint8_t>> reached_;  // triangles with a touch at the inspection before
-    std::vector<std::vector<std::size_t>> reached_list_;
     // Triangles and points whose velocity responds between start and end.
     std::vector<std::vector<std::uint8_t>> followed_;
     SolverMemory memory_;
@@ -186,36 +151,5 @@ private:
     bool grounded_ = false;  // whether what bounces stays at the surface in this step
     ContactReport report_;
 };
-
-// Triangles that no plane proves clear, beyond that distance from the centre; links of a chain. In round 0 of
-// a step all heights above the planes are computed. Later a height has fallen by no more than the corners
-// have moved since, `drift_`. Rounds before `most_rounds` leave out what has not moved.
-template <class Visit>
-void FaceWork::each_open_triangle(int sphere, double reach, int round, Visit visit) {
-    const int rows = cloth_.rows, columns = cloth_.columns;
-    if (rows == 1 || columns == 1) {
-        for (int i = 0; i + 1 < cloth_.points(); ++i) {
-            const Triangle t{{i, i + 1, i + 1}, 2 * at(i)};
-            if (!separated(sphere, t, reach)) visit(t);
-        }
-        return;
-    }
-    Frame& frame = frames_[at(sphere)];
-    const auto open = [&](const Triangle& t) {
-        return round == 0 || ((round == most_rounds || has_moved(t, sphere)) && !separated(sphere, t, reach));
-    };
-    for (int r = 0; r + 1 < rows; ++r) {
-        const int first = r * columns;
-        double *const upper = frame.heights[0].data() + first, *const lower = frame.heights[1].data() + first;
-        if (round == 0) kernels_.heights(cell_row(frame, first), upper, lower);
-        const double enough = round == 0 ? reach : reach + std::max(drift_[at(r)], drift_[at(r + 1)]);
-        for (int c = 0; c + 1 < columns; ++c) {
-            const int i = first + c, below = i + columns;
-            const Triangle one{{i, i + 1, below}, 2 * at(i)}, other{{i + 1, below + 1, below}, 2 * at(i) + 1};
-            if (!(upper[c] > enough) && open(one)) visit(one);
-            if (!(lower[c] > enough) && open(other)) visit(other);
-        }
-    }
-}
 
 }  // namespace clothsim
