@@ -110,6 +110,7 @@ void bind_build(py::module_& m) {
     m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("available_threads", &available_threads);
+    m.def("granted_threads", &granted, py::arg("threads"));
     m.attr("most_threads") = most_threads;
     m.attr("least_points_per_thread") = least_points_per_thread;
     // Constants of the core that Python needs too.

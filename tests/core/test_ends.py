@@ -46,6 +46,8 @@ with warnings.catch_warnings(record=True) as given:
     for threads in (None, 2, 5):
         run = cs.simulate(scene, 0.01, 1e-4, threads=threads)
         assert (run.x == one.x).all() and (run.v == one.v).all(), threads
+        limited = sys.argv[1:] or os.environ["OMP_STACKSIZE"] != "512k"
+        assert run.report["threads"] == (1 if limited else threads or run.report["threads"])
         if not sys.argv[1:]:  # the limit allows no child
             child = os.fork()
             if child == 0:

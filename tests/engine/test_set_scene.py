@@ -126,6 +126,7 @@ CALLS = {
     "set_scene": lambda stepper: stepper.set_scene(SHEET),
     "set_state": lambda stepper: stepper.set_state(v=np.zeros((100, 100, 3))),
     "set_state of the clock": lambda stepper: stepper.set_state(t=-1.0),
+    "set_force": lambda stepper: stepper.set_force(np.ones((100, 100, 3))),
     "freeze": lambda stepper: stepper.freeze(0),
     "advance": lambda stepper: stepper.advance(1, 1e-4),
 }

@@ -71,7 +71,8 @@ class State:
             simulation = Simulation(start.scenes, start.t, options.precision, options.strict)
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
-            self.threads = options.threads_for(start.scenes[0].cloth.shape, len(start.scenes))
+            wanted = options.threads_for(start.scenes[0].cloth.shape, len(start.scenes))
+            self.threads = _core.granted_threads(wanted)
             self.core = _core.Simulation(compiled.plans, start.t, self.threads)
         self.core.set_stable_dt(compiled.stable_dt)
         self._adopt(start.scenes, compiled, inspect)
