@@ -53,6 +53,7 @@ public:
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);
+                numbers_.push_back(std::size_t(&sphere - plan.spheres.data()));
                 faces.push_back(sphere.faces || sphere.cells);  // all one problem, if a sphere has faces
                 faces_ |= sphere.faces;
                 cells |= sphere.cells;
@@ -68,6 +69,7 @@ public:
         open_.assign(vectors, 0);
         unresolved_.assign(vectors, 0);
         free_.assign(vectors, 0);
+        pushed_rows_.assign(std::size_t(geometry_.rows), 0);
         mass_.assign(vectors * std::size_t(lanes), Real(0));
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
@@ -98,31 +100,22 @@ public:
         if (!current_) before_ = memory;
     }
 
-    // After it.
     ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads) {
         memory_ = &memory;
         swept_.clear();
-        for (const Sphere* sphere : spheres_)
+        velocities_.clear();
+        for (const Sphere* sphere : spheres_) {
             swept_.push_back(swept(*sphere, t0, t1, dt, double(std::numeric_limits<Real>::epsilon())));
+            velocities_.push_back(exact::vec(swept_.back().velocity));
+        }
         current_ = true;
-        if (faces_) {
-            respond_to_faces();
-            return report_;
-        }
         report_ = {};
-        if (cell_pass_) {
-            respond_to_cells(threads);
-            return report_;
-        }
-        find(threads);
-        for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors; ++j) {
-                report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
-                finish_vector(r, j);
-            }
-        for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors; ++j)
-                if (open_[index(r, j)] & vector_unresolved) copy(r, j);
+        const double before = impulses_.power(numbers_, velocities_);
+        if (faces_) respond_to_faces();
+        else if (cell_pass_) respond_to_cells(threads);
+        else respond_to_points(threads);
+        report_.work = before - impulses_.power(numbers_, velocities_);
+        for (std::uint8_t& pushed : pushed_rows_) report_.other_work |= std::exchange(pushed, 0) != 0;
         return report_;
     }
 
@@ -133,7 +126,6 @@ public:
         return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
     }
 
-    // Input of the next step beside the state.
     const std::vector<FacePass::PersistentContact>& persistent() const {
         static const std::vector<FacePass::PersistentContact> none;
         return faces_ ? face_pass_->persistent : none;
@@ -158,9 +150,10 @@ public:
     // A radius that grows moves points and gives no velocity.
     void give(int i, const SweptSphere& s, const Vec3& change) {
         if (raising_) return;
-        impulses_.give(number_of(std::size_t(&s - swept_.data())), i / plan_.cloth.columns,
+        impulses_.give(numbers_[std::size_t(&s - swept_.data())], i / plan_.cloth.columns,
                        i % plan_.cloth.columns, mass(i) * change);
     }
+    void note_other_work() { report_.other_work = true; }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
     double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
     Vec3 field_at(int i) const { return plan_.field_at(i); }
@@ -185,10 +178,6 @@ private:
     // Below this number of points a second thread costs more than it saves.
     static constexpr int least_points_per_thread = 8192;
 
-    // Of a continuous sphere among all.
-    std::size_t number_of(std::size_t continuous) const {
-        return std::size_t(spheres_[continuous] - plan_.spheres.data());
-    }
     std::size_t index(int row, int vector) const {
         return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
     }
@@ -210,6 +199,15 @@ private:
         return s;
     }
 
+    void respond_to_points(int threads) {
+        find(threads);
+        for (int r = 0; r < geometry_.rows; ++r)
+            for (int j = 0; j < geometry_.vectors; ++j) {
+                report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
+                finish_vector(r, j);
+                if (open_[index(r, j)] & vector_unresolved) copy(r, j);
+            }
+    }
     void respond_to_faces() {
         FacePass& pass = *face_pass_;
         const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
@@ -227,7 +225,7 @@ private:
         take(*memory_, pass.x, 0);
         take(*memory_, pass.v, 3);
         report_ = pass.run(swept_);
-        for (std::size_t s = 0; s < spheres_.size(); ++s) impulses_.give(number_of(s), 0, 0, pass.given[s]);
+        for (std::size_t s = 0; s < spheres_.size(); ++s) impulses_.give(numbers_[s], 0, 0, pass.given[s]);
         for (std::size_t i = 0; i < places_.size(); ++i) {
             if (!pass.changed[i]) continue;
             report_.changed = true;
@@ -250,8 +248,9 @@ private:
         a.sphere_count = int(swept_.size());
         a.copy = true;
         a.mass = mass_.data();
-        a.impulses = impulses_.of_row(number_of(0), 0);
+        a.impulses = impulses_.of_row(numbers_[0], 0);
         a.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
+        a.pushed_rows = pushed_rows_.data();
         a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
             pass->unresolved_[pass->index(row, vector)] |= lanes;
@@ -387,6 +386,7 @@ private:
     Impulses& impulses_;
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
+    std::vector<std::size_t> numbers_;  // among all spheres
     bool faces_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;
@@ -394,10 +394,11 @@ private:
     bool current_ = false;  // whether `before_`, or what the face pass holds, is the state
     bool kept_ = false;  // the state before the step is that after the newest pass
     AlignedVector<Real>* memory_ = nullptr;
-    std::vector<std::uint8_t> open_;
+    std::vector<std::uint8_t> open_, pushed_rows_;
     std::vector<std::uint64_t> unresolved_, free_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding
     std::vector<SweptSphere> swept_;
+    std::vector<Vec3> velocities_;  // in this step
     std::unique_ptr<FacePass> face_pass_;
     std::optional<CellPass<Real>> cell_pass_;
     LargeCells large_cells_;

@@ -1,16 +1,18 @@
-// Mass points that continuous contact could not serve.
+// Outcome of the continuous contacts of a step.
 #pragma once
 
 #include <cstdint>
 
 namespace clothsim {
 
-// Outcome of the continuous contacts of a step, where a point may lack a response.
 struct ContactReport {
     std::int64_t trapped = -1;        // first mass point between spheres that left it no place, or -1
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
     std::int64_t capped = -1;  // first point in contact whose cells are larger than a sphere, or -1
     bool changed = false;             // whether a response changed a mass point
+    double work = 0;  // of moving spheres, by their impulses [J]
+    bool other_work =
+        false;  // whether a sphere did work that no impulse shows: it pushed or squeezed a point
     double energy = 0;                // of a trapped point: energy made beyond its bound, or 0 [J]
 
     void note_trapped(std::int64_t i) {

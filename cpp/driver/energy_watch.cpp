@@ -63,12 +63,22 @@ bool EnergyWatch::beyond(double part, double made, double moving) const {
     return !(guaranteed_ && swing_ > part && made <= swing_ * moving);
 }
 
+bool EnergyWatch::watches_contact(const Watched& watched) const {
+    return !watched.other_work && !swings() &&
+        std::all_of(plan_.spheres.begin(), plan_.spheres.end(), [](const Sphere& sphere) {
+            return sphere.response == Response::continuous && !sphere.faces;
+        });
+}
+
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
-    if (!started_ || engine.watched.in_contact()) return -1;
+    const bool touched = engine.watched.in_contact();
+    if (!started_ || (touched && !watches_contact(engine.watched))) return -1;
     const Energy now = energy_of(engine);
-    const double made = now.total() - start_, moving = now.kinetic + now.elastic;
+    const double unsure = work_accuracy * engine.watched.work_size;
+    const double made = now.total() - start_ - engine.watched.sphere_work - unsure,
+                 moving = now.kinetic + now.elastic;
     guaranteed_ = guaranteed_ && swings() && guaranteed();
-    if (record) {
+    if (record && !touched) {
         engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
         if (made > negligible_ && beyond(grown_part, made, moving) && !std::exchange(grown_, true))
             news_ = true;

@@ -9,7 +9,8 @@
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. A step may
+// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. Later moving
+// spheres do. A step may
 // be unstable above the stability limit, and below the guaranteed limit at states outside the guarantee. The
 // cloth need not fly apart: waves may grow until it has folded into a shape that stops them.
 //
@@ -39,6 +40,9 @@ public:
     // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
     // changes little.
     static constexpr double negligible_part = 1e-6;
+    // Part of the work of moving spheres by which it may be wrong. Where cells grow, points are moved
+    // outwards without an impulse, by less than the sphere's own way.
+    static constexpr double work_accuracy = 1;
     // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
 
@@ -55,6 +59,11 @@ private:
     bool guaranteed() const;
     // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
     bool swings() const { return swing_ > grown_part; }
+    // Whether contacts of a run are watched too. Continuous responses of points make no energy, and moving
+    // spheres work by their impulses. The paper's responses can make energy. Faces have a bound for each step
+    // (contact/face_energy.cpp). A push out of a sphere and a squeeze between two do work that no impulse
+    // shows.
+    bool watches_contact(const Watched& watched) const;
     // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
     bool beyond(double part, double made, double moving) const;
 

@@ -32,6 +32,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         const double before = track_contact_energy ? total_energy() : 0;
         const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads);
         if (track_contact_energy) contact_energy += total_energy() - before;
+        watched.note_work(report.work, report.other_work);
         if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
         if (report.capped >= 0) contact_report.note_capped(report.capped);
         if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
@@ -58,6 +59,7 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
     const double before = track_contact_energy ? total_energy() : 0;
     const ContactReport report = respond_to_contacts(t0, t1, t1 - t0, threads);
     if (track_contact_energy) contact_energy += total_energy() - before;
+    watched.note_work(report.work, report.other_work);
     if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
     if (report.capped >= 0) contact_report.note_capped(report.capped);
     if (report.trapped >= 0) {

@@ -108,9 +108,9 @@ class Stepper(StepperView):
         ValueError, TypeError
             If an argument is not as above.
         UnstableError
-            If the state stops being finite; if, until a sphere responds, nine tenths of the kinetic
-            and elastic energy come out of nothing; or, with a time step above `max_stable_dt`, if a
-            point crosses the whole sheet within a step. The state is inspected at least every 128
+            If the state stops being finite; if nine tenths of the kinetic and elastic energy come out of
+            nothing (docs/stability.md); or, with a time step above `max_stable_dt`, if a point
+            crosses the whole sheet within a step. The state is inspected at least every 128
             steps. The stepper then returns to the state before the failing step. All members of a
             batch return to that step, with the bits that they have when run alone. After `freeze` of the failed member,
             the other members can continue.
