@@ -14,7 +14,6 @@
 // An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a row as
 // soon as its accelerations are known, so that the row is still in cache. Explicit sweeps follow each other
 // without barriers. Splittings overwrite the state in place and need a barrier between drift and kick.
-//
 // After the last arrow: driven pins are placed, spheres respond, depths and speeds are watched.
 #include "engines/scheme_engine.hpp"
 
@@ -93,10 +92,7 @@ public:
     // Not the engine's own: it keeps addresses of its memory, and steps that are accepted change places with
     // it.
     void accelerations(double* a, int threads) override {
-        if (!explicit_) {
-            Base::accelerations(a, threads);
-            return;
-        }
+        if (!explicit_) return Base::accelerations(a, threads);
         const std::int64_t before = this->evaluations;
         in_bands(threads, [&](Band<Real>& band) { evaluate(band, this->memory_, 0); });
         this->evaluations = before;
@@ -106,9 +102,6 @@ public:
     }
 
     AdaptiveEngine* adaptive() override { return explicit_ && !explicit_->errors.empty() ? this : nullptr; }
-
-    // Error control
-    // ------------------------------------------------------------------------------------------
 
     int order() const override { return explicit_->order; }
 
