@@ -13,9 +13,6 @@ using exact::vec;
 
 namespace {
 
-// Part of a triangle. Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly
-// at more than 100 times its speed. Half allows 200 times; twice calls more touches hits of the pin.
-constexpr double least_lever = 0.01;
 constexpr double nothing = 1e9;  // m/s inwards: faster than any cloth, so half or twice bounds nothing either
 // Of the margin: how near counts as on the surface. Found by drapes: half or twice changes the energy of a
 // fall by 0.3 % and its time by 4 %.

@@ -33,6 +33,9 @@ namespace clothsim {
 // Of the radius: how far outside a sphere its surface lies. Half costs up to a sixth more rounds on drapes;
 // twice saves a tenth, and cloth stands off twice as far.
 inline constexpr double face_margin = 5e-7;
+// Part of a triangle. Nearer to a pinned corner a sphere has run into that corner: its neighbours would fly
+// at more than 100 times its speed. Half allows 200 times; twice calls more touches hits of the pin.
+inline constexpr double least_lever = 0.01;
 
 class FaceWork : public FacePass {
 public:
@@ -103,6 +106,7 @@ private:
     void each_blocked(Visit visit);
     int unresolved();
     double farthest_place() const;
+    double largest_speed_change() const;
     double most_energy_made() const;
     Fault fault_of_place();
     bool nearest_in(const std::vector<HalfSpace>& all, int point, Vec3& nearest) const;
