@@ -140,7 +140,7 @@ def quantile(values: list[float], q: float) -> float:
 
 def table(found: list[Judged]) -> str:
     lines = [
-        "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | not told | estimates judged | "
+        "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | no estimate | estimates judged | "
         "within 3 times | least estimate / error | median asked / error |",
         "|" + " --- |" * 10,
     ]
