@@ -36,6 +36,7 @@
 #include "measure/diagnostics.hpp"
 #include "measure/impulses.hpp"
 #include "memory/aligned_vector.hpp"
+#include "memory/parts.hpp"
 #include "memory/plan.hpp"
 
 namespace clothsim {
@@ -163,8 +164,7 @@ public:
     Surface<double> cell_surface_at(int i, const SweptSphere& s) const {
         const Surface<double> before = cell_surface<Real>(s, cell_pass_->radius2_before(i));
         if (!raising_) return before;
-        Surface<double> surface =
-            cell_surface<Real>(s, std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i)));
+        Surface<double> surface = cell_surface<Real>(s, largest_radius2(i));
         surface.innermost = before.innermost;
         return surface;
     }
@@ -264,11 +264,8 @@ private:
     // `work(begin, end)` for all rows in parts.
     template <class Work>
     void each_part(int threads, const Work& work) const {
-        const int team = team_of(threads), rows = geometry_.rows;
-        if (team == 1) return work(0, rows);
-#pragma omp parallel for num_threads(team) schedule(static)
-        for (int part = 0; part < team; ++part)
-            work(int(std::int64_t(rows) * part / team), int(std::int64_t(rows) * (part + 1) / team));
+        in_parts(geometry_.rows, team_of(threads),
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) { work(int(begin), int(end)); });
     }
     void find(int threads) {
         const ContactArguments<Real> a = arguments();
@@ -329,9 +326,13 @@ private:
         });
         return raised;
     }
+    // rho^2 of a near point within the step: rho is convex in the corners.
+    double largest_radius2(int i) const {
+        return std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i));
+    }
     // Whether a point lies too deep in a sphere.
     bool low(int i) const {
-        const double radius2 = std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i));
+        const double radius2 = largest_radius2(i);
         return std::any_of(swept_.begin(), swept_.end(), [&](const SweptSphere& s) {
             const double least2 = s.cells ? least_distance2<Real>(s, radius2) : s.surface * s.surface;
             return (position(i) - exact::vec(s.end)).squaredNorm() < least2 * (1 + 1e-12);

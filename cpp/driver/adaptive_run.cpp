@@ -110,8 +110,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             outcome.rejected += 1;
         }
         const double seconds = seconds_since(start);
-        if (choose) choice_.observe(1, seconds);
-        else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
+        judge_team(choose, 1, seconds, slept_before);
         if (outcome.grown) return outcome;
         if (seconds_since(last_poll) > seconds_between_polls) {
             if (interrupted()) {

@@ -10,9 +10,9 @@
 namespace clothsim {
 
 // Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. Later moving
-// spheres do. A step may
-// be unstable above the stability limit, and below the guaranteed limit at states outside the guarantee. The
-// cloth need not fly apart: waves may grow until it has folded into a shape that stops them.
+// spheres do. A step may be unstable above the stability limit, and below the guaranteed limit at states
+// outside the guarantee. The cloth need not fly apart: waves may grow until it has folded into a shape that
+// stops them.
 //
 // Driven pins do work of any size, so that a cloth with some is not watched.
 class EnergyWatch {

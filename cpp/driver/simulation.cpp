@@ -25,8 +25,8 @@ constexpr std::int64_t most_steps_unchecked = 128;
 constexpr std::int64_t steps_between_energies = most_steps_unchecked,
                        steps_between_energies_above = EnergyWatch::steps_between_checks;
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
-// the steps of earlier calls cannot be interrupted, and takes no longer than this. Half or
-// twice: as long without Ctrl-C.
+// the steps of earlier calls cannot be interrupted, and takes no longer than this. Half or twice: as
+// long without Ctrl-C.
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
@@ -150,6 +150,11 @@ void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
     checkpoint_.drop();
+}
+
+void Simulation::judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before) {
+    if (chosen) choice_.observe(steps, seconds);
+    else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
 }
 
 void Simulation::set_step(double dt) {
@@ -362,8 +367,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const double per_step = seconds / double(n);
         start = end;
         checkpoint_.spend(seconds);
-        if (choose) choice_.observe(n, seconds);
-        else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
+        judge_team(choose, n, seconds, slept_before);
         const double longest = members_.size() > 1 ? seconds_of_batch
             : continuous                           ? most_seconds_behind_planes
                                                    : seconds_between_polls;

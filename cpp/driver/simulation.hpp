@@ -134,6 +134,9 @@ private:
     int team(int threads, bool optional) const {
         return choosing(threads, optional) && !choice_.team() ? 1 : threads;
     }
+    // After steps that took so long. `chosen`: by `choice_`; else by a requested team, whose threads had
+    // slept for `slept_before` [ns] before.
+    void judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before);
     void set_step(double dt);
     bool above_stable_dt() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
