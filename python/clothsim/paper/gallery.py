@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Callable
-from html import escape
 from pathlib import Path
 
 import clothsim as cs
 
 from ..base.files import write_bytes
-from .paper_page import STYLE
+from .paper_page import STYLE, image
 
 
 def _continuous() -> cs.Scene:
@@ -53,10 +51,7 @@ def write_gallery(folder: str | Path) -> Path:
         scene = make()
         scene.to_live_html(folder / name, title=title)
         picture = cs.picture(scene, width=480)._repr_png_()
-        figures.append(
-            f'<figure><a href="{name}"><img src="data:image/png;base64,{b64encode(picture).decode("ascii")}" '
-            f'alt="The scene at its start"><figcaption>{escape(title)}</figcaption></a></figure>'
-        )
+        figures.append(f'<figure><a href="{name}">{image(picture, title, "The scene at its start")}</a></figure>')
     page = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'

@@ -121,10 +121,14 @@ def _cells(experiment: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _image(folder: Path, name: str, caption: str) -> str:
-    data = b64encode((folder / name).read_bytes()).decode("ascii")
+    return image((folder / name).read_bytes(), caption, caption or "Cloth and sphere in the experiments below")
+
+
+def image(png: bytes, caption: str, alt: str) -> str:
+    """A picture within the page, and its caption if there is one."""
+    data = b64encode(png).decode("ascii")
     below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    alt = escape(caption or "Cloth and sphere in the experiments below", quote=True)
-    return f'<img src="data:image/png;base64,{data}" alt="{alt}">{below}'
+    return f'<img src="data:image/png;base64,{data}" alt="{escape(alt, quote=True)}">{below}'
 
 
 def _list(entries: Iterable[str]) -> str:
