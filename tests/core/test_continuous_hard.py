@@ -8,7 +8,6 @@ import clothsim as cs
 import numpy as np
 import pytest
 from contact import cone
-from tables import each
 
 FREE = {"stiffness": 0.0, "damping": 0.0}
 
@@ -27,16 +26,6 @@ def ball(center, radius=0.5, **arguments):
 
 def distances(stepper, spheres):
     return [float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres]
-
-
-def test_two_spheres_in_one_step():
-    """Between two walls of spheres 1 apart: the point goes to and fro, three times in a step."""
-    spheres = [ball((-1.0, 0, 0)), ball((1.0, 0, 0))]
-    stepper = cs.Stepper(lone((0, 0, 0), spheres, (3.2, 0, 0)))
-    stepper.advance(1, 1.0)
-    # 0.5 to the right, 1 to the left, 1 to the right, 0.7 to the left.
-    np.testing.assert_allclose(stepper.positions[0, 0], (-0.2, 0, 0), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(stepper.velocities[0, 0], (-3.2, 0, 0), rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("kernel", ["edge", "gather"])
@@ -250,49 +239,3 @@ def test_a_continuous_sphere_beside_one_of_the_paper():
             d = np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1).min()
             assert sphere.radius - 1e-4 < d < sphere.radius + 5e-3
     np.testing.assert_array_equal(first.positions, second.positions)
-
-
-@each(
-    "arguments, message",
-    [
-        ({"radius": 0}, "radius must be a finite number > 0"),
-        ({"radius": float("nan")}, "radius must be a finite number > 0"),
-        ({"radius": -0.1}, "radius must be a finite number > 0"),
-        ({"restitution": 1.5}, "restitution must be .* <= 1"),
-        ({"restitution": -0.1}, "restitution must be .*>= 0"),
-        ({"friction": -1}, "friction must be .*>= 0"),
-        ({"push_out_speed": 0}, "push_out_speed must be a finite number > 0"),
-        ({"as_printed": True}, "as_printed must be False with response 'continuous'"),
-        ({"response": "ray", "offset": "face"}, "offset 'face' needs response 'continuous', got 'ray'"),
-        ({"response": "continous"}, "did you mean 'continuous'"),
-        ({"offset": "faces"}, "offset must be one of .*'face'"),
-    ],
-)
-def test_wrong_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        cs.Sphere(**{"response": "continuous", **arguments})
-
-
-@pytest.mark.parametrize(
-    "times, centers, message",
-    [
-        ([0.0], [(0, 0, 0)], "times must have at least 2 entries, got 1"),
-        ([], [], "times must have at least 2 entries, got 0"),
-        ([0.0, 2.0, 1.0], np.zeros((3, 3)), "times must be strictly increasing, got 1.0 at index"),
-        ([0.0, 0.0], np.zeros((2, 3)), "times must be strictly increasing"),
-        ([0.0, 1.0], np.zeros((3, 3)), "centers must be an array of shape"),
-        ([0.0, np.nan], np.zeros((2, 3)), "times"),
-    ],
-    ids=str,
-)
-def test_motion_tables_that_are_short_or_unsorted_are_named(times, centers, message):
-    with pytest.raises(ValueError, match=message):
-        cs.Keyframes(times, centers)
-
-
-def test_scenes_keep_the_new_arguments():
-    sphere = cs.Sphere(response="continuous", offset="face", push_out_speed=0.3, restitution=1.0)
-    scene = cs.Scene(cs.Cloth((4, 4)), sphere)
-    again = cs.Scene.from_dict(scene.to_dict())
-    assert again == scene and again.spheres[0].push_out_speed == 0.3
-    assert "triangles" in scene.explain()["collision_passes"][0]

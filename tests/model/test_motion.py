@@ -126,6 +126,7 @@ REFUSED = [
     (lambda: Reciprocate((1, 0, 0), phase=-0.1), ValueError, "phase.*>= 0"),
     (lambda: Keyframes([0.0], [(0, 0, 0)]), ValueError, "times must have at least 2.*got 1"),
     (lambda: Keyframes([0, 1, 1], np.zeros((3, 3))), ValueError, "times.*increasing.*index .2"),
+    (lambda: Keyframes([0.0, NAN], np.zeros((2, 3))), ValueError, "times.*nan"),
     (lambda: Keyframes([0, 1], np.zeros((3, 3))), ValueError, r"centers.*\(2, 3\).*\(3, 3\)"),
     (lambda: Keyframes([0, 1], [(0, 0, 0), (0, NAN, 0)]), ValueError, r"centers.*index \(1, 1\)"),
     (lambda: Keyframes(3, [(0, 0, 0)]), TypeError, "times must be a sequence"),

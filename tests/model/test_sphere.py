@@ -68,7 +68,7 @@ VARIANTS = [
     {},
     {"center": np.array([1, 2, 3]), "radius": np.float32(0.5), "offset": 0.01, "response": "ray", "as_printed": True},
     {"motion": Reciprocate((1, 0, 0)), "response": "reflect", "offset": "none"},
-    {"motion": Keyframes([0, 1], np.eye(2, 3)), "restitution": 0.5, "friction": 0.3},
+    {"motion": Keyframes([0, 1], np.eye(2, 3)), "restitution": 0.5, "friction": 0.3, "push_out_speed": 0.3},
 ]
 
 
@@ -102,6 +102,9 @@ REFUSED = [
     ({"restitution": -0.1}, ValueError, "restitution.*>= 0"),
     ({"friction": -1}, ValueError, "friction.*>= 0, got -1"),
     ({"as_printed": 1}, TypeError, "as_printed must be True or False, got 1"),
+    ({"as_printed": True}, ValueError, "as_printed must be False with response 'continuous'"),
+    ({"push_out_speed": 0}, ValueError, "push_out_speed must be a finite number > 0"),
+    ({"response": "continous"}, ValueError, "did you mean 'continuous'"),
 ]
 
 
