@@ -69,11 +69,3 @@ def test_the_guard_of_coincident_points_changes_no_length(instruction_set, dtype
     assert (np.abs(got - exact) <= 2.5 * np.spacing(exact.astype(dtype))).all()
     _, at_0 = _core.fused_lengths(instruction_set, np.zeros(1, dtype), np.zeros(1, dtype))
     np.testing.assert_allclose(at_0, 1e18, rtol=1e-6, atol=0)
-
-
-def test_coincident_points_pull_nothing(variant):
-    """The force is along d, which is 0."""
-    scene = cs.scenes.oscillator(stiffness=100.0, mass=2.0, amplitude=0.1)
-    x = np.zeros_like(scene.initial_position)
-    a = cs.acceleration(scene, x, np.ones_like(x), **variant.options)
-    np.testing.assert_array_equal(a, 0.0)

@@ -32,14 +32,6 @@ def test_the_end_has_the_same_bits_with_and_without_frames(frames, dt, steps, sa
     assert framed.t[-1] == DURATION
 
 
-def test_the_paper_scene_at_thirty_frames_a_second_takes_whole_steps():
-    """Shortened steps ended 31.8 mm away after 1 s."""
-    scene = cs.scenes.paper_static()
-    alone, framed = (cs.simulate(scene, 0.5, dt=1e-4, fps=fps) for fps in (None, 30))
-    assert framed.report["steps"] == 5000
-    assert (framed.x[-1] == alone.x[-1]).all()
-
-
 def test_interpolated_frames_are_of_order_four():
     times = np.array([0.0507, 0.1513, 0.2991])
     exact = cs.simulate(SWING, DURATION, rtol=1e-12, times=times)

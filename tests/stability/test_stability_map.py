@@ -56,12 +56,6 @@ def test_the_dataset_is_labelled():
     assert data.attrs["integrator"] == "rk4"
 
 
-def test_without_xarray_the_error_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install '\.\[sweep\]'"):
-        cs.stability_map(SCENE, [1e3], [1e-3], steps=1)
-
-
 @each(
     "change, error, named",
     [

@@ -293,15 +293,6 @@ def test_films_that_cannot_be(run, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_importing_clothsim_imports_nothing_of_the_room():
-    code = (
-        "import sys, clothsim; names = ('clothsim.viewing', 'matplotlib', 'PIL', 'k3d', 'viser', 'IPython')\n"
-        "print([m for m in sys.modules if m.split('.')[0] in names or m.startswith(names[0])])"
-    )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
-
-
 def test_a_picture_of_a_moving_sphere_needs_the_time_of_its_positions():
     scene = cs.scenes.paper_moving()
     with pytest.raises(ValueError, match="^t must be given where a sphere moves"):
