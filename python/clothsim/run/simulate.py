@@ -350,7 +350,7 @@ def _checked_most(max_evaluations: int | None, dt: float | None) -> float:
         return math.inf
     if dt is not None:
         raise ValueError(
-            f"max_evaluations must be None with dt, which tells the number of evaluations; got {check.shown(max_evaluations)}"
+            f"max_evaluations must be None with dt, which sets their number; got {check.shown(max_evaluations)}"
         )
     return check.integer("max_evaluations", max_evaluations, minimum=1)
 
