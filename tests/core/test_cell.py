@@ -86,33 +86,6 @@ def test_no_triangle_inside_in_the_papers_scenes(scene):
         assert cs.penetration(stepper.positions, scene.spheres[0], stepper.time) == {"points": 0.0, "triangles": 0.0}
 
 
-def test_same_bits_for_threads_batches_and_in_several_calls():
-    cloth = sheet(160, stiffness=2000.0)
-    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.251, 0.5), 0.25, friction=0.2))
-    x, v = scene.initial_position, scene.initial_velocity + (0, -3.0, 0)
-    one = cs.step(scene, x, v, 5e-5, 60, threads=1)
-    two = cs.step(scene, x, v, 5e-5, 60, threads=2)
-    assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
-    assert np.linalg.norm(one[0] - scene.spheres[0].center_at(0), axis=-1).min() < 0.2501
-    y, w = cs.step(scene, x, v, 5e-5, 30)
-    again = cs.step(scene, y, w, 5e-5, 30)
-    assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
-    small = falling()
-    y, w = small.initial_position, small.initial_velocity
-    alone = cs.step(small, y, w, 2e-4, 100)
-    both = cs.step(small, np.stack([y, y + (0.01, 0, 0)]), np.stack([w, w]), 2e-4, 100)
-    assert np.array_equal(both[0][0], alone[0]) and not np.array_equal(both[0][1], alone[0])
-
-
-def test_a_snapshot_goes_on_bit_for_bit():
-    stepper = cs.Stepper(falling(friction=0.2))
-    stepper.advance(100, 2e-4)
-    other = cs.Stepper.restore(stepper.snapshot())
-    for s in (stepper, other):
-        s.advance(50, 2e-4)
-    assert np.array_equal(stepper.positions, other.positions)
-
-
 def test_between_several_spheres():
     spheres = [cs.Sphere((x, -0.16, 0.5), 0.15, friction=0.2) for x in (0.3, 0.65)]
     scene = cs.Scene(

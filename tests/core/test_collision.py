@@ -5,18 +5,11 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
+from points import CENTER, RADIUS, drifting, one_point
 from tables import each
 from variants import NAMED_KERNELS, cases, pairs
 
-CENTER = np.array([0.2, -0.3, 0.1])
-RADIUS = 0.5
 DT = 1e-3
-
-
-def drifting(x, spheres, pins=()):
-    """A scene without any force, so that a step moves points by v dt and then answers contacts."""
-    cloth = cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=pins)
-    return cs.Scene(cloth, spheres=spheres, gravity=(0, 0, 0))
 
 
 def ball(**arguments):
@@ -102,61 +95,31 @@ def test_a_cloth_on_one_side_of_a_sphere_touches_it(integrator, kernel, threads,
     np.testing.assert_allclose(result[1], expected[1], rtol=0, atol=1e-12)
 
 
-def one_point(position, velocity, sphere, dt=1e-9, **options):
-    """Where a point at `position` (from the centre) is after a step too short to move it."""
-    x = np.full((2, 2, 3), 50.0)
-    v = np.zeros((2, 2, 3))
-    x[0, 0], v[0, 0] = CENTER + position, velocity
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **options)
-    assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
-    return xt[0, 0] - CENTER, vt[0, 0]
+N = np.array([0.8, 0.6, 0.0])
+RISING = cs.Linear((0, 3, 0))
+HITS = {  # response, further arguments, place from the centre and velocity, before and after
+    "head-on, 0.1 m deep: eq 7 turns the velocity": ("reflect", {}, ((0, 0.4, 0), (0, -2, 0)), ((0, 0.4, 0), (0, 2, 0))),
+    "head-on: eq 12 moves the point up": ("ray", {}, ((0, 0.4, 0), (0, -2, 0)), ((0, 0.5, 0), (0, 2, 0))),
+    "slanting, back along x: 3-4-5": ("ray", {}, ((0.1, 0.3, 0), (-1, 0, 0)), (0.5 * N, (-1, 0, 0) + 1.6 * N)),
+    "restitution": ("reflect", {"restitution": 0.25}, ((0, 0.49, 0), (3, -2, 0)), ((0, 0.49, 0), (3, 0.5, 0))),
+    "friction": ("reflect", {"friction": 0.1}, ((0, 0.49, 0), (3, -2, 0)), ((0, 0.49, 0), (3 - 0.1 * 2 * 2, 2, 0))),
+    "friction that stops": ("reflect", {"friction": 5.0}, ((0, 0.49, 0), (3, -2, 0)), ((0, 0.49, 0), (0, 2, 0))),
+    "leaving": ("reflect", {}, ((0, 0.4, 0), (0.3, 1, 0)), ((0, 0.4, 0), (0.3, 1, 0))),
+    "leaving by a ray": ("ray", {}, ((0, 0.4, 0), (0.3, 1, 0)), ((0, 0.4, 0), (0.3, 1, 0))),
+    "leaving, as printed": ("reflect", {"as_printed": True}, ((0, 0.4, 0), (0.3, 1, 0)), ((0, 0.4, 0), (0.3, -1, 0))),
+    "a sphere that comes": ("reflect", {"motion": RISING}, ((0, 0.49, 0), (0, 0, 0)), ((0, 0.49, 0), (0, 6, 0))),
+    "a sphere that comes, ray": ("ray", {"motion": RISING}, ((0, 0.49, 0), (0, 0, 0)), ((0, 0.5, 0), (0, 6, 0))),
+    "as printed, it does not count": (
+        *("reflect", {"motion": RISING, "as_printed": True}),
+        *(((0, 0.49, 0), (0, 0, 0)), ((0, 0.49, 0), (0, 0, 0))),
+    ),
+}
 
 
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_a_head_on_hit(response):
-    """Straight down on the pole, 0.1 m deep: eq 7 turns the velocity, eq 12 moves the point up."""
-    x, v = one_point((0, 0.4, 0), (0, -2, 0), ball(response=response))
-    np.testing.assert_allclose(v, (0, 2, 0), atol=1e-14)
-    np.testing.assert_allclose(x, (0, 0.4 if response == "reflect" else 0.5, 0), atol=1e-8)
-
-
-def test_a_slanting_ray():
-    """From (0.3, 0) back along +x to (0.4, 0.3) on the circle of radius 1/2: a 3-4-5 triangle."""
-    x, v = one_point((0.1, 0.3, 0), (-1, 0, 0), ball(response="ray"))
-    np.testing.assert_allclose(x, (0.4, 0.3, 0), atol=1e-8)
-    n = np.array([0.8, 0.6, 0])
-    np.testing.assert_allclose(v, np.array([-1, 0, 0]) + 2 * 0.8 * n, atol=1e-8)
-
-
-def test_restitution_scales_the_normal_speed_alone():
-    x, v = one_point((0, 0.49, 0), (3, -2, 0), ball(response="reflect", restitution=0.25))
-    np.testing.assert_allclose(v, (3, 0.5, 0), atol=1e-7)
-
-
-@pytest.mark.parametrize("friction, left", [(0.1, 3 - 0.1 * 2 * 2), (5.0, 0.0)])
-def test_friction_takes_at_most_the_tangential_speed(friction, left):
-    x, v = one_point((0, 0.49, 0), (3, -2, 0), ball(response="reflect", friction=friction))
-    np.testing.assert_allclose(v, (left, 2, 0), atol=1e-7)
-
-
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_a_leaving_point_gets_a_response_only_as_printed(response):
-    out = (0.0, 0.4, 0.0), (0.3, 1.0, 0.0)
-    x, v = one_point(*out, ball(response=response))
-    np.testing.assert_allclose(v, out[1], atol=1e-15)
-    np.testing.assert_allclose(x, out[0], atol=1e-8)
-    _, v = one_point(*out, ball(response=response, as_printed=True))
-    assert v @ np.array([0, 1, 0]) < 0
-
-
-@pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_a_moving_sphere_kicks_a_resting_point(response):
-    """Relative velocity: off at twice its speed. Literal: nothing, as the point has no velocity."""
-    motion = cs.Linear((0, 3, 0))
-    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion))
-    np.testing.assert_allclose(v, (0, 6, 0), atol=1e-12)
-    _, v = one_point((0, 0.49, 0), (0, 0, 0), ball(response=response, motion=motion, as_printed=True))
-    np.testing.assert_allclose(v, (0, 0, 0), atol=1e-12)
+@each("response, arguments, before, after", HITS.values())
+def test_hits_computed_by_hand(response, arguments, before, after):
+    for found, expected in zip(one_point(*before, ball(response=response, **arguments)), after):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
 
 
 @cases()

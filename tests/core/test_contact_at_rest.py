@@ -6,9 +6,8 @@ The state of precision "single" is a float32 and the rest of it; the time of imp
 import clothsim as cs
 import numpy as np
 import pytest
+from points import CENTER, RADIUS, drifting
 
-CENTER = np.array([0.2, -0.3, 0.1])
-RADIUS = 0.5
 DT = 2.0**-10
 SHAPE = (40, 50)
 EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
@@ -34,9 +33,8 @@ def stored(x, precision):
 
 def stepped(x, v, precision, **arguments):
     """A step without forces past a still sphere: without it, and with it."""
-    cloth = cs.Cloth(SHAPE, stiffness=0.0, damping=0.0, pins=())
     sphere = cs.Sphere(CENTER, RADIUS, None, "continuous", "none", **{"restitution": 1.0, **arguments})
-    scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
+    scene = drifting(x, sphere)
     return (cs.step(scene.replace(spheres=()), x, v, DT, precision=precision), cs.step(scene, x, v, DT, precision=precision))
 
 

@@ -7,24 +7,19 @@ With the acceleration a, a path bends by a dt^2 within a step, and a speed chang
 import clothsim as cs
 import numpy as np
 import pytest
+from points import CENTER, RADIUS, drifting
 from tables import each
 from variants import NAMED_KERNELS
 
 # The sphere of the cloth stands on some of its points at first.
 pytestmark = pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 
-CENTER = np.array([0.2, -0.3, 0.1])
-RADIUS = 0.5
 MOTION = cs.Linear((0.4, -0.8, 0.3))
 SLIDES = [(1.0, 0.0), (0.6, 0.0), (0.5, 0.2), (0.0, 0.3), (0.0, 9.0)]  # restitution, friction
 
 
 def ball(center=CENTER, radius=RADIUS, **arguments):
     return cs.Sphere(center, radius, **{"response": "continuous", "offset": "none", **arguments})
-
-
-def free_points(x, spheres, gravity=(0, 0, 0)):
-    return cs.Scene(cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=()), spheres, gravity)
 
 
 def around(rng, distance, shape=(12, 20)):
@@ -43,7 +38,7 @@ def test_without_forces_a_step_is_exact(restitution, friction):
     for motion in (None, MOTION):
         spheres = [ball(restitution=restitution, friction=friction, motion=motion)]
         spheres.append(ball(CENTER + (0, 2.0, 0), 0.4, restitution=0.8))
-        scene = free_points(x, spheres)
+        scene = drifting(x, spheres)
         expected = cs.reference_step(scene, x, v, 0.3, t=0.0)
         assert 60 < (np.abs(expected[1] - v).max(axis=-1) > 1e-3).sum() < 230
         for kernel in NAMED_KERNELS:
@@ -72,7 +67,7 @@ def test_under_gravity_steps_differ_by_what_their_length_explains(restitution, f
     for dt in (1e-2, 1e-3, 1e-4):
         x, n = around(rng, rng.uniform(0, 3 * dt, (12, 20, 1)))
         v = rng.normal(size=x.shape) - n
-        scene = free_points(x, ball(restitution=restitution, friction=friction, motion=MOTION), (0, -9.80665, 0))
+        scene = drifting(x, ball(restitution=restitution, friction=friction, motion=MOTION), gravity=(0, -9.80665, 0))
         place, speed, met = differences(scene, (x, v), dt, 3)
         assert met > 100 and place < 2 and speed < 2
 
@@ -94,11 +89,11 @@ def test_the_reference_keeps_a_sliding_point_in_coulombs_cone():
     along = np.array((slope[1], -slope[0], 0.0))
     for friction in (0.2, 0.5):
         sphere = cs.Sphere((0, 0, 0), 1e3, None, "continuous", "none", 0.0, friction)
-        _, v = cs.reference_step(free_points(x, sphere, (0, -9.8, 0)), x, 0 * x, 0.01, 5)
+        _, v = cs.reference_step(drifting(x, sphere, gravity=(0, -9.8, 0)), x, 0 * x, 0.01, 5)
         expected = 9.8 * max(np.sin(0.35) - friction * np.cos(0.35), 0) * 0.05 * along
         np.testing.assert_allclose(v, np.broadcast_to(expected, v.shape), rtol=0, atol=1e-4)
     falling = np.tile((0.0, RADIUS + 0.1, 0.0), (2, 2, 1))
-    scene = free_points(falling, cs.Sphere((0, 0, 0), RADIUS, None, "continuous", "none", 0.7), (0, -9.8, 0))
+    scene = drifting(falling, cs.Sphere((0, 0, 0), RADIUS, None, "continuous", "none", 0.7), gravity=(0, -9.8, 0))
     x, v = cs.reference_step(scene, falling, 0 * falling, 0.2, 1)
     height = x[..., 1] - RADIUS + v[..., 1] ** 2 / (2 * 9.8)
     np.testing.assert_allclose(height, 0.1 * 0.49, rtol=1e-6)

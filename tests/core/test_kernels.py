@@ -157,12 +157,6 @@ def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled
     assert all(same_bits(other, first) for other in others), list(results)
 
 
-def test_strict_auto_is_the_gather_kernel(crumpled, same_bits):
-    scene, x, v, dt = crumpled()
-    auto = cs.step(scene, x, v, dt, 50, strict=True)
-    assert same_bits(auto, cs.step(scene, x, v, dt, 50, strict=True, kernel="gather"))
-
-
 def test_fused_and_strict_are_two_classes(monkeypatch, crumpled, same_bits, precision):
     """Else strict=True would be an option without effect."""
     scene, x, v, dt = crumpled()
@@ -179,12 +173,15 @@ def test_strict_is_not_for_the_edge_kernel(crumpled):
         cs.step(scene, x, v, dt, kernel="edge", strict=True)
 
 
-def test_auto_is_the_edge_kernel(crumpled, same_bits, precision):
+def test_auto_is_the_edge_kernel_and_strict_the_gather_kernel(crumpled, same_bits, precision):
     scene, x, v, dt = crumpled()
     auto = cs.step(scene, x, v, dt, 50, precision=precision)
     edge = cs.step(scene, x, v, dt, 50, precision=precision, kernel="edge")
     assert same_bits(auto, edge)
-    assert not same_bits(auto, cs.step(scene, x, v, dt, 50, precision=precision, kernel="gather"))
+    gather = {"precision": precision, "kernel": "gather"}
+    assert not same_bits(auto, cs.step(scene, x, v, dt, 50, **gather))
+    strict = cs.step(scene, x, v, dt, 50, precision=precision, strict=True)
+    assert same_bits(strict, cs.step(scene, x, v, dt, 50, strict=True, **gather))
 
 
 @cases()

@@ -16,14 +16,6 @@ def state():
     return cs.Scene(cloth), x, 0.1 * rng.normal(size=(*SHAPE, 3))
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_every_row_comes_out(kernel, state, same_bits, threads):
-    scene, x, v = state
-    stepper = cs.Stepper(scene, x, v, kernel=kernel, threads=threads)
-    stepper.advance(0, 1e-5)
-    assert same_bits((stepper.positions, stepper.velocities), (x, v))
-
-
 @each("row", [0, 164, 165, 219, 220, 329])
 def test_a_point_that_is_lost_is_found_and_the_state_before_is_back(kernel, state, row):
     """Wherever it is: an infinite speed next to the borders between shares."""

@@ -19,19 +19,13 @@ def error(x, expected):
     return np.linalg.norm(x - expected, axis=-1).max()
 
 
-def test_single_follows_double_at_the_papers_time_step(kernel, swing):
-    scene, state, expected = swing
-    x, _ = cs.step(scene, *state, DT, 20_000, precision="single", threads=1, kernel=kernel)
-    assert error(x, expected) < 2e-7
-
-
-def test_single_follows_double_with_float32_arrays(swing, kernel):
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_single_follows_double_at_the_papers_time_step(kernel, swing, dtype):
     """The state is compensated inside a call, whatever the arrays hold."""
-    scene, (x, v), expected = swing
-    x, v = x.astype(np.float32), v.astype(np.float32)
-    x, v = cs.step(scene, x, v, DT, 20_000, precision="single", threads=1, kernel=kernel)
-    assert x.dtype == v.dtype == np.float32
-    assert error(x, expected) < 2e-7
+    scene, state, expected = swing
+    state = [part.astype(dtype) for part in state]
+    x, v = cs.step(scene, *state, DT, 20_000, precision="single", threads=1, kernel=kernel)
+    assert x.dtype == v.dtype == dtype and error(x, expected) < 2e-7
 
 
 def test_float32_without_compensation_would_not(swing):

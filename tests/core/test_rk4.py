@@ -5,7 +5,6 @@ import math
 
 import clothsim as cs
 import numpy as np
-import pytest
 
 DURATION = 0.05  # of the swing [s]
 
@@ -16,28 +15,6 @@ def fitted_order(steps, errors):
 
 def rms(difference):
     return np.sqrt((difference**2).sum(axis=-1).mean())
-
-
-def oscillation(t, stiffness, mass, amplitude, damping):
-    w, g = math.sqrt(stiffness / mass), damping / (2 * mass)
-    u = math.sqrt(w * w - g * g)
-    return 1.0 + amplitude * math.exp(-g * t) * (math.cos(u * t) + g / u * math.sin(u * t))
-
-
-@pytest.mark.parametrize("damping", [0.0, 3.0])
-def test_order_on_the_oscillator(double_variant, damping):
-    parameters = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1, "damping": damping}
-    scene = cs.scenes.oscillator(**parameters)
-    state = scene.initial_position, scene.initial_velocity
-    duration, counts = 1.0, np.array([128, 256, 512, 1024, 2048])
-    exact = oscillation(duration, **parameters)
-    errors = []
-    for n in counts:
-        x, _ = cs.step(scene, *state, duration / n, int(n), **double_variant.options)
-        errors.append(abs(x[0, 1, 0] - exact))
-        assert (x[0, 1, 1:] == 0).all() and (x[0, 0] == 0).all()
-    assert abs(fitted_order(duration / counts, errors) - 4) < 0.15
-    assert errors[-1] < 5e-12
 
 
 @functools.cache
@@ -68,17 +45,15 @@ def test_the_reference_has_the_order(oracle):
 
 def test_the_printed_form_is_not_consistent():
     """Its error grows towards the whole amplitude as the time step goes to 0: it stands still."""
-    parameters = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1, "damping": 0.0}
-    scene = cs.scenes.oscillator(**parameters)
+    scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
     state = scene.initial_position, scene.initial_velocity
     duration = math.pi / 10  # half a period: from one end to the other
-    exact = oscillation(duration, **parameters)
     errors = []
     for n in (10, 100, 1000, 10000):
         x, _ = cs.reference_step(scene, *state, duration / n, n, as_printed=True)
-        errors.append(abs(x[0, 1, 0] - exact))
+        errors.append(abs(x[0, 1, 0] - 0.9))
     assert (np.diff(errors) > 0).all()
-    np.testing.assert_allclose(errors[-1], 2 * parameters["amplitude"], rtol=1e-6)
+    np.testing.assert_allclose(errors[-1], 0.2, rtol=1e-6)
 
 
 def test_the_printed_form_is_rk4_with_the_squared_step(crumpled, relative):

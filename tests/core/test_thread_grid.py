@@ -10,32 +10,13 @@ SHAPES = [(32, 32), (16, 16), (2, 2), (1, 2), (2, 1), (1, 33), (17, 33), (40, 7)
 
 @each("shape", SHAPES)
 def test_is_the_formula_of_the_shader(shape):
-    grid = cs.thread_grid(shape)
-    rows, columns = shape
-    y, x = np.indices(shape)
+    grid, (y, x) = cs.thread_grid(shape), np.indices(shape)
     assert grid.shape == shape
-    np.testing.assert_array_equal(grid["dispatch_x"], x)
-    np.testing.assert_array_equal(grid["dispatch_y"], y)
-    np.testing.assert_array_equal(grid["dispatch_x"], grid["group_x"] * 16 + grid["thread_x"])
-    np.testing.assert_array_equal(grid["dispatch_y"], grid["group_y"] * 16 + grid["thread_y"])
-    np.testing.assert_array_equal(grid["index"], y * columns + x)
-
-
-@each("shape", SHAPES)
-def test_is_a_bijection(shape):
-    grid = cs.thread_grid(shape).ravel()
-    points = shape[0] * shape[1]
-    np.testing.assert_array_equal(np.sort(grid["index"]), np.arange(points))
-    assert len(np.unique(grid[["group_x", "group_y", "thread_x", "thread_y"]])) == points
-    for axis in "xy":
-        assert grid[f"thread_{axis}"].min() >= 0 and grid[f"thread_{axis}"].max() < 16
-
-
-@each("shape", SHAPES)
-def test_covers_the_sheet_with_the_fewest_whole_groups(shape):
-    grid = cs.thread_grid(shape)
-    groups = len(np.unique(grid[["group_x", "group_y"]]))
-    assert groups == -(-shape[0] // 16) * -(-shape[1] // 16)
+    for axis, at in (("x", x), ("y", y)):
+        np.testing.assert_array_equal(grid[f"dispatch_{axis}"], at)
+        np.testing.assert_array_equal(grid[f"group_{axis}"], at // 16)
+        np.testing.assert_array_equal(grid[f"thread_{axis}"], at % 16)
+    np.testing.assert_array_equal(grid["index"], y * shape[1] + x)
 
 
 def test_the_index_is_that_of_the_arrays():

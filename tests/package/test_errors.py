@@ -340,11 +340,14 @@ def test_a_stepper_stands_where_it_was_after_a_refused_advance(same_bits):
     stepper = cs.Stepper(SCENE)
     stepper.advance(3, 1e-3)
     kept, time = (stepper.positions, stepper.velocities), stepper.time
-    for arguments in [(1, -1e-3), (-1, 1e-3), (1.5, 1e-3), (1, math.nan), (1, None), (2**63, 1e-3)]:
-        with pytest.raises((ValueError, TypeError)):
+    bad_steps, bad_dt = (-1, 1.5, True, 2**63), (-1e-3, math.nan, None, True, "1")
+    for arguments in [*((steps, 1e-3) for steps in bad_steps), *((1, dt) for dt in bad_dt)]:
+        with pytest.raises((ValueError, TypeError), match="(steps|dt) must be"):
             stepper.advance(*arguments)
         assert stepper.time == time
         assert same_bits((stepper.positions, stepper.velocities), kept)
+    stepper.advance(np.int64(2), np.float32(1e-3))
+    assert stepper.time == time + 2 * float(np.float32(1e-3))
 
 
 def test_a_state_of_none_is_refused():
