@@ -195,6 +195,20 @@ def closing():
 
 
 @pytest.fixture
+def trap():
+    """`trap(speed)`: a mass point on which six large spheres close from all sides, and another far away."""
+
+    def scene(speed=1.0):
+        sides = np.vstack([np.eye(3), -np.eye(3)])
+        spheres = [cs.Sphere(4.1 * n, 4.0, cs.Linear(-speed * n), "continuous", "none", restitution=1.0) for n in sides]
+        position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
+        cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
+        return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
+
+    return scene
+
+
+@pytest.fixture
 def diagonal_on_pins():
     """A cell whose triangles share a pinned edge, and a sphere that rises against that edge."""
     rising = cs.Linear((0, 1.0, 0))

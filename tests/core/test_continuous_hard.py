@@ -109,11 +109,9 @@ def test_spheres_that_close_squeeze_a_point_out():
     assert stepper.positions[0, 0, 1] > 0.39
 
 
-def test_a_point_that_is_trapped_is_refused_with_a_clear_word():
-    """Six spheres close around it from all sides."""
-    directions = [np.array(d, float) for d in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
-    spheres = [ball(4.1 * d, 4.0, motion=cs.Linear(tuple(-d))) for d in directions]
-    stepper = cs.Stepper(lone((0.001, 0.002, 0.003), spheres))
+def test_a_point_that_is_trapped_is_refused_with_a_clear_word(trap):
+    scene = trap()
+    stepper = cs.Stepper(scene)
     with pytest.raises(cs.ContactError, match=r"trapped between spheres.*further apart") as caught:
         stepper.advance(1000, 1e-3)
     error = caught.value
@@ -121,7 +119,7 @@ def test_a_point_that_is_trapped_is_refused_with_a_clear_word():
     assert abs(error.step - error.time / 1e-3) < 1e-6
     np.testing.assert_array_equal(error.x, stepper.positions)
     assert np.isclose(stepper.time, error.time - 1e-3)
-    assert min(distances(stepper, spheres)) >= 4.0
+    assert min(distances(stepper, scene.spheres)) >= 4.0
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 

@@ -296,52 +296,6 @@ def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):
     assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
 
 
-def test_two_steppers_in_two_threads_give_the_serial_results(kernel, crumpled, same_bits):
-    states = [crumpled(shape=(33, 40), seed=seed, spheres=BALL) for seed in (1, 2)]
-
-    def run(results, k):
-        scene, x, v, dt = states[k]
-        stepper = cs.Stepper(scene, x, v, threads=2, kernel=kernel)
-        for _ in range(20):
-            stepper.advance(5, dt)
-        results[k] = (stepper.positions, stepper.velocities)
-
-    serial, parallel = {}, {}
-    for k in range(2):
-        run(serial, k)
-    workers = [threading.Thread(target=run, args=(parallel, k)) for k in range(2)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    assert all(same_bits(parallel[k], serial[k]) for k in range(2))
-
-
-def test_one_stepper_in_two_threads_is_refused(crumpled, same_bits):
-    scene, x, v, dt = crumpled(shape=(64, 64))
-    steps = 4000
-    stepper = cs.Stepper(scene, x, v, threads=1)
-    worker = threading.Thread(target=stepper.advance, args=(steps, dt))
-    worker.start()
-    refused = 0
-    while worker.is_alive():
-        for use in (lambda: stepper.advance(1, dt), lambda: stepper.positions, stepper.snapshot):
-            try:
-                use()
-            except RuntimeError as error:
-                assert "another thread" in str(error)
-                refused += 1
-        if refused:
-            break
-    worker.join()
-    assert refused
-    # Calls let in before the worker began may have added steps: whole ones, none half done.
-    done = round(stepper.time / dt)
-    assert done >= steps
-    expected = cs.step(scene, x, v, dt, done, threads=1)
-    assert same_bits((stepper.positions, stepper.velocities), expected)
-
-
 def test_the_lock_of_the_interpreter_is_released(crumpled):
     """Another thread counts while this one is in the core."""
     scene, x, v, dt = crumpled(shape=(64, 64))

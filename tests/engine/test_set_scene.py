@@ -129,11 +129,13 @@ CALLS = {
     "set_force": lambda stepper: stepper.set_force(np.ones((100, 100, 3))),
     "freeze": lambda stepper: stepper.freeze(0),
     "advance": lambda stepper: stepper.advance(1, 1e-4),
+    "positions": lambda stepper: stepper.positions,
+    "snapshot": lambda stepper: stepper.snapshot(),
 }
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name):
+def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, same_bits):
     stepper = cs.Stepper(SHEET, threads=1)
     refused = done = 0
     with Advancing(stepper) as other:
@@ -149,4 +151,9 @@ def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name):
     elif name == "freeze":
         assert stepper.frozen.tolist() == [done > 0]
     else:
-        assert round(stepper.time / 1e-4) == other.steps + (done if name == "advance" else 0)
+        steps = other.steps + (done if name == "advance" else 0)
+        assert round(stepper.time / 1e-4) == steps
+        if not name.startswith("set_"):  # whole steps, none half done
+            again = cs.Stepper(SHEET, threads=1)
+            again.advance(steps, 1e-4)
+            assert same_bits(stepper._arrays(), again._arrays())

@@ -89,18 +89,8 @@ def test_a_member_that_diverges_is_marked(scene, dt, first):
     assert int(result.isel(dt=0).status) == 3 and "abs" in str(result.isel(dt=0).message.values)
 
 
-def test_a_point_that_spheres_trapped_harms_its_member_alone():
-    def scene(speed):
-        """Six large spheres close on a mass point from all sides."""
-        sides = np.vstack([np.eye(3), -np.eye(3)])
-        spheres = tuple(
-            cs.Sphere(4.1 * side, 4.0, cs.Linear(-speed * side), "continuous", "none", restitution=1.0) for side in sides
-        )
-        position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
-        cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
-        return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
-
-    scenes = {"slow": scene(0.1), "fast": scene(1.0)}
+def test_a_point_that_spheres_trapped_harms_its_member_alone(trap):
+    scenes = {"slow": trap(0.1), "fast": trap(1.0)}
     metrics = ["stable", "energy_drift"]
     result = sweep(SMALL, {"scene": scenes}, duration=0.3, dt=1e-3, metrics=metrics)
     with pytest.raises(cs.ContactError) as caught:
