@@ -153,11 +153,29 @@ void FaceWork::set_foot(ContactRow& row, const std::array<double, 3>& weight) co
     row.inertia = 1 / row.mobility;
 }
 
+// The impulse of a row acts between the place that it has and a first place, so that it does no work. A unit
+// impulse at either place gives velocities d0 and d1 to the corners. On their bisector, d0 / |d0| + d1 / |d1|
+// by kinetic energy, the place comes as fast as it goes. On d0 alone a rocking triangle would gain energy, as
+// by Euler's explicit method; on d1 it would lose it.
+void FaceWork::act_between(ContactRow& row, const std::array<double, 3>& first) const {
+    double first2 = 0, last2 = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        const double mass = cloth_.mass[at(row.corner[i])];
+        first2 += mass * first[i] * first[i];
+        last2 += mass * row.part[i] * row.part[i];
+    }
+    const double part = std::sqrt(first2) / (std::sqrt(first2) + std::sqrt(last2));
+    row.mobility = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        row.part[i] = (1 - part) * first[i] + part * row.part[i];
+        row.mobility += row.weight[i] * row.part[i];
+    }
+    row.inertia = 1 / row.mobility;
+}
+
 // The place of contact of a rocking triangle differs between start and end of a step. Its velocity is
-// judged at the end, so the next step begins without an arrival. The impulse acts on the mean of both
-// places. On the first place alone the rocking would grow, as by Euler's explicit method; on the last it
-// would be damped. A triangle touches a sphere at one place only, so other rows of the rounds ask for
-// nothing.
+// judged at the end, so the next step begins without an arrival. A triangle touches a sphere at one place
+// only, so other rows of the rounds ask for nothing.
 void FaceWork::follow_feet() {
     if (bounced()) begun_ = rows_;
     for (int s = 0; s < int(spheres_->size()); ++s) place_in_frame(s);
@@ -169,15 +187,9 @@ void FaceWork::follow_feet() {
         if (foot.point.norm() > shells_[at(s)].near) continue;
         ContactRow row = rows_[k];
         const std::array<double, 3> last = weights_of(foot, row.corner);
-        const std::array<double, 3> first_mobility = row.part;
         set_foot(row, last);
         if (row.mobility <= 0) continue;
-        row.mobility = 0;
-        for (std::size_t i = 0; i < 3; ++i) {
-            row.part[i] = (first_mobility[i] + row.part[i]) / 2;
-            row.mobility += row.weight[i] * row.part[i];
-        }
-        row.inertia = 1 / row.mobility;
+        act_between(row, rows_[k].part);
         row.normal = outward_normal(foot.point);
         const Vec3 wall = vec((*spheres_)[at(s)].velocity);
         row.speed.target = wall + (row.speed.target - wall).dot(rows_[k].normal) * row.normal;

@@ -189,43 +189,60 @@ int FaceWork::nearest_sphere(const Vec3& place) const {
                spheres_->begin());
 }
 
-// A point that a search has moved gets the velocity of its path, no faster than what spheres can give.
+// A point that a search has moved gets the velocity of its path. Seen from the sphere next to it, the point
+// gets no faster than in the free step: a wall works with its own velocity alone. Spheres that close squeeze
+// a point out sideways and stretch its springs. The impulse that moves it there bounds their work.
 void FaceWork::take_path_speeds() {
     const double dt = (*spheres_)[0].dt;
     double fastest = 0;
-    for (const SweptSphere& s : *spheres_) fastest += 2 * vec(s.velocity).norm();
+    for (const SweptSphere& s : *spheres_) fastest = std::max(fastest, vec(s.velocity).norm());
     further_work_ = 0;
     further_.assign(spheres_->size(), Vec3(0, 0, 0));
     for (std::size_t i = 0; i < x.size(); ++i) {
         v[i] = free_v_[i];
         if (x[i] == free_x_[i]) continue;
-        const Vec3 path = (x[i] - x0[i]) / dt;
-        const double speed = path.norm(), most = std::max(fastest, v[i].norm());
-        v[i] = (speed > most ? most / speed : 1.0) * path;
-        further_work_ += cloth_.mass[i] * (v[i] - free_v_[i]).norm() * fastest / 2;
-        further_[at(nearest_sphere(x[i]))] += cloth_.mass[i] * (v[i] - free_v_[i]);
+        const int sphere = nearest_sphere(x[i]);
+        const Vec3 wall = vec((*spheres_)[at(sphere)].velocity), path = (x[i] - x0[i]) / dt - wall;
+        const double speed = path.norm(), most = (free_v_[i] - wall).norm();
+        v[i] = wall + (speed > most ? most / speed : 1.0) * path;
+        const Vec3 change = v[i] - free_v_[i];
+        further_work_ += cloth_.mass[i] * std::max(change.norm(), (x[i] - free_x_[i]).norm() / dt) * fastest;
+        further_[at(sphere)] += cloth_.mass[i] * change;
     }
 }
 
-// Other places, until one has no fault. They have no contacts for the next step to begin with.
+// Another place without a fault: the first within the ways of spheres and cloth, else the nearest to the free
+// step. Such places have no contacts for the next step to begin with.
 FaceWork::Fault FaceWork::search(Fault fault) {
-    const auto is_place = [&] {
+    std::vector<Vec3> nearest;
+    double least = std::numeric_limits<double>::infinity();
+    const auto is_near = [&] {
         rows_.clear();
         origins_.clear();
         take_path_speeds();
         const Fault next = fault_of_place();
         if (fault.energy == 0) fault = next;
-        return next.point < 0;
+        if (next.point >= 0) return false;
+        double far = 0;
+        for (std::size_t i = 0; i < x.size(); ++i) far = std::max(far, (x[i] - free_x_[i]).norm());
+        if (far < least) least = far, nearest = x;
+        return far <= longest_ways();
     };
-    if (move_with_spheres() && is_place()) return {};
+    if (move_with_spheres() && is_near()) return {};
     for (const Sweeps& sweeps : {single_sweeps, all_sweeps})
         for (const std::vector<Vec3>& start : starts()) {
             rows_.clear();
             origins_.clear();
             x = start;
-            if (project(sweeps) && is_place()) return {};
+            if (project(sweeps) && is_near()) return {};
         }
-    return fault;
+    if (nearest.empty()) return fault;
+    rows_.clear();
+    origins_.clear();
+    x = nearest;
+    take_path_speeds();
+    note_changed();
+    return {};
 }
 
 // Triangles and points whose paths lead through a sphere or leave them inside it. A plane that turns beside a
@@ -267,17 +284,20 @@ int FaceWork::unresolved() {
     return found;
 }
 
-// No law of contact moves a point farther than this [m] from the end of the free step. It is the ways of the
-// spheres and of the cloth, twice for bounces, and a radius.
-double FaceWork::farthest_place() const {
-    double ways = 0, radius = 0, own2 = 0;
-    for (const SweptSphere& s : *spheres_) {
-        ways += (vec(s.end) - vec(s.start)).norm() + s.push;
-        radius = std::max(radius, s.radius);
-    }
+// The ways of the spheres and of the cloth in the step [m], twice for bounces.
+double FaceWork::longest_ways() const {
+    double ways = 0, own2 = 0;
+    for (const SweptSphere& s : *spheres_) ways += (vec(s.end) - vec(s.start)).norm() + s.push;
     for (std::size_t i = 0; i < x.size(); ++i)
         if (changed[i]) own2 = std::max(own2, (free_x_[i] - x0[i]).squaredNorm());
-    return 2 * (ways + std::sqrt(own2)) + radius;
+    return 2 * (ways + std::sqrt(own2));
+}
+
+// No law of contact moves a point farther than this [m] from the end of the free step.
+double FaceWork::farthest_place() const {
+    double radius = 0;
+    for (const SweptSphere& s : *spheres_) radius = std::max(radius, s.radius);
+    return longest_ways() + radius;
 }
 
 // The most that contact may change a velocity [m/s]. A sphere's speed may act on a corner by the least lever

@@ -89,6 +89,7 @@ private:
     bool add_row(int sphere, const Triangle& triangle, const Foot& foot, const Vec3& normal, double time,
                  int round);
     void set_foot(ContactRow& row, const std::array<double, 3>& weight) const;
+    void act_between(ContactRow& row, const std::array<double, 3>& first) const;
     void follow_feet();
     void aim(ContactRow& row, Origin& origin, double depth, double time, int round);
     std::size_t feature(int sphere, const std::array<int, 3>& corner,
@@ -105,6 +106,7 @@ private:
     template <class Visit>
     void each_blocked(Visit visit);
     int unresolved();
+    double longest_ways() const;
     double farthest_place() const;
     double largest_speed_change() const;
     double most_energy_made() const;
@@ -119,6 +121,7 @@ private:
     bool flies() const;
     double energy_made() const;
     double energy_lacking() const;
+    Vec3 acted_on(const ContactRow& row, const std::vector<Vec3>& velocities) const;
     Vec3 to_cloth(const ContactRow& row, const Vec3& impulse) const;
     void note_given();
     int nearest_sphere(const Vec3& place) const;

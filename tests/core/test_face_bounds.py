@@ -56,9 +56,12 @@ def test_shots_of_several_spheres_keep_within_the_bounds():
     assert found["hits"] > 15 and found["passed"] == found["thrown"] == found["gained"] == 0
 
 
-@pytest.mark.parametrize(("seed", "number"), [(626, 94), (610, 304), (640, 106)])
-def test_contact_changes_no_speed_by_more_than_its_levers(seed, number):
-    """Shots beside pins and between spheres that went on with up to 70,000 times the energy before them."""
+# Shots beside pins and between spheres went on with up to 70,000 times the energy before them. Sheets that turned
+# under a sphere gained up to 1 % of what the sphere gave. One between three spheres went to a place 0.5 m away.
+@pytest.mark.parametrize(
+    ("seed", "number"), [(626, 94), (610, 304), (640, 106), (602, 893), (619, 623), (646, 593), (630, 824)]
+)
+def test_shots_that_once_failed_keep_within_the_bounds(seed, number):
     rng, shot = np.random.default_rng(seed), None
     for n in range(number):
         while (shot := _shot_of_fuzzer(rng, several=n % 2 == 1)) is None:
