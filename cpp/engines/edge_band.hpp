@@ -1,58 +1,39 @@
 // A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres near
 // it. A thread works on a band.
 //
-//     band 0, upwards   row 0       rows 1 and 0 of the sweep's order: finished last
-//         ^             row 1
-//         |             row 2       `border` and `second`: finished first
-//     ====|============ border: `near` of both bands ==================================
-//         |             row 3       `border` and `second` of band 1: finished first
-//         v             row 4
-//     band 1, downwards row 5
+// The versions of the halo exchange (memory/band_exchange.hpp) are the stages of the steps. A stage
+// overwrites its rows in place, so each band copies the two rows at a border for its neighbour:
 //
-// A spring across the border needs the rows of the other band at the same stage. So each band copies its two
-// rows into a HaloSlot of its neighbour as soon as it has made them:
-//
-//     make rows --> hand(): copy into the neighbour's slot --> signal the stage
+//     make rows --> hand: copy into the neighbour's HaloSlot --> signal the stage
 //                                                                   |
-//     neighbour: claim() lines to write, fetch() lines to read, wait() for the stage, sum springs
-//
-// Both bands of a border begin their sweeps there, or both end them there. At a border where they begin,
-// a band has a whole sweep of time until the neighbour's rows are needed.
+//     neighbour: prefetch lines to write, lines to read, wait for the stage, sum springs
 #pragma once
 
 #include "engines/edge_engine.hpp"
-#include "memory/threads.hpp"
+#include "memory/band_exchange.hpp"
 
 namespace clothsim {
 
 // Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row at the
-// border and, for bend springs, the row behind it. Without damping only positions are exchanged. `newest` is
-// the newest stage in it, counted from the call's first.
+// border and, for bend springs, the row behind it. Without damping only positions are exchanged. Two slots
+// would be correct, but then a band would prefetch lines to write that its neighbour may still be reading.
 template <class Real>
 struct HaloSlot {
     static constexpr int slots = 4;
     AlignedVector<Real> rows;
-    int lanes = 0, vectors = 0, row_count = 0;
+    int vectors = 0, row_count = 0;
     std::ptrdiff_t state_stride = 0, work_stride = 0, row_size = 0, seen = 0;
-    std::int64_t first = 0;  // stage of the call
-    alignas(64) std::atomic<int> newest{-1};
 
     void prepare(const TransposedLayout& layout, const Features& features) {
-        lanes = layout.lanes;
         vectors = layout.vectors;
         row_count = features.family[bend] ? 2 : 1;
-        seen = (features.spring_damping ? 6 : 3) * lanes;
+        seen = (features.spring_damping ? 6 : 3) * layout.lanes;
         state_stride = layout.stride;
-        work_stride = WorkRecord::count * lanes;
+        work_stride = WorkRecord::count * layout.lanes;
         row_size = vectors * work_stride;  // the larger one
-        rows.assign(slots * 2 * row_size + lanes, Real(0));
-    }
-    void begin(std::int64_t stage) {
-        first = stage;
-        newest.store(-1, std::memory_order_relaxed);
+        rows.assign(slots * 2 * row_size + layout.lanes, Real(0));
     }
     Real* row(std::int64_t stage, int which) { return rows.data() + (stage % slots * 2 + which) * row_size; }
-    void wait(std::int64_t stage) const { wait_for(newest, int(stage - first)); }
     // From vector to vector of the rows that the stage reads. The first stage of a step reads states.
     std::ptrdiff_t stride(std::int64_t stage) const { return stage % 4 == 0 ? state_stride : work_stride; }
     void put(std::int64_t stage, const Real* border, const Real* second) {
@@ -61,30 +42,15 @@ struct HaloSlot {
                 const std::ptrdiff_t at = k * stride(stage);
                 std::copy_n((which == 0 ? border : second) + at, seen, row(stage, which) + at);
             }
-        signal(newest, int(stage - first));
     }
-    // Prefetches lines of a stage: before they are read, if they have arrived, and before they are written.
-    // The state of arrival is prefetched earlier, so that the check does not wait.
-    void prefetch_newest() const { prefetch_to_read(&newest); }
-    void fetch(std::int64_t stage, int which, int begin, int end) {
-        if (newest.load(std::memory_order_relaxed) < stage - first) return;
-        each_line(stage, which, begin, end, prefetch_to_read);
-    }
-    void claim(std::int64_t stage, int which, int begin, int end) {
-        each_line(stage, which, begin, end, prefetch_to_write);
-    }
-    void fetch(std::int64_t stage) {
-        for (int which = 0; which < row_count; ++which) fetch(stage, which, 0, vectors);
-    }
-    void claim(std::int64_t stage) {
-        for (int which = 0; which < row_count; ++which) claim(stage, which, 0, vectors);
-    }
-
-private:
-    // Of vectors [begin, end) of a row.
+    // `ask(line)` for the lines of vectors [begin, end) of a row; of all rows.
     template <class Ask>
     void each_line(std::int64_t stage, int which, int begin, int end, const Ask& ask) {
         for (int k = begin; k < end; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
+    }
+    template <class Ask>
+    void each_line(std::int64_t stage, const Ask& ask) {
+        for (int which = 0; which < row_count; ++which) each_line(stage, which, 0, vectors, ask);
     }
 };
 
@@ -96,11 +62,9 @@ struct Workspace {
 };
 
 template <class Real>
-struct EdgeEngine<Real>::Band : RowBand {
+struct EdgeEngine<Real>::Band : NeighbouringBand {
     EdgeEngine* engine;
     int strip;
-    Band* near = nullptr;  // the neighbour at the border where sweeps begin
-    Band* far = nullptr;   // the one where they end
     HaloSlot<Real> from_near, from_far;
     std::shared_ptr<Workspace<Real>> workspace;
     // Many lines that another processor has had, asked for at once, keep other loads waiting. So those of the
@@ -151,11 +115,20 @@ struct EdgeEngine<Real>::Band : RowBand {
             beyond.state = beyond.work = from_far.row(number, i);
         }
     }
-    // Copies two finished rows to the halo slot of a neighbour, which reads them in stage `number`.
-    void hand(HaloSlot<Real>& slot, std::int64_t number, int border, int second) const {
+    // Versions are the stages of a call's steps, from 1 on.
+    int version(std::int64_t number) const { return int(number - 4 * engine->step_) + 1; }
+    Band& neighbour(NeighbouringBand* at) const { return *static_cast<Band*>(at); }
+    // Copies the two finished rows at a border to the neighbour, which reads them in stage `number`.
+    void hand_near(std::int64_t number) {
         const Stage next = Stage(number % 4);
-        const auto row = [&](int r) { return source(next, r); };
-        slot.put(number, row(border), row(second));
+        neighbour(near).from_near.put(number, source(next, 0), source(next, 1));
+        signal_near(version(number));
+    }
+    void hand_far(std::int64_t number) {
+        const Stage next = Stage(number % 4);
+        const int last = size() - 1;
+        neighbour(far).from_far.put(number, source(next, last), source(next, last - 1));
+        signal_far(version(number));
     }
 
     static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
@@ -168,11 +141,10 @@ struct EdgeEngine<Real>::Band : RowBand {
                 band.engine->respond_at(band.spheres.contacts[std::size_t(sphere)], band.row(row), column);
         }
     }
-    // A call begins: nothing is in the halo slots.
-    void begin() {
+    void begin_call() {
         step = engine->step_;
         finite = true;
-        for (auto* slot : {&from_near, &from_far}) slot->begin(4 * step);
+        begin_region();
     }
     void give_border(int r, std::int64_t step) {
         if (r + 1 < size()) engine->halos_.claim(strip, row(r + 1), step);
@@ -192,8 +164,8 @@ struct EdgeEngine<Real>::Band : RowBand {
         const int n = size();
         const std::int64_t number = 4 * step;
         for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
-        if (near) hand(near->from_near, number, 0, 1);
-        if (far) hand(far->from_far, number, n - 1, n - 2);
+        if (near) hand_near(number);
+        if (far) hand_far(number);
     }
 
     // Whether rows [begin, end) are finite, while they are in cache.

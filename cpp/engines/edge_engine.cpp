@@ -1,20 +1,4 @@
-// How bands of rows work side by side without a barrier, and how large cloths stay in cache.
-//
-// Two neighbouring bands sweep away from their border, or both towards it (the bands of even number go up,
-// the others down). At a border each needs the other's two rows of the stage before. Each copies its own two
-// as soon as they are done:
-//
-//     band 0   ^  far end: edge of the cloth
-//              |  starts here
-//     ------- border -------  each finishes its first two rows at the beginning of a stage: the other needs
-//              |  starts here      them a stage later
-//     band 1   v
-//     ------- border -------  each finishes its last two rows at the end of a stage: the other needs them at
-//     band 2   ^                  the end of the next
-//
-// The rows go through halo slots with a slot for each stage of a step. Two slots would be correct. A band
-// finishes a stage only with its neighbour's rows of the stage before, so it is never two stages ahead. But
-// then it would claim lines that the neighbour may still be reading.
+// How large cloths stay in cache. Threads exchange halo rows as memory/band_exchange.hpp explains.
 //
 // A cloth that fits in cache is swept stage by stage. A larger one uses temporal blocking: the four stages
 // follow each other a few rows apart. So a step reads and writes the state about once, and results between
@@ -132,11 +116,14 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
     auto& bands = bands_[team];
     if (!bands.empty()) return bands;
     const std::ptrdiff_t work_row = layout_.vectors * WorkRecord::count * layout_.lanes;
-    for (int i = 0; i < layout_.strips * team; ++i) {
-        auto band = std::make_unique<Band>();
+    for (int strip = 0; strip < layout_.strips; ++strip)
+        for (auto& band : bands_of<Band>(rows(), team)) {
+            band->strip = strip;
+            bands.push_back(std::move(band));
+        }
+    for (std::size_t i = 0; i < bands.size(); ++i) {
+        Band* const band = bands[i].get();
         band->engine = this;
-        band->strip = i / team;
-        static_cast<RowBand&>(*band) = RowBand::of(rows(), i % team, team);
         band->from_near.prepare(layout_, plan_.features());
         band->from_far.prepare(layout_, plan_.features());
         band->plan_parts(rows_to_hand);
@@ -154,22 +141,13 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             place_far_away(band->workspace->rows.data(), ring * layout_.vectors, band->work_stride(),
                            layout_.lanes);
         } else {
-            band->workspace = bands[std::size_t(i - team)]->workspace;
+            band->workspace = bands[i - std::size_t(team)]->workspace;
         }
         for (int j = 0; j < n; ++j)
             band->rows.push_back(row_pointers(memory_.data(),
                                               band->workspace->rows.data() + j % ring * work_row,
                                               band->row(j), band->strip));
         band->rows.resize(std::size_t(n + 2));
-        bands.push_back(std::move(band));
-    }
-    for (int i = 0; i < layout_.strips * team; ++i) {
-        Band& band = *bands[std::size_t(i)];
-        const int t = i % team;
-        Band* const above = t > 0 ? bands[std::size_t(i - 1)].get() : nullptr;
-        Band* const below = t + 1 < team ? bands[std::size_t(i + 1)].get() : nullptr;
-        band.near = band.upwards ? below : above;
-        band.far = band.upwards ? above : below;
     }
     return bands;
 }
@@ -184,7 +162,7 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
         return;
     }
     const std::int64_t number = band.number_of(s);
-    band.from_near.wait(number);
+    band.wait_near(band.version(number));
     const Real* const first = band.source(e.stage, 0);
     edge_.halo(e, {band.from_near.row(number, 1), nullptr, first},
                {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
@@ -201,22 +179,23 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
         begin = row;
     };
     if (begin == 0 && band.far) {
-        band.from_far.fetch(number);
-        band.far->from_far.claim(number + 1);
+        if (band.far->at_far.reached(band.version(number))) band.from_far.each_line(number, prefetch_to_read);
+        band.neighbour(band.far).from_far.each_line(number + 1, prefetch_to_write);
     }
     if (begin == 0 && band.near) begin_stage(band, s);
     if (band.near && begin < rows_to_hand) {
         run_to(std::min(end, rows_to_hand));
-        if (begin == rows_to_hand && hands_on(s)) band.hand(band.near->from_near, number + 1, 0, 1);
+        if (begin == rows_to_hand && hands_on(s)) band.hand_near(number + 1);
     }
     if (band.near && end == n) {
         for (const auto& part : band.parts) {
             run_to(std::min(part.before_row, end_inner));
             if (part.to_write) {
-                band.from_near.prefetch_newest();
-                band.near->from_near.claim(number + 2, part.which, part.begin, part.end);
-            } else {
-                band.from_near.fetch(number + 1, part.which, part.begin, part.end);
+                prefetch_to_read(&band.near->at_near);  // for the check before the rows are read
+                band.neighbour(band.near).from_near.each_line(number + 2, part.which, part.begin, part.end,
+                                                              prefetch_to_write);
+            } else if (band.near->at_near.reached(band.version(number + 1))) {
+                band.from_near.each_line(number + 1, part.which, part.begin, part.end, prefetch_to_read);
             }
         }
     }
@@ -231,7 +210,7 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     const int n = band.size();
     const std::int64_t number = band.number_of(s);
     if (band.far) {
-        band.from_far.wait(number);
+        band.wait_far(band.version(number));
         band.fetch_beyond_far(number);
         edge_.rows(e, begin, end);
     }
@@ -241,7 +220,7 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
             {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
     if (end < n) return;
     kernels().edge_finish(e);
-    if (band.far && hands_on(s)) band.hand(band.far->from_far, number + 1, n - 1, n - 2);
+    if (band.far && hands_on(s)) band.hand_far(number + 1);
 }
 
 template <class Real>
@@ -326,7 +305,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
     int team_given = 1;
     const auto begin = [&](int team) {
         team_given = team;
-        for (auto& band : bands(team)) band->begin();
+        for (auto& band : bands(team)) band->begin_call();
     };
     in_team(this->track_contact_energy ? 1 : RowBand::team(rows(), threads), begin,
             [&](int thread, int team) { run_bands(team, thread, steps, clock); });
@@ -342,7 +321,7 @@ void EdgeEngine<Real>::accelerations(double* a, int) {
     const auto& take = state_row_kernels(plan_.kernels->set).template of<Real, double>().take_transposed;
     AlignedVector<double> window(std::size_t(layout_.in_one_strip() ? 0 : 3 * layout_.window));
     for (auto& band : bands(1)) {
-        band->begin();
+        band->begin_call();
         if (!this->state_known_) band->exchange_halos();
     }
     for (int strip = 0; strip < layout_.strips; ++strip) {

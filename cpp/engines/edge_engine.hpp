@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 
+#include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
 #include "kernels/dispatch.hpp"
 #include "memory/field.hpp"
@@ -35,8 +36,8 @@ protected:  // for cpp/integrators, in edge_evaluate.cpp
     // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on. It reads
     // two rows more and returns how many of the rows are done. The state of a row that is done is not read
     // again.
-    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
-    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
+    void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
+    int sweep_rows(int begin, int end, FieldBand<Real>& band);
     // The collision pass over some rows; whether any point was found inside.
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 

@@ -33,25 +33,23 @@ FieldLayout EdgeEngine<Real>::field() const {
 }
 
 template <class Real>
-void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
-                                   FieldScratch<Real>& scratch) {
-    scratch.values.resize(std::size_t(scratch_size()));
-    scratch.band = band;
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band) {
+    band.values.resize(std::size_t(scratch_size()));
     // The band and the two rows after it, which its last rows read. The stage only reads their state.
     const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
     const std::ptrdiff_t acceleration_row = layout_.vectors * WorkRecord::count * layout_.lanes;
-    scratch.rows.clear();
+    band.pointers.clear();
     for (int i = 0; i < band.size() + 2 && there(i); ++i) {
         const int r = band.row(i);
-        scratch.rows.push_back(
+        band.pointers.push_back(
             row_pointers(const_cast<Real*>(state), acceleration + r * acceleration_row, r));
     }
-    EdgeArguments<Real>& e = scratch.edge = arguments(Stage::evaluate, 0, scratch.values.data());
-    e.rows = scratch.rows.data();
+    EdgeArguments<Real>& e = band.edge = arguments(Stage::evaluate, 0, band.values.data());
+    e.rows = band.pointers.data();
     if (band.size() * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
         e.ahead = rows_before_use;
         e.ahead_end = layout_.stride;
-        e.row_count = int(scratch.rows.size());
+        e.row_count = int(band.pointers.size());
     }
 
     const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
@@ -60,15 +58,15 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const 
 }
 
 template <class Real>
-int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
-    const int known = int(scratch.rows.size()), inner = std::clamp(known - 2, begin, end);
+int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
+    const int known = int(band.pointers.size()), inner = std::clamp(known - 2, begin, end);
     const auto source = [&](int at) -> const Real* {
-        return at < known ? scratch.rows[std::size_t(at)].state : nullptr;
+        return at < known ? band.pointers[std::size_t(at)].state : nullptr;
     };
-    edge_.rows(scratch.edge, begin, inner);
-    for (int i = inner; i < end; ++i) edge_.last_row(scratch.edge, i, {source(i), source(i + 1), nullptr});
-    if (end < scratch.band.size()) return end - 1;  // the kernel finishes a row with the next one
-    kernels().edge_finish(scratch.edge);
+    edge_.rows(band.edge, begin, inner);
+    for (int i = inner; i < end; ++i) edge_.last_row(band.edge, i, {source(i), source(i + 1), nullptr});
+    if (end < band.size()) return end - 1;  // the kernel finishes a row with the next one
+    kernels().edge_finish(band.edge);
     return end;
 }
 
@@ -101,10 +99,10 @@ bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contac
 
 template FieldLayout EdgeEngine<float>::field() const;
 template FieldLayout EdgeEngine<double>::field() const;
-template void EdgeEngine<float>::begin_sweep(const float*, float*, const RowBand&, FieldScratch<float>&);
-template void EdgeEngine<double>::begin_sweep(const double*, double*, const RowBand&, FieldScratch<double>&);
-template int EdgeEngine<float>::sweep_rows(int, int, FieldScratch<float>&);
-template int EdgeEngine<double>::sweep_rows(int, int, FieldScratch<double>&);
+template void EdgeEngine<float>::begin_sweep(const float*, float*, FieldBand<float>&);
+template void EdgeEngine<double>::begin_sweep(const double*, double*, FieldBand<double>&);
+template int EdgeEngine<float>::sweep_rows(int, int, FieldBand<float>&);
+template int EdgeEngine<double>::sweep_rows(int, int, FieldBand<double>&);
 template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
 template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
 

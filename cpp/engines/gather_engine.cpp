@@ -238,18 +238,16 @@ FieldLayout GatherEngine<Real>::field() const {
 }
 
 template <class Real>
-void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, const RowBand& band,
-                                     FieldScratch<Real>& scratch) {
-    scratch.band = band;
-    scratch.gather = arguments(Stage::evaluate, 0);
-    scratch.gather.source = state + layout_.origin;
-    scratch.gather.first_acceleration = acceleration + layout_.origin;
+void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band) {
+    band.gather = arguments(Stage::evaluate, 0);
+    band.gather.source = state + layout_.origin;
+    band.gather.first_acceleration = acceleration + layout_.origin;
 }
 
 template <class Real>
-int GatherEngine<Real>::sweep_rows(int begin, int end, FieldScratch<Real>& scratch) {
-    const auto [first, last] = scratch.band.rows(begin, end);
-    kernel_(scratch.gather, {first, last, 0, columns()});
+int GatherEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
+    const auto [first, last] = band.rows(begin, end);
+    kernel_(band.gather, {first, last, 0, columns()});
     return end;
 }
 

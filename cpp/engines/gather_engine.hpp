@@ -1,6 +1,7 @@
 // The engine of the "gather" kernel: padded structure of arrays, one tile a shader group.
 #pragma once
 
+#include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
 #include "memory/field.hpp"
 
@@ -53,8 +54,8 @@ protected:  // for cpp/integrators; see EdgeEngine
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
-    void begin_sweep(const Real* state, Real* acceleration, const RowBand& band, FieldScratch<Real>& scratch);
-    int sweep_rows(int begin, int end, FieldScratch<Real>& scratch);
+    void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
+    int sweep_rows(int begin, int end, FieldBand<Real>& band);
     bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:

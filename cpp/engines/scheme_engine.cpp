@@ -1,5 +1,6 @@
 // Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
-// state. Each thread has a band of rows (see bands.hpp) and combines states and accelerations row by row.
+// state. Each thread has a band of rows (see field_bands.hpp) and combines states and accelerations row by
+// row.
 //
 // A family of methods is a way through three arrays: the state, two stages, and a slot of accelerations for
 // each stage.
@@ -20,7 +21,6 @@
 #include <algorithm>
 #include <array>
 
-#include "engines/bands.hpp"
 #include "engines/edge_engine.hpp"
 #include "engines/gather_engine.hpp"
 #include "integrators/adaptive.hpp"
@@ -68,7 +68,7 @@ public:
         contact_[0] = contact_[1] = false;
         bool known_after = false;
         if (explicit_) plan_stages(clock.dt, this->memory_);
-        in_bands(threads, [&](Band<Real>& band) {
+        in_bands(threads, [&](FieldBand<Real>& band) {
             bool known = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
                 const double t = clock.at(k - 1);
@@ -76,7 +76,7 @@ public:
                     advance_explicit(band, t, clock.at(k));
                     continue;
                 }
-                if (band.first) contact_[(k + 1) & 1] = false;
+                if (band.first()) contact_[(k + 1) & 1] = false;
                 advance_splitting(band, t, clock.dt, known);
                 this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end, this->memory_);
                 const bool contact = collide(band, clock.at(k), contact_[k & 1]);
@@ -84,7 +84,7 @@ public:
                 this->watch(band.begin, band.end, clock.at(k));
                 band.barrier();
             }
-            if (band.first) known_after = known;
+            if (band.first()) known_after = known;
         });
         this->state_known_ = known_after;
     }
@@ -94,7 +94,7 @@ public:
     void accelerations(double* a, int threads) override {
         if (!explicit_) return Base::accelerations(a, threads);
         const std::int64_t before = this->evaluations;
-        in_bands(threads, [&](Band<Real>& band) { evaluate(band, this->memory_, 0); });
+        in_bands(threads, [&](FieldBand<Real>& band) { evaluate(band, this->memory_, 0); });
         this->evaluations = before;
         for (int r = 0; r < this->rows(); ++r)
             for (int c = 0; c < this->columns(); ++c)
@@ -115,7 +115,7 @@ public:
             for (std::size_t e = 0; e < m.errors.size(); ++e)
                 square_rows(field_, begin, end, this->memory_.data(), errors[e], row_squares_[e].data());
         };
-        in_bands(threads, [&](Band<Real>& band) {
+        in_bands(threads, [&](FieldBand<Real>& band) {
             run_stages(band, t, this->state_known_, [&](int begin, int end) {
                 advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
                 this->place_pins(PinTime::of_end(t + h, h), begin, end, result_);
@@ -142,7 +142,7 @@ public:
         this->memory_.swap(result_);
         contact_[0] = false;
         if (!this->plan_.spheres.empty())
-            in_bands(threads, [&](Band<Real>& band) { collide(band, t, contact_[0]); });
+            in_bands(threads, [&](FieldBand<Real>& band) { collide(band, t, contact_[0]); });
         // The acceleration at the end is the first one of the next step, unless a contact has changed the
         // state since.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
@@ -194,7 +194,7 @@ public:
             combine(field_, begin, end, previous_.data(), result_.data(), result_sum_);
             this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
-        in_bands(threads, [&](Band<Real>& band) {
+        in_bands(threads, [&](FieldBand<Real>& band) {
             if (!interpolated) run_stages(band, step_begin_, true, finish);
             else finish(band.begin, band.end);
         });
@@ -219,22 +219,22 @@ private:
     // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)` makes the
     // next version of them.
     template <class Then>
-    void sweep(Band<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
-        if (band.near) wait_for(band.near->near, band.version);
-        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
+    void sweep(FieldBand<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
+        if (band.near) band.wait_near(band.version);
+        this->begin_sweep(state.data(), acceleration(index), band);
         band.each_rows(rows_at_once_, [&, made = 0](int begin, int end) mutable {
-            const int known = this->sweep_rows(begin, end, *band.scratch);
+            const int known = this->sweep_rows(begin, end, band);
             const auto [first, last] = band.rows(made, known);
             then(first, last);
             return made = known;
         });
-        if (band.first) ++this->evaluations;
+        if (band.first()) ++this->evaluations;
     }
     // As above, for threads that wait at barriers.
-    void evaluate(Band<Real>& band, const AlignedVector<Real>& state, int index) {
-        this->begin_sweep(state.data(), acceleration(index), band, *band.scratch);
-        this->sweep_rows(0, band.size(), *band.scratch);
-        if (band.first) ++this->evaluations;
+    void evaluate(FieldBand<Real>& band, const AlignedVector<Real>& state, int index) {
+        this->begin_sweep(state.data(), acceleration(index), band);
+        this->sweep_rows(0, band.size(), band);
+        if (band.first()) ++this->evaluations;
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
         Combination<Real> sum;
@@ -244,7 +244,7 @@ private:
                 sum.add(acceleration(int(l)), w.x[l] * h * h * scale_x, w.v[l] * h * scale_v);
         return sum;
     }
-    void kick_drift(const Band<Real>& band, double drift, double kick, double kick_in_x) {
+    void kick_drift(const FieldBand<Real>& band, double drift, double kick, double kick_in_x) {
         Combination<Real> sum;
         sum.drift = Real(drift);
         sum.add(acceleration(0), kick_in_x, kick);
@@ -263,7 +263,7 @@ private:
     // The sweeps of a planned step from time t; `known`: the acceleration at its start is. `finish(begin,
     // end)` of rows after the last of them.
     template <class Finish>
-    void run_stages(Band<Real>& band, double t, bool known, Finish finish) {
+    void run_stages(FieldBand<Real>& band, double t, bool known, Finish finish) {
         if (explicit_->stages == 1) {  // the result takes the place of the state
             evaluate(band, this->memory_, 0);
             band.barrier();
@@ -290,7 +290,7 @@ private:
         for (int s = 1; s < last; ++s) sweep(band, stages_[s & 1], s, next_stage(s));
         sweep(band, stages_[last & 1], last, finish);
     }
-    void advance_explicit(Band<Real>& band, double t0, double t) {
+    void advance_explicit(FieldBand<Real>& band, double t0, double t) {
         const bool tracked = this->track_contact_energy;
         std::vector<Contact> contacts;
         if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
@@ -303,7 +303,7 @@ private:
         if (tracked) this->collide_all(t);
     }
     // `known`: the acceleration at the start is.
-    void advance_splitting(Band<Real>& band, double t, double h, bool known) {
+    void advance_splitting(FieldBand<Real>& band, double t, double h, bool known) {
         const Splitting& s = *method_.splitting;
         double part = s.drifts[0];  // of the step: time passes in drifts
         if (part != 0) {
@@ -321,7 +321,7 @@ private:
             place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
     }
-    void place_stage_pins(const Band<Real>& band, double t, double h, double part) {
+    void place_stage_pins(const FieldBand<Real>& band, double t, double h, double part) {
         this->place_pins(PinTime::of_stage(t, h, part), band.begin, band.end, this->memory_);
     }
     void advance_implicit(double t, double h) {
@@ -333,7 +333,7 @@ private:
 
     // The collision pass over the band; whether any point of the cloth was found inside, the same for all
     // threads.
-    bool collide(const Band<Real>& band, double t, std::atomic<bool>& found) {
+    bool collide(const FieldBand<Real>& band, double t, std::atomic<bool>& found) {
         if (this->plan_.spheres.empty()) return false;
         if (this->track_contact_energy) {
             this->collide_all(t);
@@ -373,7 +373,7 @@ private:
     AlignedVector<Real> accelerations_;
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
-    Bands<Real> bands_;
+    FieldBands<Real> bands_;
     const Real* from_ = nullptr;  // where the planned step starts, and its sums
     std::vector<Combination<Real>> stage_sums_;
     Combination<Real> result_sum_;

@@ -31,16 +31,6 @@ namespace clothsim {
 // Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
 inline constexpr double far_away = 1e15;
 
-// Data that each thread needs to evaluate accelerations for the integrators of cpp/integrators.
-template <class Real>
-struct FieldScratch {
-    RowBand band;
-    EdgeArguments<Real> edge{};
-    std::vector<EdgeRowPointers<Real>> rows;
-    AlignedVector<Real> values;
-    GatherArguments<Real> gather{};
-};
-
 template <class Real, class Layout>
 class StateEngine : public Engine {
 public:
