@@ -35,10 +35,7 @@ def png_of(html):
 
 def test_a_run_shows_its_lines_and_its_last_frame(run):
     data = shown(run)
-    lines = str(run).splitlines()
-    assert len(lines) == 6 and all(len(line) < 100 for line in lines)
-    text = re.search(r"<pre[^>]*>(.*?)</pre>", data["text/html"], re.DOTALL)[1]
-    assert text.splitlines() == lines
+    assert lines_of(data) == str(run).splitlines()
     assert png_of(data["text/html"]) == run.picture(width=400)._repr_png_()
     assert base64.b64decode(data["image/png"]) == png_of(data["text/html"])
     assert data["text/plain"] == str(run)

@@ -259,22 +259,6 @@ def test_a_click_on_a_curve_goes_to_that_time(both, opened):
 
 
 @pytest.mark.slow
-def test_keys_and_buttons_step_frame_by_frame(alone, opened):
-    page = opened(alone)
-    page.ready()
-    seek(page, 10)
-    page.tab.click("#forth")
-    page.tab.click("#forth")
-    page.tab.click("#back")
-    assert frames(page) == [11]
-    page.tab.evaluate("document.activeElement.blur()")
-    page.tab.keyboard.press("ArrowRight")
-    assert frames(page) == [12]
-    page.tab.keyboard.press(" ")
-    assert page.tab.evaluate("page.state.playing") is True
-
-
-@pytest.mark.slow
 def test_without_scripts_or_webgl_the_picture_stays(alone, opened, tmp_path):
     still = opened(alone, java_script_enabled=False)
     image = still.tab.locator(".stage img")

@@ -99,6 +99,11 @@ def test_keys_work_wherever_the_focus_is_except_in_text_fields(both, opened):
         page.tab.keyboard.press(" ")
         assert page.tab.evaluate("page.state.playing") is False, place
         seek(page, k + 1)
+    page.tab.click("#forth")
+    page.tab.click("#forth")
+    assert frames(page) == [7, 7]
+    page.tab.click("#back")
+    page.tab.click("#back")
     page.tab.focus("#row")
     page.tab.keyboard.press("ArrowRight")
     page.tab.keyboard.press(" ")

@@ -271,6 +271,15 @@ def test_above_the_limit_it_says_unstable_and_stops_with_a_finite_state():
     assert playground.tick(0.1) > 0 and playground.problem == ""
 
 
+@pytest.mark.parametrize("dt", [1e-314, 1e302])
+def test_odd_time_steps_stop_no_playground(dt):
+    playground = Playground(cs.scenes.paper_static(), dt=1e-4)
+    playground.change(dt=dt)
+    t = playground.time
+    playground.tick(0.02, budget=0.01)
+    assert not playground.problem and playground.time >= t
+
+
 def test_a_recording_is_a_run_whose_spheres_were_dragged(tmp_path):
     playground = Playground(level(response="continuous", offset="face"), dt=1e-3)
     with pytest.raises(ValueError, match="needs 2 recorded frames, got 0"):
@@ -308,3 +317,18 @@ def test_a_host_that_is_not_this_machine_is_refused():
     for host in ("no.such.host", "203.0.113.7", "a b"):
         with pytest.raises(ValueError, match=f"^host must be a name or address of this machine.*got {host!r}: "):
             cs.view(cs.scenes.paper_static(), block=False, host=host)
+
+
+def test_what_is_inside_a_sphere_is_shown_on_it_as_large_as_it_is():
+    stage = pytest.importorskip("clothsim.viewing.stage", exc_type=ImportError)
+    radius, height, n = 0.3, 0.25, 40
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, n), np.linspace(-0.5, 0.5, n))
+    flat = np.stack([u, np.full_like(u, height), v], -1).reshape(-1, 3)
+    corners = flat[cs.triangles((n, n))]
+    shown = stage.inside_spheres(corners, np.zeros((1, 3)), [radius])
+    area = np.linalg.norm(np.cross(shown[:, 1] - shown[:, 0], shown[:, 2] - shown[:, 0]), axis=-1).sum() / 2
+    cap = 2 * np.pi * stage.LIFT**2 * radius * (radius - height)
+    assert cap < area < 1.15 * cap  # triangles that the border crosses count
+    distance = np.linalg.norm(shown, axis=-1)
+    assert distance.min() == pytest.approx(stage.LIFT * radius)
+    assert len(stage.inside_spheres(corners + (0.0, 0.051, 0.0), np.zeros((1, 3)), [radius])) == 0
