@@ -4,12 +4,8 @@ import errno
 import os
 import re
 import resource
-import signal
 import stat
-import subprocess
-import sys
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -114,33 +110,6 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
         thread.join()
     assert failed == []
     assert [file.name for file in tmp_path.iterdir()] == [name]
-
-
-CHILD = """
-import sys, clothsim as cs
-from clothsim.base import files
-path, k = sys.argv[1], 0
-while True:
-    k += 1
-    files.write_npz(files.npz_path(path), {"t": [k], "x": list(range(20_000))})
-    print(k, flush=True)
-"""
-
-
-def test_a_kill_in_the_middle_leaves_a_whole_file_and_the_next_save_cleans_up(tmp_path):
-    path, left = tmp_path / "a.npz", 0
-    for k in range(8):
-        child = subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE)
-        child.stdout.readline()
-        time.sleep(0.002 * k)
-        child.send_signal(signal.SIGKILL)
-        child.wait()
-        child.stdout.close()
-        assert len(files.read_npz(path, "file", ("t", "x"))["x"]) == 20_000
-        left += len(list(tmp_path.iterdir())) - 1
-    assert left > 0  # else no kill came in the middle
-    files.write_npz(path, {"t": [0]})
-    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
 
 
 def test_a_save_leaves_the_parts_of_another_save_alone(tmp_path):

@@ -1,5 +1,7 @@
 """Values: the model hashes as it compares, and what is long prints short."""
 
+import copy
+import json
 import pickle
 
 import clothsim as cs
@@ -24,6 +26,32 @@ PAIRS = [
     (scene_with_arrays(-0.0), scene_with_arrays(0.0)),
     (cs.scenes.paper_moving(), cs.scenes.paper_moving()),
 ]
+
+
+FAMILIES = ("structural", "shear", "bend")
+VALUES = [
+    cs.Cloth(),
+    cs.Cloth((2, 3), mass=np.arange(1.0, 7.0).reshape(2, 3), pins=np.eye(2, 3) > 0),
+    cs.Cloth(springs=("bend", "structural"), stiffness={"structural": 1, "bend": 0.1}),
+    cs.Cloth(damping=0.1, drag=0.3, pins=()),
+    cs.Cloth(springs=(), stiffness={}, damping={}),
+    cs.Cloth(stiffness=dict.fromkeys(FAMILIES, 2)),
+    cs.Sphere(),
+    cs.Sphere(np.array([1, 2, 3]), np.float32(0.5), response="ray", offset=0.01, as_printed=True),
+    cs.Sphere(motion=cs.Reciprocate((1, 0, 0)), response="reflect", offset="none"),
+    cs.Sphere(motion=cs.Keyframes([0, 1], np.eye(2, 3)), restitution=0.5, friction=0.3, push_out_speed=0.3),
+    cs.Linear((1.0, -2.0, 0.5)),
+    cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
+    cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)]),
+]
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_values_round_trip(value):
+    copies = type(value).from_dict(json.loads(json.dumps(value.to_dict()))), pickle.loads(pickle.dumps(value))
+    for one in (*copies, copy.deepcopy(value), value.replace()):
+        assert one == value
+    assert all(value != other for other in VALUES if other is not value)
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

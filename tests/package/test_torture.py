@@ -72,6 +72,7 @@ def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
     rng, path = random.Random(SEED), tmp_path / "run.npz"
     runs = [cs.simulate(cs.scenes.hanging(), seconds, dt=1e-3, every="step") for seconds in (0.01, 0.02)]
     runs[0].save(path)
+    left = 0
     for _ in range(10 * ROUNDS):
         child = os.fork()
         if child == 0:
@@ -82,7 +83,9 @@ def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         assert cs.load_run(path) in runs, f"seed {SEED}"
-    runs[1].save(path)
+        left += len(list(tmp_path.iterdir())) - 1
+    assert left > 0  # else no kill came in the middle
+    runs[1].save(path)  # cleans up
     assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
 
 

@@ -11,6 +11,8 @@ from clothsim.sweeps import stored
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
+from tests.sweeps.test_sweep_store import killed, same
+
 SCENE = cs.Scene(cs.Cloth((3, 3), mass=1.0, stiffness=50.0, damping=0.1))
 OVER = {"stiffness": [50.0, 60.0], "springs": [("structural",), ("structural", "shear")]}
 
@@ -22,14 +24,6 @@ def tip(run):
 def sweep(path, **options):
     options = {"frames": True, "every": 0.01, "metrics": ["stable", "energy_drift", tip], **options}
     return cs.sweep(SCENE, OVER, duration=0.02, dt=1e-3, store=path, progress=False, **options).load()
-
-
-def same(a, b):
-    assert set(a.variables) == set(b.variables)
-    for name in a.variables:
-        left, right = a[name].values, b[name].values
-        assert left.dtype == right.dtype and np.array_equal(left, right, equal_nan=left.dtype.kind == "f"), name
-        assert a[name].attrs == b[name].attrs and a[name].dims == b[name].dims, name
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +125,6 @@ def test_frames_that_are_not_read_at_opening_are_refused_at_their_use(sound, tmp
 
 def test_a_kill_during_repair_passes_no_damage_on(sound, tmp_path, monkeypatch):
     """The members are pending on the disk before anything of them is replaced."""
-    from tests.sweeps.test_sweep_store import killed
-
     for name in ("energy_drift/zarr.json", "tip/c/0/0/0"):
         after, ended = 0, False
         while not ended:
