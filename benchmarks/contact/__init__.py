@@ -6,7 +6,7 @@ takes the sizes of the claims.
 """
 
 from .cost import cost, drape, offsets
-from .law import draped, face_drop, impact, lying, stick
+from .law import draped, face_drop, impact, lying, stick, symmetry
 from .physics import cone, drop, resting, under_whole_cloth
 
 __all__ = [
@@ -21,5 +21,6 @@ __all__ = [
     "offsets",
     "resting",
     "stick",
+    "symmetry",
     "under_whole_cloth",
 ]

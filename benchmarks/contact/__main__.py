@@ -32,6 +32,8 @@ UNITS = {
     "jitter": "m",
     "normal_jitter": "m",
     "slip": "m",
+    "asymmetry": "m",
+    "difference": "m",
     "expected": "m",
     "spread": "m",
     "dt": "s",
@@ -57,6 +59,7 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "offsets": ("the cost of every offset", {"windows": 20, "scenes": 2}, {}),
     "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
+    "symmetry": ("symmetry of half a turn, and noise of 1e-12 m", {}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
 
@@ -109,6 +112,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "cost": contact.cost,
         "offsets": contact.offsets,
         "drape": contact.drape,
+        "symmetry": lambda: contact.symmetry("face") + contact.symmetry("cell"),
         "table": comparison,
     }
 
