@@ -85,30 +85,6 @@ def test_kernels_agree_with_strict_arithmetic(crumpled, kernel, precision):
             assert met > 200 and decided < 0.05 * met
 
 
-@pytest.mark.parametrize("offset", ["edge", "cell", "face"])
-@pytest.mark.parametrize("precision", ["double", "single"])
-def test_bits_do_not_depend_on_threads_batch_or_cuts(same_bits, precision, offset):
-    cloth = cs.Cloth((24, 20), pins=())
-    spheres = [
-        cs.Sphere((0.5, -0.21, 0.5), 0.2, None, "continuous", offset, 0.7, 0.2),
-        cs.Sphere((0.3, -0.2, 0.2), 0.15, cs.Linear((0, 0.5, 0)), "continuous", offset, 0.0),
-    ]
-    scene = cs.Scene(cloth, spheres)
-    x, v = scene.initial_position, scene.initial_velocity - np.array((0, 1.0, 0))
-    options = {"precision": precision, "dt": 4e-4, "t": 0.0}
-    expected = cs.step(scene, x, v, steps=60, threads=1, **options)
-    assert np.abs(expected[1] - v).max() > 1
-    assert same_bits(cs.step(scene, x, v, steps=60, threads=3, **options), expected)
-    batch = cs.step(scene, np.stack([x, x + (0.01, 0, 0), x]), np.stack([v] * 3), steps=60, threads=2, **options)
-    for member in (0, 1, 2):
-        assert same_bits((batch[0][member], batch[1][member]), expected) == (member != 1)
-    stepper = cs.Stepper(scene, x, v, t=0.0, precision=precision)
-    stepper.advance(25, 4e-4)
-    stepper = cs.Stepper.restore(stepper.snapshot())
-    stepper.advance(35, 4e-4)
-    assert same_bits((stepper.positions, stepper.velocities), expected)
-
-
 @pytest.mark.parametrize("strict", [False, True])
 @pytest.mark.parametrize("offset, restitution", [("none", 0.2), ("cell", 0.0), ("cell", 0.5)])
 def test_bits_do_not_depend_on_threads_in_a_large_cloth(offset, restitution, strict, same_bits):

@@ -67,21 +67,13 @@ def test_gravity_is_what_is_left(contact):
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_same_bits_for_every_number_of_threads_and_in_a_batch(contact):
-    cloth = cs.Cloth((40, 37), mass=1.0, stiffness=100.0, damping=0.02, pins=())
-    scenes = [scene_of(contact, count, cloth) for count in (1, 3)]
-    kernels = [("edge", False), ("gather", False), ("gather", True)]
-    for kernel, strict in kernels if contact[1] != "face" else kernels[:1]:
-        found = []
-        for threads in (1, 2, 3):
-            alone = [cs.Stepper(scene, threads=threads, kernel=kernel, strict=strict) for scene in scenes]
-            batch = cs.Stepper(scenes, threads=threads, kernel=kernel, strict=strict)
-            for stepper in (*alone, batch):
-                stepper.advance(80, DT)
-            assert batch.impulses.shape == (2, 3, 3) and np.isnan(batch.impulses[0, 1:]).all()
-            assert (batch.impulses[0, :1] == alone[0].impulses).all() and (batch.impulses[1] == alone[1].impulses).all()
-            found.append(batch.impulses[1])
-        assert (found[0] == found[1]).all() and (found[0] == found[2]).all() and np.abs(found[0]).max() > 0.01
+def test_members_of_a_batch_with_fewer_spheres_have_no_impulses_of_the_others(contact):
+    scenes = [scene_of(contact, count) for count in (1, 3)]
+    batch, *alone = cs.Stepper(scenes), *map(cs.Stepper, scenes)
+    for stepper in (batch, *alone):
+        stepper.advance(STEPS, DT)
+    assert batch.impulses.shape == (2, 3, 3) and np.isnan(batch.impulses[0, 1:]).all()
+    assert (batch.impulses[0, :1] == alone[0].impulses).all() and (batch.impulses[1] == alone[1].impulses).all()
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
@@ -187,17 +179,6 @@ def test_a_step_that_finds_no_place_does_not_count(closing):
     with pytest.raises(cs.ContactError):
         stepper.advance(60, 1e-3)
     assert off(stepper.impulses, lost(stepper, scene)) < 1e-12
-
-
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_a_snapshot_keeps_the_sums(contact, tmp_path):
-    stepper = cs.Stepper([scene_of(contact, count) for count in (3, 1)], precision="single")
-    stepper.advance(STEPS // 2, DT)
-    other = cs.Stepper.restore(cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state")))
-    for one in (stepper, other):
-        one.advance(STEPS // 2, DT)
-    assert (other.impulses == stepper.impulses)[~np.isnan(stepper.impulses)].all()
-    assert np.abs(stepper.impulses[0]).max() > 0.05
 
 
 def test_a_scene_with_more_spheres_goes_on_with_the_sums_of_the_first_ones():
