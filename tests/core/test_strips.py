@@ -5,7 +5,7 @@ import functools
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import PRECISIONS, cases, pairs
+from variants import NAMED_KERNELS, PRECISIONS, cases, pairs
 
 BOUND = {"double": 1e-12, "single": 5e-5}
 
@@ -138,14 +138,14 @@ def test_steps_repeated_from_a_checkpoint_are_the_same(options, crumpled, same_b
     assert same_bits((error.value.x, error.value.v), (fresh.positions, fresh.velocities))
 
 
-@pairs(precision=PRECISIONS, shape=[*SHAPES[:2], (400, 64)], threads=[1, 2])
-def test_one_number_that_is_not_finite_is_found_wherever_it_is(overflowing, precision, shape, threads):
+@pairs(precision=PRECISIONS, shape=[*SHAPES[:2], (400, 64), (330, 320)], threads=[1, 2, 3], kernel=NAMED_KERNELS)
+def test_one_number_that_is_not_finite_is_found_wherever_it_is(overflowing, precision, shape, threads, kernel):
     """Each thread looks at its rows when the last step of a call is done with them."""
     rows, columns = shape
     middle = rows // 2  # where two threads share the rows
-    for point in [(0, columns - 1), (1, columns // 3), (middle - 1, 9), (middle, 9), (rows - 1, 9)]:
+    for point in [(0, columns - 1), (1, columns // 3), (middle - 1, 9), (middle, 9), (2 * rows // 3, 9), (rows - 1, 9)]:
         scene, v = overflowing(shape, point, precision, mass=float(rows * columns))
-        stepper = cs.Stepper(scene, scene.initial_position, v, kernel="edge", precision=precision, threads=threads)
+        stepper = cs.Stepper(scene, scene.initial_position, v, kernel=kernel, precision=precision, threads=threads)
         with pytest.raises(cs.UnstableError) as raised:
             stepper.advance(5, 0.9)
         assert raised.value.point == point

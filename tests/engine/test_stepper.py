@@ -207,36 +207,6 @@ def test_the_point_named_is_the_first_that_is_not_finite(kernel):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_an_unstable_batch_names_its_member(crumpled):
-    stable = crumpled(damped_by="nothing")
-    bad = stiff()
-    dt = 1.9 * cs.max_stable_dt(bad)
-    soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))
-    x = disturbed(bad)
-    stepper = cs.Stepper([soft, bad], np.stack([x, x]), np.zeros((2, *x.shape)))
-    with pytest.raises(cs.UnstableError, match="of batch member 1") as raised:
-        stepper.advance(5000, dt)
-    error = raised.value
-    assert error.member == 1 and error.x.shape == x.shape
-    np.testing.assert_array_equal(error.x, stepper.positions[1])
-    # The other one stands at the same step, as if it had been alone.
-    alone = cs.step(soft, x, 0 * x, dt, error.step - 1)
-    np.testing.assert_array_equal(stepper.positions[0], alone[0])
-    assert stable.scene.cloth.shape == bad.cloth.shape
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_step_writes_nothing_when_unstable():
-    scene = stiff()
-    x = disturbed(scene)
-    kept, out = x.copy(), (np.full_like(x, 3.0), np.full_like(x, 4.0))
-    with pytest.raises(cs.UnstableError):
-        cs.step(scene, x, 0 * x, 2 * cs.max_stable_dt(scene), 5000, out=out)
-    assert (out[0] == 3.0).all() and (out[1] == 4.0).all()
-    np.testing.assert_array_equal(x, kept)
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel):
     """A sheet of 1 m whose points are 1e6 m apart is no result, finite or not."""
     scene = stiff()

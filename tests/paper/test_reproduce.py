@@ -312,10 +312,3 @@ def test_interrupt_ends_all_cases():
 def test_wrong_arguments_are_named(tmp_path, arguments, named):
     with pytest.raises(ValueError, match=named):
         reproduce(**{"out": tmp_path, **arguments})
-
-
-def test_missing_matplotlib_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(ImportError, match=r"pip install '\.\[plot\]' in a clone"):
-        reproduce(tmp_path / "new")
-    assert not (tmp_path / "new").exists()
