@@ -318,12 +318,6 @@ void bind_simulation(py::module_& m) {
                      throw std::invalid_argument("one time step a member is needed");
                  simulation->set_stable_dt(stable_dt);
              })
-        .def("place_pins",
-             [](S& s) {
-                 auto simulation = s.use();
-                 for (std::size_t i = 0; i < simulation->size(); ++i)
-                     simulation->member(i).place_pins(simulation->clock.now());
-             })
         .def("set_sphere",
              [](S& s, std::size_t sphere, const std::vector<Vec3>& centers,
                 const std::vector<Motion>& motions) {

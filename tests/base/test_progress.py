@@ -5,7 +5,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from clothsim.base.progress import ProgressBar, wanted_by_command
+from clothsim.base.progress import ProgressBar, print_above, wanted_by_command
 from clothsim.cli import main
 
 pytest.importorskip("tqdm")
@@ -55,10 +55,9 @@ def test_a_notebook_shows_it_although_its_stderr_is_no_terminal(monkeypatch):
 
 def test_text_is_printed_above_the_bar(monkeypatch, capsys):
     terminal = stderr(monkeypatch, Terminal)
-    with ProgressBar(True, total=2, mininterval=0) as bar:
-        bar.print("result")
-    with ProgressBar(False) as bar:
-        bar.print("another")
+    with ProgressBar(True, total=2, mininterval=0):
+        print_above("result", sys.stdout)
+    print_above("another", sys.stdout)
     assert capsys.readouterr().out == "result\nanother\n"
     assert "0/2" in terminal.getvalue()
 

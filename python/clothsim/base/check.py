@@ -212,20 +212,6 @@ def choice(name: str, value: Any, options: Collection[Name]) -> Name:
     raise ValueError(f"{name} must be {accepted}, got {value!r}{_nearest(value, options)}")
 
 
-def choices(name: str, value: Any, options: Collection[Name]) -> list[Name]:
-    """The names in the collection `value`, at least one, in the order that `options` have."""
-    accepted = f"a collection of some of {_listed(options)}"
-    if isinstance(value, (str, bytes)) or not isinstance(value, Collection):
-        raise TypeError(_wrong(name, accepted, value))
-    unknown = [one for one in value if not isinstance(one, str) or one not in options]
-    if unknown:
-        hint = _nearest(unknown[0], options)
-        raise ValueError(f"{name} must be {accepted}, got {unknown[0]!r}{hint}")
-    if not len(value):
-        raise ValueError(_wrong(name, accepted, value))
-    return [option for option in options if option in value]
-
-
 def text(name: str, value: Any) -> str:
     """`value`, a str that UTF-8 can hold."""
     if not isinstance(value, str):

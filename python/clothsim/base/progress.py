@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
-from typing import Any, TextIO, TypeVar
+from typing import Any, TextIO
 
 from . import check
 from .extras import needed
-
-Item = TypeVar("Item")
 
 
 def wanted_by_command() -> bool:
@@ -86,20 +83,10 @@ class ProgressBar:
         if self.bar is not None:
             self.bar.update(count)
 
-    def count(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Iterate over the items, and count each item after its use."""
-        for item in items:
-            yield item
-            self.advance()
-
     def say(self, text: str) -> None:
         """Show a text in front of the bar."""
         if self.bar is not None:
             self.bar.set_description(text)
-
-    def print(self, text: str) -> None:
-        """Print to stdout, in a terminal above the bar."""
-        print_above(text, sys.stdout)
 
     def close(self) -> None:
         """Leave the bar as it is and start a new line."""

@@ -210,9 +210,6 @@ class Simulation:
     def set_sphere(self, sphere: int, centers: Any, motions: Any) -> None:
         raise ValueError("centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand")
 
-    def place_pins(self) -> None:
-        """Do nothing: the shader has no driven pins."""
-
     def set_force(self, force: np.ndarray) -> None:
         raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
 

@@ -22,7 +22,6 @@ from urllib.parse import parse_qs, urlsplit
 from ..base.extras import needed
 
 LARGEST_MESSAGE = 65_536  # bytes; the messages that pass have a few hundred
-FARTHEST = 1e6  # m; coordinates above it are no drag of a user
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 _serving = Lock()  # held while viser takes its server from `websockets`
