@@ -218,8 +218,7 @@ def chosen_methods(
     scene: Scene, methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None
 ) -> list[Method]:
     """The argument `methods` of `clothsim.work_precision`: integrators by name, then methods of others."""
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
         raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
     names = None if methods is None else [m for m in methods if isinstance(m, str)]

@@ -209,8 +209,7 @@ def convergence(
     >>> round(found.order, 1), found.steps.tolist()
     (4.0, [50, 100, 200])
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     integrator = integrator_name(integrator)
     check.choice("precision", precision, ("double", "single"))

@@ -177,8 +177,7 @@ def reference(
     >>> bool(solution.error_bound["max"][-1] < 1e-12)
     True
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)

@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
+Kind = TypeVar("Kind")
 Name = TypeVar("Name", bound=str)
 
 INT64_MAX = 2**63 - 1
@@ -77,6 +78,13 @@ def is_masked(value: Any) -> bool:
     # No masked array exists before numpy.ma is imported. Another thread may be importing it now.
     masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
     return masked is not None and isinstance(value, masked)
+
+
+def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """`value` if it is an object of this class."""
+    if not isinstance(value, kind):
+        raise TypeError(_wrong(name, f"a {kind.__name__}", value))
+    return value
 
 
 def is_number(value: Any) -> bool:

@@ -15,13 +15,6 @@ from ..model.scene import Scene
 FloatArray = npt.NDArray[Any]
 
 
-def one_scene(scene: Scene) -> Scene:
-    """`scene` checked to be one scene."""
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
-    return scene
-
-
 def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
     """`scene` as a list of scenes of one shape."""
     if isinstance(scene, Scene):

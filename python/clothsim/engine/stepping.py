@@ -235,8 +235,7 @@ def reference_step(
     >>> float(abs(x - reference[0]).max()) < 1e-14
     True
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     for k, sphere in enumerate(scene.spheres):
         if sphere.offset == "face" or in_cells(sphere):
             raise ValueError(

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.keywords import suggests
-from ..engine.arrays import one_scene, state_arrays
+from ..engine.arrays import state_arrays
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..model.sphere import Sphere
@@ -71,7 +71,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
     """
-    x, v = state_arrays(x, v, [one_scene(scene)], False)
+    x, v = state_arrays(x, v, [check.instance("scene", scene, Scene)], False)
     x, v = x.astype(np.float64), v.astype(np.float64)
     cloth = core_cloth(scene)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
@@ -122,8 +122,7 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     >>> depth["points"], round(depth["triangles"], 6)
     (0.0, 0.224745)
     """
-    if not isinstance(sphere, Sphere):
-        raise TypeError(f"sphere must be a Sphere, got {check.shown(sphere)}")
+    check.instance("sphere", sphere, Sphere)
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.dtype.kind not in "iuf":
@@ -199,7 +198,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1
     """
-    cloth = core_cloth(one_scene(scene))
+    cloth = core_cloth(check.instance("scene", scene, Scene))
     x, _ = state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0

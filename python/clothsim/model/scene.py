@@ -101,9 +101,7 @@ class Scene(Record):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        cloth = self.cloth
-        if not isinstance(cloth, Cloth):
-            raise TypeError(f"cloth must be a Cloth, got {check.shown(cloth)}")
+        cloth = check.instance("cloth", self.cloth, Cloth)
         position, velocity = self.position, self.velocity
         if position is not None:
             position = frozen(check.points("position", position, cloth.shape))

@@ -150,8 +150,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     >>> print(text.splitlines()[7])
     mass = 512.0  # kg in all, or per mass point
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     return files.write_bytes(check.path("path", path), scene_bytes(scene))
 
 

@@ -271,8 +271,7 @@ class Sphere(Record):
         >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
         1.0
         """
-        if not isinstance(cloth, Cloth):
-            raise TypeError(f"cloth must be a Cloth, got {check.shown(cloth)}")
+        check.instance("cloth", cloth, Cloth)
         if isinstance(self.offset, float):
             return self.offset
         if self.offset == "none":

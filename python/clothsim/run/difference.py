@@ -45,8 +45,7 @@ def difference(a: Run, b: Run) -> dict[str, Floats]:
     ((6, 32, 32), True)
     """
     for name, run in (("a", a), ("b", b)):
-        if not isinstance(run, Run):
-            raise TypeError(f"{name} must be a Run, got {check.shown(run)}")
+        check.instance(name, run, Run)
     if a.x.shape[1:] != b.x.shape[1:]:
         raise ValueError(f"b must be a run of a cloth of shape {a.scene.cloth.shape}, as a, got {b.scene.cloth.shape}")
     near = NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0])

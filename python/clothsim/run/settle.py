@@ -125,8 +125,7 @@ def settle(
     (True, '')
     >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)

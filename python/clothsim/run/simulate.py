@@ -192,8 +192,7 @@ def simulate(
     >>> run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
     ('dop853', True)
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)

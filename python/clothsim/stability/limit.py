@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..base import check
 from ..base.keywords import suggests
-from ..engine.arrays import one_scene, state_array, state_arrays
+from ..engine.arrays import state_array, state_arrays
 from ..methods.bound import stable_dt
 from ..methods.data import integrator_name
 from ..model.scene import Scene
@@ -78,8 +79,8 @@ def max_stable_dt(
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
-        return stable_dt(one_scene(scene), integrator)
-    x = state_array("x", x, [one_scene(scene)], False)
+        return stable_dt(check.instance("scene", scene, Scene), integrator)
+    x = state_array("x", x, [check.instance("scene", scene, Scene)], False)
     x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")

@@ -101,8 +101,7 @@ def measure_map(
     progress: bool = False,
 ) -> StabilityMap:
     """`clothsim.stability_map` in plain arrays, without xarray."""
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {type(scene).__name__}")
+    check.instance("scene", scene, Scene)
     integrator = Options(integrator, precision).integrator
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)

@@ -149,8 +149,7 @@ def sweep(
         needed("zarr", "store=...")
     if check.boolean("progress", progress):
         check_installed("tqdm", "progress=True")
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     grid = make_grid(over)
     chosen = choose_metrics(metrics)
     options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, sampling, chosen, rtol, atol)

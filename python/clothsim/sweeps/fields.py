@@ -123,8 +123,7 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
         return scene
     values = dict(values)
     scene = values.pop("scene", scene)
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     cloth = {name: values.pop(name) for name in _CLOTH if name in values}
     parts = {name: values.pop(name) for name in _FAMILY_PARTS if name in values}
     changes = {name: values.pop(name) for name in _SCENE if name in values}

@@ -190,8 +190,7 @@ def picture(
     >>> cs.picture(scene, scene.initial_position, camera="front", width=320).pixels.shape[1:]
     (320, 3)
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
+    check.instance("scene", scene, Scene)
     t = 0.0 if t is None and x is None else start_time(t, [scene])
     x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
     v = None if v is None else check.points("v", v, scene.cloth.shape)[None]

@@ -63,10 +63,8 @@ class Playground:
     """
 
     def __init__(self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double") -> None:
-        if not isinstance(scene, Scene):
-            raise TypeError(f"scene must be a Scene, got {check.shown(scene)}")
         self.lock = RLock()
-        self.start = self.scene = scene
+        self.start = self.scene = check.instance("scene", scene, Scene)
         self.options: dict[str, Any] = {"integrator": integrator, "precision": precision}
         self.limit = max_stable_dt(scene, integrator)
         self.stepper = Stepper(scene, **self.options)
