@@ -15,16 +15,10 @@ _MOST_BETWEEN = 1e-4  # s
 
 
 def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
-    """Earliest time at which a mass point comes as close to a sphere as its contact radius.
+    """Earliest time at which a mass point comes as close to a sphere as its contact radius [s], and the sphere's index.
 
-    The cloth moves freely, by RK4. Between two samples a point counts as near as its speed relative
-    to the sphere allows. So no contact is missed, and a near miss within that distance counts as a
-    contact.
-
-    Returns
-    -------
-    (float, int) or None
-        Time [s] and index of the sphere; None without contact up to `duration`.
+    None without contact up to `duration`. The cloth moves freely, by RK4. Between two samples a point counts as near as its
+    speed relative to the sphere allows. So no contact is missed, and a near miss within that distance counts as a contact.
     """
     if not scene.spheres:
         return None

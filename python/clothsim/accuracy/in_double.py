@@ -30,47 +30,21 @@ _STEPS_BETWEEN_PAUSES = 512
 
 @dataclass(frozen=True)
 class InDouble:
-    """Positions at some times, and their error.
+    """Positions at some times, and their error."""
 
-    Attributes
-    ----------
-    x : numpy.ndarray
-        Positions [m], shape (times, rows, columns, 3).
-    change : numpy.ndarray
-        Change by the last halving [m]: the largest distance of a mass point, shape (times,).
-    force_evaluations : int
-        Force evaluations of all runs together.
-    contact : bool
-        Whether a sphere has responded in one of the runs.
-    """
-
-    x: Floats
-    change: Floats
-    force_evaluations: int
-    contact: bool
+    x: Floats  # [m], shape (times, rows, columns, 3)
+    change: Floats  # by the last halving [m]: the largest distance of a mass point, shape (times,)
+    force_evaluations: int  # of all runs together
+    contact: bool  # whether a sphere has responded in one of the runs
 
 
 def solve_in_double(
     scene: Scene, times: list[float], threads: int | None, pause: Callable[[], None] = lambda: None
 ) -> InDouble:
-    """Positions at `times`, by the kernels.
+    """Positions at `times` [s after the start], increasing, by the kernels.
 
-    The step is halved until a halving changes no more than rounding does. No tolerance has to be
-    chosen for a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    times : list of float
-        Seconds after the start, increasing.
-    threads : int or None
-    pause : callable
-        Called every few steps; it may raise an exception.
-
-    Raises
-    ------
-    UnstableError, ContactError
-        As `Stepper.advance` does.
+    The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene.
+    `pause` is called every few steps, and may raise an exception. Errors are those of `Stepper.advance`.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
     positions, steps, contact = _run(scene, times, largest, threads, pause)

@@ -18,21 +18,10 @@ if TYPE_CHECKING:
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """The points that no other point beats in both error and cost (the Pareto front).
+    """True at the points that no other point beats in both error and cost (the Pareto front).
 
-    Parameters
-    ----------
-    rms, cost : array_like
-        Of one shape; a point that is not finite in both is beaten.
+    Both arrays have one shape. A point that is not finite in both is beaten.
 
-    Returns
-    -------
-    numpy.ndarray
-        True on the front.
-
-    Examples
-    --------
-    >>> from clothsim.accuracy.labelled import pareto
     >>> pareto([1e-3, 1e-6, 1e-5, 1e-9], [1.0, 2.0, 3.0, 4.0]).tolist()
     [True, True, False, True]
     """

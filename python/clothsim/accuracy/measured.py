@@ -44,14 +44,7 @@ class Measured:
 
 
 class Bench:
-    """Runs methods on one scene and keeps errors and times.
-
-    Parameters
-    ----------
-    scene : Scene
-    solution : Reference
-        Every run ends at the time of its last frame.
-    """
+    """Runs methods on one scene, to the time of the last frame of `solution`, and keeps errors and times."""
 
     def __init__(self, scene: Scene, solution: Reference) -> None:
         self.scene, self.solution = scene, solution

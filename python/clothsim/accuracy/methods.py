@@ -231,19 +231,9 @@ def chosen_methods(
 def own_methods(
     names: Sequence[str] | None = None, precisions: Sequence[Precision] = PRECISIONS, threads: int | None = None
 ) -> list[Own]:
-    """The integrators of this package as methods.
+    """The integrators of this package as methods, all or those of these names.
 
-    Parameters
-    ----------
-    names : sequence of str, optional
-        Names of `clothsim.integrators`. "NAME adaptive" is the variant that chooses its steps by a tolerance. Default:
-        all.
-    precisions : sequence of {"double", "single"}
-    threads : int, optional
-
-    Returns
-    -------
-    list of Own
+    "NAME adaptive" is the variant that chooses its steps by a tolerance.
     """
     known = {name: (name, "dt") for name in integrators()}
     known |= {f"{n} adaptive": (n, "rtol") for n, one in integrators().items() if one.adaptive}

@@ -19,24 +19,7 @@ _SIZE = 13.0, 6.4
 
 
 def plot_work_precision(data: Any, path: str | Path) -> Path:
-    """Error against wall time and against force evaluations, with the Pareto front marked.
-
-    Parameters
-    ----------
-    data : xarray.Dataset
-        From `work_precision`.
-    path : path-like
-        Picture to write, of a format that matplotlib knows.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, naming the extra that brings it.
-    """
+    """Write the picture of `draw_work_precision`, in a format that matplotlib knows."""
     path = check.path("path", path)
     drawn, axes = figure(*_SIZE, 1, 2, sharey=True)
     draw_work_precision(data, axes)

@@ -40,13 +40,7 @@ def seconds_per_step(advance: Callable[[int], object], window: float, rounds: in
 
 
 class StepTimer:
-    """Times steps in short parts, so that a time limit is kept.
-
-    Parameters
-    ----------
-    advance : callable
-        Called with a number of steps, which it takes.
-    """
+    """Times steps in short parts, so that a time limit is kept. `advance` is called with a number of steps to take."""
 
     LONGEST_PART = 0.1  # s of steps between two readings of the clock
 

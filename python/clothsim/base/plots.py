@@ -29,21 +29,8 @@ def figure(
 ) -> tuple[Any, Any]:
     """A figure of `width` x `height` inches and its axes, an array of shape (rows, columns).
 
-    Parameters
-    ----------
-    width, height : float
-    rows, columns : int, default 1
-    what : str
-        Subject of the error where matplotlib is missing.
-    base : class, optional
-        The class of the figure. Default: matplotlib's.
-    options
-        As for ``Figure.subplots``.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, naming the extra that brings it.
+    `what` is the subject of the ImportError where matplotlib is missing, `base` the class of the figure in place of
+    matplotlib's. `options` are those of ``Figure.subplots``.
     """
     kind = base or needed("matplotlib.figure", what, "plot").Figure
     made = kind(figsize=(width, height), layout="constrained")

@@ -35,27 +35,10 @@ def print_above(text: str, file: TextIO) -> None:
 class ProgressBar:
     """A tqdm bar as a context; nothing where it is not asked for, or goes to a pipe or a file.
 
-    Parameters
-    ----------
-    shown : bool
-        The caller's argument `progress`.
-    options
-        As for ``tqdm.tqdm``, such as `total`, `unit` and `desc`.
+    `shown` is the caller's argument `progress`: a TypeError refuses what is no bool, and an ImportError names the extra
+    that brings tqdm. `options` are those of ``tqdm.tqdm``, such as `total`, `unit` and `desc`. `bar` is None where
+    nothing is shown.
 
-    Attributes
-    ----------
-    bar : tqdm.tqdm or None
-        None where nothing is shown.
-
-    Raises
-    ------
-    TypeError
-        If `shown` is no bool.
-    ImportError
-        Without tqdm, naming the extra that brings it, where `shown` is True.
-
-    Examples
-    --------
     >>> with ProgressBar(False, total=3, unit="run") as bar:
     ...     bar.advance(3)
     """

@@ -16,23 +16,8 @@ def aligned(
 ) -> str:
     """Align a table: columns are as wide as their widest cell and two blanks apart.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Headings; empty: none.
-    lines : iterable of sequence of str
-        Cells.
-    left : collection of int
-        Columns that are aligned left; others are aligned right.
-    indent : str
-        Before every line.
-    rule : bool, default False
-        Dashes below the headings.
-    stacked : bool, default False
-        Headings with a line per word.
-
-    Examples
-    --------
+    An empty `header` gives no headings. Columns of `left` are aligned left, others right. `indent` stands before every line.
+    `rule` puts dashes below the headings, which have a line per word if they are `stacked`.
     >>> print(aligned(("family", "mass points"), [("shear", "1,024"), ("bend", "16")], rule=True, stacked=True))
               mass
     family  points

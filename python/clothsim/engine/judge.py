@@ -17,19 +17,10 @@ from .plan import in_cells
 
 
 class Judge:
-    """Gives each warning of a simulation once, and raises the error of a failed step.
+    """Gives each warning of a simulation once, and raises the error of a failed step, with the state of `core`.
 
-    Parameters
-    ----------
-    core : _core.Simulation
-        Its state is stored in an error.
-    scenes : sequence of Scene
-        One scene for each member.
-    batched : bool
-        Whether messages name the member.
-    integrator : str
-    max_stable_dt : sequence of float
-        The guaranteed time step of each member [s].
+    `scenes` and the guaranteed time steps `max_stable_dt` [s] have one entry for each member, which messages name where the
+    state is `batched`.
     """
 
     def __init__(

@@ -18,20 +18,10 @@ from .plan import point_radius
 
 @dataclass(frozen=True)
 class Start:
-    """The state from which a call steps.
+    """The state from which a call steps."""
 
-    Attributes
-    ----------
-    scenes : list of Scene
-        One scene for each state.
-    batched : bool
-        Whether the state has a first axis of members.
-    x, v : numpy.ndarray
-    t : float
-    """
-
-    scenes: list[Scene]
-    batched: bool
+    scenes: list[Scene]  # one for each state
+    batched: bool  # whether the state has a first axis of members
     x: FloatArray
     v: FloatArray
     t: float

@@ -35,17 +35,8 @@ def workgroups(shape: tuple[int, int], members: int = 1) -> tuple[int, int, int]
 class Block:
     """The state of some members on the adapter.
 
-    Parameters
-    ----------
-    device : Device
-    members : sequence of int
-        Indices of the members in the batch.
-    scenes : sequence of Scene
-        The scene of each member; all have one shape and equal `Features`.
-    origins : numpy.ndarray
-        Origin of each member's positions [m], shape (members, 3).
-    precision : {"single", "double"}
-    strict : bool
+    `members` are their indices in the batch. Their scenes have one shape and equal `Features`. `origins` are those of their
+    positions [m], shape (members, 3).
     """
 
     def __init__(
@@ -174,10 +165,7 @@ class Block:
     def run(self, times: Sequence[float]) -> tuple[int, int] | None:
         """Save a checkpoint and take the steps between `times`. `accept` keeps them, and `take_back` undoes them.
 
-        Returns
-        -------
-        (int, int) or None
-            Member of the batch and mass point of the first bad state.
+        Return member of the batch and mass point of the first bad state, or None.
         """
         if self.features.moving:
             self._write_contacts(times)

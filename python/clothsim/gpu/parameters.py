@@ -47,15 +47,9 @@ def rest_lengths(scene: Scene) -> list[float]:
 
 
 def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
-    """Entry of `parameters` for one member (layout.wgsl).
+    """Entry of `parameters` for one member (layout.wgsl), in the type of the shader's arithmetic.
 
-    Parameters
-    ----------
-    scene : Scene
-    speed_limit : float
-        Speed above which the state has run away [m/s]; may be infinite.
-    dtype : numpy dtype
-        Type of the shader's arithmetic.
+    `speed_limit` is the speed above which the state has run away [m/s]; it may be infinite.
     """
     cloth = scene.cloth
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
@@ -89,20 +83,9 @@ def contacts(
 ) -> np.ndarray:
     """`contacts` (contact.wgsl): shape (times, scenes, spheres, CONTACT_SIZE).
 
-    Parameters
-    ----------
-    scenes, plans : sequence of Scene, of Plan
-        All scenes have the same number of spheres. The plans of the core move the spheres.
-    origins : numpy.ndarray
-        Origins of the positions [m], shape (scenes, 3).
-    times : sequence of float
-        Time before the first step and after each step [s]; one time where no sphere moves.
-    dt : float
-        Time step [s].
-    single : bool
-        Whether a step's arithmetic is float32.
-    wide : numpy dtype
-        Type of the arithmetic of the responses.
+    All scenes have the same number of spheres, which the plans of the core move. `origins` are those of the positions [m],
+    shape (scenes, 3). `times` are before the first step and after each step [s]; one time where no sphere moves. `single`:
+    a step's arithmetic is float32. `wide` is the type of the arithmetic of the responses.
     """
     real = np.float32 if single else np.float64
     eps = float(np.finfo(real).eps)

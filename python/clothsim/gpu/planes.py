@@ -11,14 +11,9 @@ from ..model.scene import Scene
 
 
 def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
-    """Positions and velocities as float64 planes (members, 6, points); pinned points rest.
+    """Positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes (members, 6, points).
 
-    Parameters
-    ----------
-    x, v : numpy.ndarray
-        Shape ([B,] rows, columns, 3) [m], [m/s].
-    scenes : sequence of Scene
-        One scene for each member.
+    Pinned points rest. There is one scene for each member.
     """
     shape = (len(scenes), -1, 3)
     planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
@@ -34,17 +29,9 @@ def stop_pinned_points(planes: np.ndarray, scenes: Sequence[Scene]) -> None:
 
 
 def far_origins(positions: np.ndarray) -> np.ndarray:
-    """Origin of positions in single [m]: 0, except for a cloth that is far away for its size.
+    """Origins, shape (members, 3), of positions in single, shape (members, 3, points) [m].
 
-    Parameters
-    ----------
-    positions : numpy.ndarray
-        Shape (members, 3, points) [m].
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (members, 3).
+    An origin is 0, except for a cloth that is far away for its size.
     """
     low, high = positions.min(axis=2), positions.max(axis=2)
     middle = low / 2 + high / 2

@@ -15,17 +15,7 @@ PART_OF_TIME_FOR_COPIES = 0.02
 
 
 class SafeCopy:
-    """A copy of the state in host memory.
-
-    Parameters
-    ----------
-    parts : sequence of numpy.ndarray
-        The state, in the form of `planes.split`.
-    clock : Clock
-        The clock at the time of that state.
-    took : float
-        Time of copying it back [s].
-    """
+    """A copy of the state in host memory, in the form of `planes.split`, with its clock; copying it back `took` seconds."""
 
     def __init__(self, parts: Sequence[np.ndarray], clock: Clock, took: float = 0.0) -> None:
         self.parts, self.clock = list(parts), clock

@@ -28,25 +28,10 @@ _NOT_WATCHED = "the graphics adapter does not watch the states between frames"
 
 
 class Simulation:
-    """One cloth, or a batch of cloths of one shape, advanced together on the adapter.
+    """One cloth, or a batch of cloths of one shape, advanced together on `device`, or on the chosen adapter.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        The scene of each member; all have one shape.
-    time : float
-        Time of the state [s].
-    precision : {"double", "single"}
-    strict : bool
-    device : Device, optional
-        Default: that of the chosen adapter.
-
-    Raises
-    ------
-    ValueError
-        If the adapter has no float64 for "double", or a limit of it is exceeded.
-    MemoryError, RuntimeError, ImportError
-        If the adapter's memory does not suffice, if there is no adapter, or if wgpu is missing.
+    Errors: a ValueError if the adapter has no float64 for "double", or a limit of it is exceeded; a MemoryError if its
+    memory does not suffice; a RuntimeError if there is no adapter; an ImportError if wgpu is missing.
     """
 
     def __init__(

@@ -103,23 +103,10 @@ def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
-    """A step of a splitting method, for any linear or other acceleration.
+    """A step of a method of the family "splitting" from positions x and dt times the velocities, w.
 
-    Parameters
-    ----------
-    integrator : str
-        A method of the family "splitting".
-    acceleration : callable
-        dt^2 times the acceleration, of (x, w).
-    x, w : numpy.ndarray
-        Positions, and dt times the velocities.
-
-    Returns
-    -------
-    x, w : numpy.ndarray
-        At the end of the step.
-    stages : list of numpy.ndarray
-        The accelerations evaluated, in order.
+    `acceleration` gives dt^2 times the acceleration, of (x, w). The result is x and w at the end of the step, and the
+    accelerations evaluated, in order.
     """
     method = METHODS[integrator]
     stages: list[Any] = []

@@ -16,36 +16,20 @@ Weights = tuple[float, list[float], list[float]]
 
 @dataclass(frozen=True)
 class MethodData:
-    """A method as data.
+    """A method as data."""
 
-    Attributes
-    ----------
-    family : {"runge_kutta", "splitting", "implicit"}
-    in_kernels : bool
-        Whether the kernels take whole steps.
-    adaptive : bool
-    stages, stages_damped : int
-        Force evaluations per step without and with damping.
-    updates : (int or None, int or None)
-        Vectors times a number, added to a vector, in a step without and with damping. The velocity in x counts one, and
-        each weight that is not 0 counts one. None for an implicit method.
-    terms : tuple of float
-        Of a Runge-Kutta method: factors of the powers of z, from 1 on, by which a step multiplies exp(z).
-    splitting : tuple
-        As many drifts and kicks, in turn, as parts of the step.
-    damped : tuple of Weights
-        The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors
-        of the velocity in x, and of the accelerations in x and in v.
-    """
-
-    family: str
-    in_kernels: bool
+    family: str  # "runge_kutta", "splitting" or "implicit"
+    in_kernels: bool  # whether the kernels take whole steps
     adaptive: bool
-    stages: int
-    stages_damped: int
+    stages: int  # force evaluations per step without damping
+    stages_damped: int  # and with damping
+    # Vectors times a number, added to a vector, in a step without and with damping. The velocity in x counts one, and each
+    # weight that is not 0 counts one. None for an implicit method.
     updates: tuple[int | None, int | None]
-    terms: tuple[float, ...]
-    splitting: tuple[list[float], list[float]]
+    terms: tuple[float, ...]  # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z)
+    splitting: tuple[list[float], list[float]]  # as many drifts and kicks, in turn, as parts of the step
+    # The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors of
+    # the velocity in x, and of the accelerations in x and in v.
     damped: tuple[Weights, ...]
 
 

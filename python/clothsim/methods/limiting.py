@@ -18,33 +18,15 @@ _TIE = 0.95  # families whose removal lowers the bound by this part of the most 
 
 @dataclass(frozen=True)
 class LimitingTerm:
-    """The term that limits the guaranteed time step.
+    """The term that limits the guaranteed time step."""
 
-    Attributes
-    ----------
-    kind : {"stiffness", "damping", "nothing", "method"}
-        "method": the integrator has no stable time step for this cloth.
-    families : tuple of str
-        The spring families of the term, or "points" for drag.
-    values : tuple of float
-        The term's value for each family [N/m] or [N s/m].
-    below : tuple of float
-        The values below which the other kind limits the step, with all families reduced in proportion. 0 if there is no
-        other kind.
-    max_stable_dt : float
-        The guaranteed time step [s].
-    omega, delta : float
-        The bounds of the cloth's frequencies and damping rates [1/s].
-    integrator : str
-    """
-
-    kind: str
-    families: tuple[str, ...]
-    values: tuple[float, ...]
-    below: tuple[float, ...]
-    max_stable_dt: float
-    omega: float
-    delta: float
+    kind: str  # "stiffness", "damping", "nothing", or "method" where the integrator has no stable time step for this cloth
+    families: tuple[str, ...]  # the spring families of the term, or "points" for drag
+    values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]
+    below: tuple[float, ...]  # where the other kind limits the step, all families reduced in proportion; 0 if there is none
+    max_stable_dt: float  # the guaranteed time step [s]
+    omega: float  # bound of the cloth's frequencies [1/s]
+    delta: float  # bound of its damping rates [1/s]
     integrator: str
 
     @property

@@ -88,11 +88,7 @@ def notched(integrator: str) -> bool:
 def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
     """Largest stable time step of each mode [s]; infinite for one at rest.
 
-    Parameters
-    ----------
-    integrator : str
-    omega, delta : array_like
-        Angular frequency [1/s] and damping [1/s] of the modes, >= 0, of one shape.
+    `omega` and `delta` are angular frequency and damping of the modes [1/s], >= 0, of one shape.
     """
     angle, radius = _exits(integrator)
     omega, delta = np.asarray(omega, float), np.asarray(delta, float)

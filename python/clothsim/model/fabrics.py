@@ -34,30 +34,15 @@ from .scene import Scene
 
 @dataclass(frozen=True)
 class Fabric:
-    """Measured properties of a fabric.
-
-    Attributes
-    ----------
-    name : str
-    area_density : float
-        Mass per area [kg/m^2].
-    warp, weft : float
-        Tensile moduli along the two directions [N/m].
-    shear : float
-        Shear modulus [N/m].
-    bending : float
-        Bending rigidity, the mean of warp and weft [N m].
-    source : str
-        Publication of each figure.
-    """
+    """Measured properties of a fabric."""
 
     name: str
-    area_density: float
-    warp: float
+    area_density: float  # mass per area [kg/m^2]
+    warp: float  # tensile moduli along the two directions [N/m]
     weft: float
-    shear: float
-    bending: float
-    source: str
+    shear: float  # shear modulus [N/m]
+    bending: float  # bending rigidity, the mean of warp and weft [N m]
+    source: str  # publication of each figure
 
 
 _WANG = (
@@ -94,13 +79,8 @@ FABRICS = {
 def spring_stiffness(fabric: Fabric, spacing: tuple[float, float], fold: float) -> dict[str, float]:
     """Stiffness of each spring family [N/m]; see the module's text.
 
-    Parameters
-    ----------
-    fabric : Fabric
-    spacing : (float, float)
-        Distance between rows and between columns [m].
-    fold : float
-        Angle between neighbouring springs at which the bending energies are equal [rad].
+    `spacing` is the distance between rows and between columns [m], and `fold` the angle between neighbouring springs at
+    which the bending energies are equal [rad].
     """
     b, a = spacing
     aspect = a / b + b / a

@@ -281,30 +281,7 @@ MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate,
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
-    """The motion that `data` describes, of the class that its "kind" names.
-
-    Parameters
-    ----------
-    data : mapping
-        "kind" ("linear", "reciprocate" or "keyframes") and the arguments of that motion.
-
-    Returns
-    -------
-    Linear, Reciprocate or Keyframes
-
-    Raises
-    ------
-    ValueError
-        For an unknown kind or key, a missing one, or a refused value.
-    TypeError
-        If `data` is no mapping.
-
-    Examples
-    --------
-    >>> from clothsim.model.motion import motion_from_dict
-    >>> motion_from_dict({"kind": "linear", "velocity": [1, 0, 0]})
-    Linear(velocity=(1.0, 0.0, 0.0))
-    """
+    """The motion that `data` describes: "kind" ("linear", "reciprocate" or "keyframes"), and the arguments of that class."""
     if not isinstance(data, Mapping):
         raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)

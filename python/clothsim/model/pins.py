@@ -18,21 +18,12 @@ PinField = tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None]
 
 @dataclass(frozen=True)
 class DrivenPins:
-    """Pins that share a motion.
-
-    Attributes
-    ----------
-    motion : Linear, Reciprocate or Keyframes
-    rows, columns : numpy.ndarray
-        Their points.
-    starts : numpy.ndarray
-        The ``center0`` with which each begins at its initial position [m], shape (pins, 3).
-    """
+    """Pins that share a motion."""
 
     motion: Motion
-    rows: npt.NDArray[np.int64]
+    rows: npt.NDArray[np.int64]  # of their points
     columns: npt.NDArray[np.int64]
-    starts: npt.NDArray[np.float64]
+    starts: npt.NDArray[np.float64]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
         """Places at the time `t` [m], shape (pins, 3)."""

@@ -290,11 +290,7 @@ def over_sizes(
 ) -> dict[str, Any]:
     """CPU against GPU over cloth sizes and batches, in compensated single precision.
 
-    Returns
-    -------
-    dict
-        "rows" (one per scene, method and target), "crossovers" and "warnings" (sentences), "csv" and "plot" (file
-        names).
+    "rows" has one entry per scene, method and target, "crossovers" and "warnings" sentences, "csv" and "plot" file names.
     """
     measurements = run(settings_of(settings), found, advance=advance)
     files = write(measurements, folder, "figure10_sizes")

@@ -87,42 +87,21 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the experiment.
+    """Sizes of the experiment."""
 
-    Parameters
-    ----------
-    sizes : tuple of int
-        Points along a side of a square cloth.
-    batches : tuple of int
-        Numbers of cloths of `batch_size` points along a side.
-    frame_steps : int
-        Steps per frame.
-    window_frames : int
-        Frames that one measurement averages over.
-    runs : int
-        Measurements, each with a stepper of its own.
-    seconds : float
-        Wall time after which a window ends early [s].
-    paper_seconds : float
-        Limit for the paper's own cloth of 32 x 32, whose frames are to be whole [s].
-    first_frames : int
-        Frames of a run that are timed one by one.
-    first_seconds : float
-        Wall time after which a first frame ends early [s]. No further frame begins once the frames after the first have
-        taken four times this.
-    """
-
-    sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024, 2048, 4096)
-    batches: tuple[int, ...] = (4, 16, 64, 256, 1024, 16384)
+    sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024, 2048, 4096)  # points along a side of a square cloth
+    batches: tuple[int, ...] = (4, 16, 64, 256, 1024, 16384)  # numbers of cloths of `batch_size` points along a side
     batch_size: int = 32
     methods: tuple[int, ...] = (1, 2)
     precisions: tuple[Precision, ...] = ("single", "double")
-    frame_steps: int = 320
-    window_frames: int = 200
-    runs: int = 10
-    seconds: float = 1.0
-    paper_seconds: float = 10.0
-    first_frames: int = 8
+    frame_steps: int = 320  # steps per frame
+    window_frames: int = 200  # frames that one measurement averages over
+    runs: int = 10  # measurements, each with a stepper of its own
+    seconds: float = 1.0  # wall time after which a window ends early [s]
+    paper_seconds: float = 10.0  # limit for the paper's own cloth of 32 x 32, whose frames are to be whole [s]
+    first_frames: int = 8  # frames of a run that are timed one by one
+    # Wall time after which a first frame ends early [s]. No further frame begins once the frames after the first have taken
+    # four times this.
     first_seconds: float = 0.1
 
     @property
@@ -166,14 +145,7 @@ def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
 
 
 def targets(precision: str, found: Sequence[Adapter] | None = None) -> list[Target]:
-    """Everything on this machine that can step in `precision`, and the scalar reference in double.
-
-    Parameters
-    ----------
-    precision : {"single", "double"}
-    found : sequence of Adapter, optional
-        Graphics adapters. Default: all adapters of this machine.
-    """
+    """Everything that can step in `precision`, with the adapters found or all of this machine, and the scalar reference."""
     found = adapters() if found is None else found
     threads = int(cs.build_config()["openmp_threads"])
     result = [Target(SCALAR, "scalar, 1 thread" + " (double)" * (precision == "single"))]
@@ -244,26 +216,12 @@ def run(
     finished: Callable[[list[Measurement]], Any] = lambda measurements: None,
     left_out: Callable[[Measurement, Exception], Any] = lambda measurement, why: None,
 ) -> list[Measurement]:
-    """Measure every target with every scene.
+    """Measure every target with every scene, with the adapters `found` or all of this machine.
 
-    The targets of a scene take turns, run by run, so that a slow spell of the machine affects all.
-
-    Parameters
-    ----------
-    settings : Settings, optional
-    found : sequence of Adapter, optional
-        Graphics adapters. Default: all adapters of this machine.
-    advance : callable
-        Called with 1 after each run.
-    finished : callable
-        Called with all measurements so far after each scene, so that an interrupted experiment keeps them.
-    left_out : callable
-        Called with a text for each failed target: a limit was exceeded, memory was missing or an adapter was lost.
-
-    Returns
-    -------
-    list of Measurement
-        Measurements that were left out are missing.
+    The targets of a scene take turns, run by run, so that a slow spell of the machine affects all. `advance` is called with
+    1 after each run. `finished` is called with all measurements so far after each scene, so that an interrupted experiment
+    keeps them. `left_out` is called with each measurement that failed and its error: a limit was exceeded, memory was
+    missing or an adapter was lost. These are missing in the result.
     """
     settings = settings or Settings()
     measurements: list[Measurement] = []

@@ -50,19 +50,8 @@ def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: No
 
     Runs use one thread, which disturbs the comparison least. Experiment 4 shows the gain by threads. The runs of the
     two alternate, so that a slow spell of the machine meets both. A frame is its steps and one copy of the positions,
-    as a renderer needs.
-
-    Parameters
-    ----------
-    settings : Settings
-    advance : callable
-        Called with 1 after each run.
-
-    Returns
-    -------
-    dict
-        "rows": one entry a method with its rates over all windows and "windows", the same window
-        by window; "frame_steps": steps in a frame at the paper's step.
+    as a renderer needs. `advance` is called with 1 after each run. "rows" has one entry a method with its rates over all
+    windows and "windows", the same window by window; "frame_steps" are the steps in a frame at the paper's step.
     """
     steps = settings.steps_per_frame(settings.timing_dt)
     frame_steps = settings.steps_per_frame(PAPER_DT)
@@ -88,24 +77,12 @@ def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: No
 def speedup(
     settings: Settings, *, threads: int, adapters: Sequence[Any] = (), advance: Callable[..., Any] = lambda runs: None
 ) -> dict[str, Any]:
-    """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference and the shader.
+    """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference, and the shader on some adapters.
 
-    Parameters
-    ----------
-    settings : Settings
-    threads : int
-        Threads of the core in the rows that use more than one.
-    adapters : sequence of clothsim.gpu.Adapter
-        Graphics adapters that take part.
-    advance : callable
-        Called with 1 after each run.
-
-    Returns
-    -------
-    dict
-        "rows": one entry per variant with its rates, "speedup" over the reference, "setup_seconds"
-        (making the stepper and its first step) and "runs" (steps/s); "agreement": largest
-        difference of positions [m] to the reference after "agreement_steps".
+    `threads` are those of the core in the rows that use more than one. `advance` is called with 1 after each run. "rows" has
+    one entry per variant with its rates, "speedup" over the reference, "setup_seconds" (making the stepper and its first
+    step) and "runs" (steps/s). "agreement" is the largest difference of positions [m] to the reference after
+    "agreement_steps".
     """
     scene = cs.scenes.paper_static(response="ray")
     stepper = cs.Stepper(scene, threads=1)

@@ -87,22 +87,9 @@ def run(
     variants: Sequence[str] = tuple(VARIANTS),
     advance: Callable[[int], object] = lambda frames: None,
 ) -> list[Case]:
-    """Step both methods in every variant, `threads` of these cases at a time.
+    """Step both methods in every variant, `threads` of these cases at a time, each on one thread of the core.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    settings : Settings
-    threads : int
-        Cases that run side by side, each on one thread of the core.
-    variants : sequence of {"as printed", "corrected"}
-    advance : callable
-        Called with the number of new frames.
-
-    Returns
-    -------
-    list of Case
-        In the order of `variants` and `paper.METHODS`.
+    `advance` is called with the number of new frames. The cases are in the order of `variants` and `published.METHODS`.
     """
     cases = [Case(method, variant) for variant, method in product(variants, METHODS)]
     stop = Event()

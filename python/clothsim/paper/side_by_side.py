@@ -61,12 +61,9 @@ def follow(
 ) -> dict[str, Any]:
     """One row of the table: run a scene with a response and watch every step.
 
-    Returns
-    -------
-    dict
-        "points", "triangles": deepest [m]; "crossings": mass points that passed through between
-        two steps; "contact_energy": what the contacts added, the work of a moving sphere included
-        [J]; "failure": None, or why the run ended early.
+    "points" and "triangles" are the deepest [m], "crossings" mass points that passed through between two steps.
+    "contact_energy" [J] is what the contacts added, the work of a moving sphere included. "failure" is None, or why the run
+    ended early.
     """
     _, usual, duration = SCENES[name]
     dt = dt or usual
@@ -133,23 +130,10 @@ def comparison(
     timed: bool = True,
     advance: Callable[[int], object] = lambda rows: None,
 ) -> list[dict[str, Any]]:
-    """The table: every response on every scene.
+    """The table: every response on every scene, as from `follow`.
 
-    Parameters
-    ----------
-    scenes, responses : sequence of str
-        Some of `SCENES` and `RESPONSES`.
-    part : float
-        Part of the scenes' durations that is run; the fast one is run whole.
-    timed : bool
-        Also measure the cost of a step in contact, one thread, double.
-    advance : callable
-        Called with 1 after each row.
-
-    Returns
-    -------
-    list of dict
-        As from `follow`, and "microseconds_per_step".
+    `part` of the scenes' durations is run; the fast one is run whole. `timed` also measures "microseconds_per_step", the
+    cost of a step in contact, on one thread in double. `advance` is called with 1 after each row.
     """
     rows = []
     for name in scenes:

@@ -26,26 +26,12 @@ _BYTES_PER_POINT = 48  # of a frame: position and velocity, three doubles each
 
 @dataclass(frozen=True)
 class Schedule:
-    """The choice of frames between the first and the last state; by default there are none.
+    """The choice of frames between the first and the last state; by default there are none. At most one field is set."""
 
-    At most one attribute is set.
-
-    Attributes
-    ----------
-    steps : int, optional
-        Steps between frames.
-    seconds : float, optional
-        Seconds between frames.
-    per_second : float, optional
-        Frames per second.
-    times : tuple of float
-        Times of the scene [s], increasing.
-    """
-
-    steps: int | None = None
-    seconds: float | None = None
+    steps: int | None = None  # between frames
+    seconds: float | None = None  # between frames
     per_second: float | None = None
-    times: tuple[float, ...] = ()
+    times: tuple[float, ...] = ()  # of the scene [s], increasing
 
     @classmethod
     def of_every(cls, every: int | float | None) -> Schedule:

@@ -50,19 +50,9 @@ def interrupted(so_far: Callable[[], Any]) -> NoReturn:
 class Watch:
     """Follows the runs of one call of `simulate`.
 
-    Attributes
-    ----------
-    recording : Recording or None
-        The present run, or the last run that ended.
-    failed : bool
-        Whether the callback has ended with an exception, or is at work.
-
-    Parameters
-    ----------
-    callback : callable, optional
-        Called with (t, x, v) at each frame; it stops the run by returning True.
-    bar : tqdm, optional
-        Progress bar that counts simulated seconds.
+    `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is a bar of tqdm that
+    counts simulated seconds. `recording` is the present run, or the last run that ended. `failed`: the callback has ended
+    with an exception, or is at work.
     """
 
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
@@ -106,15 +96,7 @@ class Watch:
 class Control:
     """Values beside the state that determine the next steps of a run with error control.
 
-    Parameters
-    ----------
-    tolerance : float
-        Tolerance of a step [m].
-    rate : float
-        Weight of velocities in the tolerance [1/s].
-    longest : float
-        The longest step [s].
-    controller : _core.StepController
+    The tolerance of a step [m], the weight `rate` of velocities in it [1/s], the longest step [s] and the core's controller.
     """
 
     def __init__(self, tolerance: float, rate: float, longest: float, controller: Any) -> None:
@@ -127,32 +109,15 @@ class Control:
 
 @dataclass(frozen=True)
 class Continuation:
-    """The settings of a run, for its continuation.
+    """The settings of a run, for its continuation."""
 
-    Attributes
-    ----------
-    start : float
-        Time of the start [s].
-    seconds : float
-        Duration of the run so far.
-    steps : int
-        Steps since the start.
-    dt : float or None
-        Time step [s]; None with error control.
-    frames : Schedule
-    control : tuple or None
-        Of `Control`, with error control.
-    sampling : int
-        States at which triangles and stretches are sampled, at least.
-    """
-
-    start: float
-    seconds: float = 0.0
-    steps: int = 0
-    dt: float | None = None
+    start: float  # time of the start [s]
+    seconds: float = 0.0  # duration of the run so far
+    steps: int = 0  # since the start
+    dt: float | None = None  # time step [s]; None with error control
     frames: Schedule = Schedule()
-    control: ControlValues | None = None
-    sampling: int = 32
+    control: ControlValues | None = None  # of `Control`, with error control
+    sampling: int = 32  # states at which triangles and stretches are sampled, at least
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -167,32 +132,11 @@ class Continuation:
 
 
 class Recording:
-    """A run in progress.
+    """A run in progress, which advances `state`.
 
-    Attributes
-    ----------
-    t : list of float
-        Times of the frames [s].
-    steps, rejected : int
-        Accepted and rejected steps.
-    wall_time : float
-        Seconds of stepping and dense output.
-    watched : mapping
-        Extremes of all states, by the core.
-
-    Parameters
-    ----------
-    state : State
-        State that the run advances.
-    options : RunOptions
-    watch : Watch
-    dt : float or None
-        Time step [s]; None with error control.
-    frames : Schedule
-    earlier : Continuation
-        The earlier part of the run; its duration is 0 if there is none.
-    control : Control, optional
-        With error control.
+    `dt` [s] is None with error control, which has `control` instead. The duration of the `earlier` part of the run is 0 if
+    there is none. `t` has the times of the frames [s]. `steps` and `rejected` count accepted and rejected steps.
+    `wall_time` [s] is that of stepping and dense output.
     """
 
     def __init__(
@@ -298,6 +242,7 @@ class Recording:
 
     @property
     def watched(self) -> Mapping[str, Any]:
+        """Extremes of all states, by the core."""
         return self._watched or self.state.core.watched[0]
 
     @property

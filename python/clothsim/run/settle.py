@@ -153,17 +153,7 @@ def scene_at(scene: Scene, t: float) -> Scene:
 
 
 class _Relaxation:
-    """The relaxation of one scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Nothing moves in it.
-    tolerance : float
-    most : int
-        Most force evaluations.
-    options : RunOptions
-    """
+    """The relaxation of a scene in which nothing moves, by `most` force evaluations at most."""
 
     def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
         self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options

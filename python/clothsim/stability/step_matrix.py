@@ -42,20 +42,11 @@ _ROUNDS = 3
 
 
 def step_limit(integrator: str, stiffness: Operator, damping: Operator, start: Floats, size: int, near: float) -> float:
-    """The largest h up to which the step matrix is stable [s], to about 1 %.
+    """The largest h up to which the step matrix of a splitting method is stable [s], to about 1 %.
 
-    Parameters
-    ----------
-    integrator : str
-        A splitting method. Its step is no function of the first-order system's matrix.
-    stiffness, damping : callable
-        Products with K [1/s^2] and C [1/s], of vectors in rows.
-    start : numpy.ndarray
-        Initial vectors, in rows.
-    size : int
-        Dimension of the space of free coordinates.
-    near : float
-        A first guess [s], within a factor of 10.
+    `stiffness` and `damping` are the products with K [1/s^2] and C [1/s] of vectors in rows. `start` has the initial
+    vectors, and `size` is the dimension of the space of free coordinates. `near` is a first guess [s], within a factor
+    of 10.
     """
     space = Subspace(stiffness, damping)
     space.extend(start)
@@ -98,17 +89,9 @@ def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
 
 
 def faulty(integrator: str, k: Floats, c: Floats, h: float, flow: npt.NDArray[Any]) -> bool:
-    """Whether a step of h amplifies modes that do not grow in the equation.
+    """Whether a step of h [s] amplifies modes that do not grow in the equation, with dense K [1/s^2] and C [1/s].
 
-    Parameters
-    ----------
-    integrator : str
-    k, c : numpy.ndarray
-        Dense K [1/s^2] and C [1/s].
-    h : float
-        The time step [s].
-    flow : numpy.ndarray
-        Eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s]; see `rates`.
+    `flow` has the eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s]; see `rates`.
     """
     step = matrix(integrator, k, c, h)
     values = np.linalg.eigvals(step)

@@ -34,24 +34,10 @@ class Frame:
 
 
 class Clip:
-    """Frames of a run at a frame rate, or its stored frames, in the axes of the file.
+    """Frames of a run in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
-    Parameters
-    ----------
-    run : Run
-    fps : float or None
-        Frames per second. None takes the stored frames at their own times.
-    z_up : bool
-        Whether (x, y, z) is written as (x, -z, y).
-
-    Attributes
-    ----------
-    advance : callable
-        Called after each frame; does nothing unless it is set.
-    times : numpy.ndarray
-        Times of the frames, the first at 0 [s].
-    triangles, uv : numpy.ndarray
-        Corners in the order of `clothsim.triangles`, and texture coordinates, shape (points, 2).
+    With `fps` there are so many frames a second, with None the stored frames at their own times. `advance` is called after
+    each frame. `times` [s] begin at 0.
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
@@ -74,11 +60,12 @@ class Clip:
 
     @cached_property
     def triangles(self) -> npt.NDArray[np.int64]:
+        """Corners in the order of `clothsim.triangles`."""
         return triangles(self.scene.cloth.shape)
 
     @cached_property
     def uv(self) -> Floats:
-        # From above, with x to the right, a picture lies upright and is not mirrored.
+        """Texture coordinates, shape (points, 2). From above, with x to the right, a picture is upright and not mirrored."""
         rows, columns = self.scene.cloth.shape
         u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows))
         return np.stack([u.ravel(), v.ravel()], -1)

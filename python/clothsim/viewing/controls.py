@@ -27,19 +27,8 @@ NO_BANNER = "<style>#webgl-software-rendering { display: none }</style>"
 class Controls:
     """Controls of a viser server that change a playground, and show it.
 
-    Parameters
-    ----------
-    viser : module
-    server : viser.ViserServer
-    playground : Playground
-    stage : Stage
-    attempt : callable
-        Calls its argument and returns whether that succeeded. A refusal is shown in the browser.
-
-    Attributes
-    ----------
-    inputs : list
-        The handles whose values a browser may change.
+    `attempt` calls its argument and returns whether that succeeded; a refusal is shown in the browser. `inputs` are the
+    handles whose values a browser may change.
     """
 
     def __init__(

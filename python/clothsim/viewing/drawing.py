@@ -24,13 +24,7 @@ Floats = npt.NDArray[np.float64]
 class Drawing:
     """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,).
 
-    Parameters
-    ----------
-    scene : Scene
-    x, v, t : array
-        `v` may be None.
-    camera, width, color, limits, label, shadow, ground, perspective
-        As for `clothsim.picture`.
+    `v` may be None; the other arguments are those of `clothsim.picture`.
     """
 
     def __init__(

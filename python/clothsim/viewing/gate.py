@@ -32,19 +32,10 @@ class BadMessage(ValueError):
 
 
 class Gate:
-    """Checks of handshakes and messages.
+    """Checks of handshakes and messages for a viewer that serves at the address `host`.
 
-    Parameters
-    ----------
-    host : str
-        Address to serve at.
-
-    Attributes
-    ----------
-    token : str
-        A secret in the address of the page; clients without it are refused.
-    public : bool
-        Whether other machines can reach the address.
+    `token` is a secret in the address of the page; clients without it are refused. `public`: other machines can reach the
+    address.
     """
 
     def __init__(self, host: str) -> None:

@@ -50,17 +50,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Playground:
-    """A stepper that follows the clock.
-
-    Parameters
-    ----------
-    scene : Scene
-    dt : float, optional
-        Time step [s]. Default: it follows the machine. It is the paper's 5 us, or the smallest of 10, 20, 50, ... us with
-        which the machine keeps up. It is at most half of the guaranteed stable step.
-    integrator, precision
-        As for `Stepper`.
-    """
+    """A stepper that follows the clock; the arguments are those of `clothsim.view`."""
 
     def __init__(self, scene: Scene, dt: float | None = None, integrator: str = "rk4", precision: str = "double") -> None:
         self.lock = RLock()
@@ -314,13 +304,7 @@ class Playground:
         return Frame(self.time, self.positions(), v, self.centers(), self._steps)
 
     def recorded(self) -> Run:
-        """The recording as a `Run`: the present cloth, and spheres along their recorded paths.
-
-        Raises
-        ------
-        ValueError
-            If fewer than two frames were recorded.
-        """
+        """The recording as a `Run`: the present cloth, and spheres along their recorded paths. It needs two frames."""
         with self.lock:
             return self.recorder.run(self.scene, {**self.options, "dt": self.dt})
 

@@ -77,26 +77,11 @@ def render(
     shadow: bool = False,
     threads: int = 1,
 ) -> npt.NDArray[np.uint8]:
-    """Draw the cloth and the balls.
+    """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), and the balls.
 
-    Parameters
-    ----------
-    positions : array, shape (rows, columns, 3)
-        Mass points [m].
-    balls : sequence of Ball
-    camera : Camera
-    width : int
-        Pixels along the picture; its height follows from the camera.
-    colors : array, shape (rows, columns, 3), optional
-        Colours of the mass points, 0 to 1. Default: each face has its own.
-    ground : Ground, optional
-    shadow : bool
-        Whether the light from the side throws shadows.
-    threads : int
-
-    Returns
-    -------
-    uint8 array, shape (height, width, 3)
+    The picture, shape (height, width, 3), has `width` pixels along; its height follows from the camera. `colors` of the
+    mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `shadow`: the light from the side
+    throws shadows.
     """
     height = max(1, round(width * camera.height / camera.width))
     axes, scale = camera.axes(), SAMPLES * width / camera.width

@@ -37,19 +37,8 @@ Floats = npt.NDArray[np.float64]
 class Stage:
     """Meshes and handles of a viser server that follow a playground.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    playground : Playground
-    attempt : callable
-        Calls its argument; a refusal is shown in the browser.
-
-    Attributes
-    ----------
-    color : str
-        "faces", "stretch", "speed" or "depth".
-    scale : Scale or None
-        The colour scale of the last picture.
+    `attempt` calls its argument; a refusal is shown in the browser. `color` is "faces", "stretch", "speed" or "depth", and
+    `scale` the colour scale of the last picture.
     """
 
     def __init__(self, server: Any, playground: Playground, attempt: Callable[[Callable[[], None]], bool]) -> None:
