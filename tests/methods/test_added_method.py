@@ -16,7 +16,7 @@ drifts, kicks = [theta / 2, (1 - theta) / 2, (1 - theta) / 2, theta / 2], [theta
 _core.add_splitting("forest_ruth", drifts, kicks)
 data.METHODS["forest_ruth"] = data.method_data(_core.methods()["forest_ruth"])
 record = integration._record("forest_ruth", 4, "a splitting", "Forest and Ruth", symplectic=True, order_damped=1)
-integration._INTEGRATORS._methods["forest_ruth"] = record
+integration._INTEGRATORS._entries["forest_ruth"] = record
 
 method = cs.integrators()["forest_ruth"]
 assert (method.family, method.stages, method.explicit, method.adaptive) == ("splitting", 3, True, False)

@@ -220,31 +220,21 @@ def convergence(
     solution = solution_for(scene, duration, reference)
     errors, evaluations = [], []
     for n in steps:
-        error, spent = _error_at(scene, solution, duration / n, integrator=integrator, precision=precision, **options)
+        error, count = _error_at(scene, solution, duration / n, integrator=integrator, precision=precision, **options)
         errors.append(error)
-        evaluations.append(spent)
-    dt = duration / np.array(steps)
-    rms = np.array([error["rms"] for error in errors])
+        evaluations.append(count)
+    counts = np.array(steps)
+    dt = duration / counts
+    rms, largest = (np.array([error[name] for error in errors]) for name in ("rms", "max"))
     moved = solution.error_of(scene.initial_position)["rms"]
     floor = _floor(dt, rms, float(solution.error_estimate["rms"][-1]))
-    floors = np.maximum(floor, _rounding(precision, extent(scene), np.array(steps)))
+    floors = np.maximum(floor, _rounding(precision, extent(scene), counts))
     fitted = (rms >= floors / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
     order = math.nan
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
-    return Convergence(
-        integrator,
-        precision,
-        dt,
-        np.array(steps),
-        np.array(evaluations),
-        rms,
-        np.array([error["max"] for error in errors]),
-        order,
-        fitted,
-        floors,
-        solution,
-    )
+    spent = np.array(evaluations)
+    return Convergence(integrator, precision, dt, counts, spent, rms, largest, order, fitted, floors, solution)
 
 
 def _steps(duration: float, name: str, dt: Any) -> int:

@@ -73,23 +73,17 @@ def name_lines(axes: Any) -> None:
     gap = 0.16 * axes.figure.dpi / axes.bbox.height
     height = -np.inf
     for k in sorted(range(len(lines)), key=lambda k: ends[k][1]):
-        height = max(ends[k][1], height + gap)
-        leader = {
-            "arrowstyle": "-",
-            "color": lines[k].get_color(),
-            "ls": lines[k].get_linestyle(),
-            "shrinkA": 2,
-            "shrinkB": 0,
-        }
+        height, line = max(ends[k][1], height + gap), lines[k]
+        leader = {"arrowstyle": "-", "color": line.get_color(), "ls": line.get_linestyle(), "shrinkA": 2, "shrinkB": 0}
         axes.annotate(
-            lines[k].get_label(),
+            line.get_label(),
             ends[k],
             (1.04, height),
             xycoords="axes fraction",
             textcoords="axes fraction",
             fontsize="small",
             va="center",
-            arrowprops={**leader, "color": lines[k].get_color(), "ls": lines[k].get_linestyle()},
+            arrowprops=leader,
             annotation_clip=False,
         )
 

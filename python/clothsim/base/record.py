@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -13,6 +13,7 @@ import numpy as np
 from . import check
 
 Self = TypeVar("Self", bound="Record")
+Value = TypeVar("Value")
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -69,6 +70,22 @@ def frozen(array: np.ndarray) -> np.ndarray:
     """`array` itself, made read-only."""
     array.flags.writeable = False
     return array
+
+
+class ReadOnly(Mapping[str, Value]):
+    """A mapping that cannot be changed; its subclasses print as tables."""
+
+    def __init__(self, entries: Mapping[str, Value]) -> None:
+        self._entries = entries
+
+    def __getitem__(self, key: str) -> Value:
+        return self._entries[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
 
 
 class EqualByValue:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from clothsim.paper import reproduce, text
+from clothsim.paper import EXPERIMENTS, reproduce, text
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
@@ -22,20 +22,15 @@ def add_parser(subparsers: Any) -> None:
     command.add_argument(
         "--experiment",
         type=int,
-        choices=(1, 2, 3, 4, 5),
+        choices=EXPERIMENTS,
         action="append",
         help="only this one; may be given several times (default: all)",
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    report = reproduce(
-        args.out,
-        quick=args.quick,
-        experiments=args.experiment or (1, 2, 3, 4, 5),
-        threads=args.threads,
-        progress=wanted_by_command(),
-    )
+    chosen = args.experiment or EXPERIMENTS
+    report = reproduce(args.out, quick=args.quick, experiments=chosen, threads=args.threads, progress=wanted_by_command())
     print(as_json(report) if args.json else text(report))
     if not args.json:
         print(f"Report folder: {report['folder']} (open index.html)")

@@ -24,6 +24,8 @@ from ._scenes import SCENE_HELP, add_changes, changed_scene
 
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
 
+# Options of the command that are arguments of `simulate`.
+OPTIONS = ("dt", "every", "fps", "integrator", "rtol", "atol", "kernel", "strict", "precision", "threads", "backend")
 # Of the entries of a run's report; what is inside an entry has the entry's unit unless it is here.
 UNITS = {
     "wall_time": "s",
@@ -90,22 +92,8 @@ def _integrator(text: str) -> str:
 def run(args: argparse.Namespace) -> None:
     scene = changed_scene(args)
     _check_files(args, scene)
-    result = cs.simulate(
-        scene,
-        args.duration,
-        dt=args.dt,
-        every=args.every,
-        fps=args.fps,
-        integrator=args.integrator,
-        rtol=args.rtol,
-        atol=args.atol,
-        kernel=args.kernel,
-        strict=args.strict,
-        precision=args.precision,
-        threads=args.threads,
-        backend=args.backend,
-        progress=wanted_by_command(),
-    )
+    options = {name: getattr(args, name) for name in OPTIONS}
+    result = cs.simulate(scene, args.duration, **options, progress=wanted_by_command())
     groups = _write_films(args, result)
     report = dict(result.report)
     if args.json:

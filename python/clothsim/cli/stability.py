@@ -99,16 +99,9 @@ def _map(args: argparse.Namespace) -> None:
     softest, hardest = args.stiffness
     shortest, longest = args.dt or _range(args, scene)
     stiffness = np.geomspace(softest, hardest, args.cells[0])
-    found = measure_map(
-        scene,
-        stiffness,
-        np.geomspace(shortest, longest, args.cells[1]),
-        args.integrator,
-        args.precision,
-        args.steps,
-        args.threads,
-        progress=wanted_by_command(),
-    )
+    dt = np.geomspace(shortest, longest, args.cells[1])
+    options = args.integrator, args.precision, args.steps, args.threads
+    found = measure_map(scene, stiffness, dt, *options, progress=wanted_by_command())
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         plot_map(found, folder / "stability.png")

@@ -93,18 +93,10 @@ def run(args: argparse.Namespace) -> None:
     if args.store and Path(args.store).exists() and not args.resume:
         raise ValueError(f"--store {args.store} exists; without --no-resume it would be continued")
     picture = _picture(args)
+    settings |= {name: getattr(args, name) for name in ("every", "frames", "store", "resume", "threads")}
+    executor = _client(args.scheduler)
     dataset = cs.sweep(
-        scene,
-        over,
-        metrics=args.metric.split(","),
-        every=args.every,
-        frames=args.frames,
-        store=args.store,
-        resume=args.resume,
-        executor=_client(args.scheduler),
-        threads=args.threads,
-        progress=wanted_by_command(),
-        **settings,
+        scene, over, metrics=args.metric.split(","), executor=executor, progress=wanted_by_command(), **settings
     )
     print(as_json(as_data(dataset)) if args.json else summary(dataset))
     if picture is not None:

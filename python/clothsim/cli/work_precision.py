@@ -66,15 +66,8 @@ def run(args: argparse.Namespace) -> None:
     if args.errors is not None:
         raise ValueError("--errors needs --fastest")
     folder = check.folder("--out", args.out)
-    data = cs.work_precision(
-        _scene(args),
-        args.duration,
-        args.method,
-        precisions=precisions,
-        threads=args.threads,
-        windows=args.windows,
-        progress=progress,
-    )
+    options = {"precisions": precisions, "threads": args.threads, "windows": args.windows, "progress": progress}
+    data = cs.work_precision(_scene(args), args.duration, args.method, **options)
     folder.mkdir(parents=True, exist_ok=True)
     files = write_runs(data, folder / f"{Path(args.scene).stem}{'_bend' if args.bend else ''}")
     if args.json:

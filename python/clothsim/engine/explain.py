@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
+from ..base.record import ReadOnly
 from ..base.table import aligned
 from ..methods.data import METHODS
 from ..methods.integration import Integrator, integrators
@@ -30,7 +31,7 @@ _FLOPS_COMPENSATION = 18
 _FLOPS_SPHERE_TEST = 9
 
 
-class Explanation(Mapping[str, Any]):
+class Explanation(ReadOnly[Any]):
     """Work of a step of a scene, and the parts left out: a mapping that prints as a text.
 
     Examples
@@ -40,18 +41,6 @@ class Explanation(Mapping[str, Any]):
     >>> account["springs"], account["left_out"]
     (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'driven pins', 'spheres', 'compensation'))
     """
-
-    def __init__(self, facts: dict[str, Any]) -> None:
-        self._facts = facts
-
-    def __getitem__(self, key: str) -> Any:
-        return self._facts[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._facts)
-
-    def __len__(self) -> int:
-        return len(self._facts)
 
     def __str__(self) -> str:
         return aligned((), [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1))

@@ -118,9 +118,5 @@ class Judge:
         if outcome["trapped"]:
             raise ContactError(**found, energy=outcome.get("energy", 0.0))
         term = limiting_term(scene, self._integrator)
-        raise UnstableError(
-            **found,
-            dt=dt,
-            max_stable_dt=self._max_stable_dt[member],
-            term=term.at(dt) if dt > term.max_stable_dt else str(term),
-        )
+        words = term.at(dt) if dt > term.max_stable_dt else str(term)
+        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=words)

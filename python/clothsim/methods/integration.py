@@ -12,11 +12,12 @@ of omega dt and delta dt. The step is stable where no eigenvalue of it is larger
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..base.keywords import suggests
+from ..base.record import ReadOnly
 from ..base.table import aligned
 from ..errors import OrderWarning, warn_caller
 from .data import METHODS
@@ -186,20 +187,8 @@ _TABLE = (
 )
 
 
-class _Integrators(Mapping[str, Integrator]):
+class _Integrators(ReadOnly[Integrator]):
     """The methods by name; it prints as a table."""
-
-    def __init__(self, methods: tuple[Integrator, ...]) -> None:
-        self._methods = {method.name: method for method in methods}
-
-    def __getitem__(self, name: str) -> Integrator:
-        return self._methods[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._methods)
-
-    def __len__(self) -> int:
-        return len(self._methods)
 
     def __repr__(self) -> str:
         rows: list[tuple[str, ...]] = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
@@ -210,7 +199,7 @@ class _Integrators(Mapping[str, Integrator]):
         return aligned((), rows, left=range(6))
 
 
-_INTEGRATORS: Mapping[str, Integrator] = _Integrators(_TABLE)
+_INTEGRATORS = _Integrators({method.name: method for method in _TABLE})
 
 
 @suggests

@@ -256,15 +256,7 @@ def oscillator(
     amplitude = check.number("amplitude", amplitude)
     if not abs(amplitude) < length:
         raise ValueError(f"amplitude must be smaller than length = {length:g}, got {amplitude!r}")
-    cloth = Cloth(
-        shape=(1, 2),
-        size=(length, length),
-        mass=2.0 * mass,
-        stiffness=stiffness,
-        damping=damping,
-        springs=("structural",),
-        pins=((0, 0),),
-    )
+    cloth = Cloth((1, 2), (length, length), 2.0 * mass, stiffness, damping, springs=("structural",), pins=((0, 0),))
     position = cloth.rest_positions.copy()
     position[0, 1, 0] += amplitude
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)

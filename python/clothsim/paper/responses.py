@@ -55,23 +55,12 @@ class Case:
 
 def experiment(number: str, settings: Settings) -> Experiment:
     """Experiment "1" (static sphere, Table 3) or "2" (moving sphere, Table 4)."""
+    title = "{} sphere, method 1 against method 2"
     if number == "1":
-        return Experiment(
-            "1",
-            "Static sphere, method 1 against method 2",
-            "table3",
-            cs.scenes.paper_static,
-            settings.static_frames,
-            settings.static_dt,
-        )
-    return Experiment(
-        "2",
-        "Moving sphere, method 1 against method 2",
-        "table4",
-        cs.scenes.paper_moving,
-        settings.moving_frames,
-        settings.moving_dt,
-    )
+        frames, dt = settings.static_frames, settings.static_dt
+        return Experiment("1", title.format("Static"), "table3", cs.scenes.paper_static, frames, dt)
+    frames, dt = settings.moving_frames, settings.moving_dt
+    return Experiment("2", title.format("Moving"), "table4", cs.scenes.paper_moving, frames, dt)
 
 
 def scene_of(experiment: Experiment, method: int, variant: str) -> cs.Scene:

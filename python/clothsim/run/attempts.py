@@ -15,21 +15,12 @@ from .recording import Recording, Watch
 # Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
 # docs/dev/error-control.md has the effect of half and twice of each.
 
-# Tolerance of a step of a short run over the error that is asked for.
-TOLERANCE = 1.5
-# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each step adds an error, and an
-# error of frequency moves positions apart with the square of time.
-GROWTH = 12.0
 # Part of the run from which the number of steps is estimated.
 PILOT = 0.05
-# Steps of a run over those of the run before it, at least.
-REFINEMENT = 1.25
 # Estimates are taken times this, and proportional is what differs by less.
 MARGIN = 1.4
 # Local errors of a better run are neglected below this part of an error.
 SMALL = 0.1
-# Steps below which no error is extrapolated: the sum of few local errors is a poor estimate.
-FEW = 60
 # Runs of one method at most.
 RUNS = 8
 # The smallest tolerance of a step, over the size: some fifty roundings of a position in double. Single
@@ -79,20 +70,11 @@ class Attempts:
         options = options or self.options
         smallest = self.smallest(options)
         tolerance = max(tolerance, smallest)
+        followed = frames, None if frames is None else self._watch
         while True:
             try:
-                return self._add(
-                    integrate(
-                        self.scene,
-                        self.duration,
-                        tolerance,
-                        options,
-                        frames,
-                        None if frames is None else self._watch,
-                        given=given,
-                        most=self._left,
-                    )
-                )
+                run = integrate(self.scene, self.duration, tolerance, options, *followed, given=given, most=self._left)
+                return self._add(run)
             except UnstableError:
                 if given is not None or tolerance <= smallest:
                     raise
@@ -104,16 +86,9 @@ class Attempts:
 
     def steps_ahead(self, tolerance: float) -> float:
         """Steps of a run with error control, from the first part of it."""
-        watch = Watch()
+        watch, tolerance = Watch(), max(tolerance, self.smallest(self.options))
         try:
-            run = integrate(
-                self.scene,
-                PILOT * self.duration,
-                max(tolerance, self.smallest(self.options)),
-                self.options,
-                watch=watch,
-                most=self._left,
-            )
+            run = integrate(self.scene, PILOT * self.duration, tolerance, self.options, watch=watch, most=self._left)
         except UnstableError:
             return 0.0
         except KeyboardInterrupt:

@@ -61,20 +61,8 @@ class DisplayedRun:
         """
         from ..viewing.picture import picture_of_run
 
-        return picture_of_run(
-            self,
-            frame,
-            t,
-            path,
-            camera,
-            width,
-            color=color,
-            limits=limits,
-            label=label,
-            shadow=shadow,
-            ground=ground,
-            perspective=perspective,
-        )
+        style = camera, width, color, limits, label, shadow, ground, perspective
+        return picture_of_run(self, frame, t, path, *style)
 
     def plot(self, path: str | Path | None = None, *, log: bool = False) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -169,20 +157,8 @@ class DisplayedRun:
         """
         from ..viewing.animation import animate
 
-        return animate(
-            self,
-            path,
-            fps,
-            speed,
-            camera,
-            width,
-            color=color,
-            limits=limits,
-            label=label,
-            shadow=shadow,
-            ground=ground,
-            perspective=perspective,
-        )
+        style = camera, width, color, limits, label, shadow, ground, perspective
+        return animate(self, path, fps, speed, *style)
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser.

@@ -137,20 +137,9 @@ class Solution:
         fixed = options.integrator == "rk4"
         evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
         step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else min(run.dt, t[-1] - t[0] or run.dt)
-        return cls(
-            options,
-            t,
-            *run.arrays(),
-            run.steps,
-            run.rejected,
-            evaluations,
-            run.wall_time,
-            run.watched,
-            step,
-            state,
-            run.continuation,
-            grid or Steps(),
-        )
+        x, v = run.arrays()
+        cost = run.steps, run.rejected, evaluations, run.wall_time
+        return cls(options, t, x, v, *cost, run.watched, step, state, run.continuation, grid or Steps())
 
 
 def integrate(

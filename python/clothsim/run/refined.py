@@ -25,27 +25,21 @@ import math
 
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
-from .attempts import (
-    FEW,
-    GROWTH,
-    LEAST,
-    MARGIN,
-    MOST,
-    NOT_REACHED,
-    ORDER,
-    REFINEMENT,
-    ROUNDING,
-    RUNS,
-    SMALL,
-    TOLERANCE,
-    UNSTABLE,
-    Attempts,
-    Exhausted,
-)
+from .attempts import LEAST, MARGIN, MOST, NOT_REACHED, ORDER, ROUNDING, RUNS, SMALL, UNSTABLE, Attempts, Exhausted
 from .estimate import CONTACT, Controlled, Estimate
 from .fixed_steps import Solution, size_of
 from .frames import Schedule
 
+# As the constants of `attempts`, these are ratios, found in the same way.
+# Tolerance of a step of a short run over the error that is asked for.
+TOLERANCE = 1.5
+# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each step adds an error, and an
+# error of frequency moves positions apart with the square of time.
+GROWTH = 12.0
+# Steps of a run over those of the run before it, at least.
+REFINEMENT = 1.25
+# Steps below which no error is extrapolated: the sum of few local errors is a poor estimate.
+FEW = 60
 # Part of the local errors that a refinement leaves, at most and at least.
 _FALL = REFINEMENT**-ORDER
 _LEAST_FALL = SMALL**4

@@ -261,11 +261,8 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
         run = so_far("callback")
         assert run is not None  # the callback was called for a frame of it
         return run
-    except UnstableError as error:
-        error.run = so_far("unstable")
-        raise
-    except ContactError as error:
-        error.run = so_far("contact")
+    except (UnstableError, ContactError) as error:
+        error.run = so_far("unstable" if isinstance(error, UnstableError) else "contact")
         raise
     except Exception as error:
         with suppress(Exception):  # as where memory lacks
@@ -278,27 +275,11 @@ def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: 
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
-    snapshot = take(solution.state, scene, solution.options)
-    return Run(
-        scene,
-        np.array(solution.t),
-        solution.x,
-        solution.v,
-        report(scene, solution, account, stopped),
-        snapshot,
-        solution.continuation,
-    )
+    snapshot, found = take(solution.state, scene, solution.options), report(scene, solution, account, stopped)
+    return Run(scene, np.array(solution.t), solution.x, solution.v, found, snapshot, solution.continuation)
 
 
-def resume(
-    run: Run,
-    duration: float,
-    every: Every | None,
-    times: npt.ArrayLike | None,
-    fps: float | None,
-    callback: Callable[[float, Any, Any], Any] | None,
-    progress: bool,
-) -> Run:
+def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, callback: Any, progress: bool) -> Run:
     """`Run.resume`."""
     snapshot, before = run.snapshot, run.continuation
     if snapshot is None or before is None:

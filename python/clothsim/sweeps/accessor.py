@@ -112,9 +112,8 @@ def member_run(dataset: xarray.Dataset, identity: Mapping[str, Any], selection: 
     grid = Grid([_axis(entry) for entry in identity["over"]])
     index = _index(grid, _selected(dataset, selection))
     member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), options)
-    numerics = {**member.numerics, **member.steps_by, "sampling": options.sampling}
     try:
-        return simulate(member.scene, member.duration, every=every, **numerics)
+        return simulate(member.scene, member.duration, every=every, sampling=options.sampling, **member.settings)
     except (UnstableError, ContactError) as error:
         if not isinstance(error.run, Run):
             raise

@@ -134,9 +134,9 @@ class Member:
         return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel, "strict": self.strict}
 
     @property
-    def steps_by(self) -> dict[str, Any]:
-        """Arguments of `simulate` that choose its steps."""
-        return {"rtol": self.rtol, "atol": self.atol} if self.controlled else {"dt": self.dt}
+    def settings(self) -> dict[str, Any]:
+        """Arguments of `simulate`: those of `Stepper`, and those that choose its steps."""
+        return {**self.numerics, **({"rtol": self.rtol, "atol": self.atol} if self.controlled else {"dt": self.dt})}
 
     @property
     def controlled(self) -> bool:

@@ -124,17 +124,9 @@ def run_controlled(member: Member, options: SweepOptions, threads: int | None = 
     """Run a member whose step is chosen by `rtol` and `atol`, alone. `pause` is called before the run, not during it."""
     outcome = Outcome(member)
     pause(0.0)
-    every = as_every(options.every)
+    given = {**member.settings, "every": as_every(options.every), "threads": threads, "sampling": options.sampling}
     try:
-        run = simulate(
-            member.scene,
-            member.duration,
-            every=every,
-            threads=threads,
-            sampling=options.sampling,
-            **member.numerics,
-            **member.steps_by,
-        )
+        run = simulate(member.scene, member.duration, **given)
     except (UnstableError, ContactError) as error:
         outcome.error = error
         return outcome

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..base import check, files
 from ..base.extras import how_to_install, needed
 from ..base.progress import ProgressBar
-from .drawing import Drawing
+from .drawing import Drawing, Style
 from .picture import file_path
 
 # Effort of WebP, 0 to 6, by films of 181 pictures. At 4 a film is 2 % smaller and takes 1.5 times as long. At 6 it is 6 %
@@ -52,16 +52,7 @@ class Film:
         return [int(d) for d in np.diff(ends)]
 
 
-def animate(
-    run: Any,
-    path: str | Path,
-    fps: float = 30.0,
-    speed: float = 1.0,
-    camera: Any = None,
-    width: int = 640,
-    progress: bool = False,
-    **style: Any,
-) -> Path:
+def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, *style: Any, progress: bool = False) -> Path:
     """`Run.animate`; with `progress`, a bar counts pictures."""
     path = film_path("path", path)
     suffix = path.suffix.lower()
@@ -72,7 +63,7 @@ def animate(
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "
             "simulate with every= (seconds or steps between frames)"
         )
-    drawing = Drawing(run.scene, run.x, run.v, run.t, camera, width, **style)
+    drawing = Drawing(run.scene, run.x, run.v, run.t, Style(*style))
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)

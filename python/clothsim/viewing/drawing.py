@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,44 +21,40 @@ GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all tha
 Floats = npt.NDArray[np.float64]
 
 
+class Style(NamedTuple):
+    """The arguments of `clothsim.picture` that say how a state is drawn."""
+
+    camera: Any = None
+    width: int = 640
+    color: Any = "faces"
+    limits: Any = None
+    label: bool = False
+    shadow: bool = False
+    ground: bool | float = False
+    perspective: bool = False
+
+
 class Drawing:
-    """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,).
+    """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,); `v` may be None."""
 
-    `v` may be None; the other arguments are those of `clothsim.picture`.
-    """
-
-    def __init__(
-        self,
-        scene: Any,
-        x: Floats,
-        v: Floats | None,
-        t: Floats,
-        camera: Any,
-        width: int,
-        *,
-        color: Any = "faces",
-        limits: Any = None,
-        label: bool = False,
-        shadow: bool = False,
-        ground: bool | float = False,
-        perspective: bool = False,
-    ) -> None:
+    def __init__(self, scene: Any, x: Floats, v: Floats | None, t: Floats, style: Style) -> None:
         self.scene, self.x, self.t = scene, x, t
-        self.width = check.integer("width", width, minimum=16, maximum=WIDEST)
-        self.label, self.shadow = check.boolean("label", label), check.boolean("shadow", shadow)
+        self.width = check.integer("width", style.width, minimum=16, maximum=WIDEST)
+        self.label, self.shadow = check.boolean("label", style.label), check.boolean("shadow", style.shadow)
         if self.label and self.width < LEAST_WIDTH:
-            raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {width}")
+            raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}")
         self.ground: Ground | None = None
-        if ground is not False:
+        if style.ground is not False:
             low, high = extremes(scene, x, t, np.eye(3))
-            height = float(low[1]) if ground is True else check.number("ground", ground)
+            height = float(low[1]) if style.ground is True else check.number("ground", style.ground)
             middle = (low[0] + high[0]) / 2, height, (low[2] + high[2]) / 2
             self.ground = Ground(height, middle, GROUND_REACH * float(np.linalg.norm(high - low)))
-        self.camera: Camera = camera_for(camera, scene, x, t, perspective=check.boolean("perspective", perspective))
-        self.values = values_of(color, scene, x, v, t)
-        if self.values is None and limits is not None:
-            raise ValueError(f'limits must be None with color="faces", got {limits!r}')
-        self.scale = None if self.values is None else scale_of(color, self.values, limits)
+        perspective = check.boolean("perspective", style.perspective)
+        self.camera: Camera = camera_for(style.camera, scene, x, t, perspective=perspective)
+        self.values = values_of(style.color, scene, x, v, t)
+        if self.values is None and style.limits is not None:
+            raise ValueError(f'limits must be None with color="faces", got {style.limits!r}')
+        self.scale = None if self.values is None else scale_of(style.color, self.values, style.limits)
 
     def pixels(self, k: int) -> npt.NDArray[np.uint8]:
         """The picture of frame `k`, shape (height, width, 3)."""
@@ -71,14 +67,8 @@ class Drawing:
             shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
             free = ~cloth.pinned
             balls += [Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])]
+        threads = _core.available_threads()
         drawn = render(
-            x,
-            balls,
-            self.camera,
-            self.width,
-            colors=colors,
-            ground=self.ground,
-            shadow=self.shadow,
-            threads=_core.available_threads(),
+            x, balls, self.camera, self.width, colors=colors, ground=self.ground, shadow=self.shadow, threads=threads
         )
         return labelled(drawn, t, self.width / self.camera.width, self.scale) if self.label else drawn

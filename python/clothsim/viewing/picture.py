@@ -14,7 +14,7 @@ from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from . import png
-from .drawing import Drawing
+from .drawing import Drawing, Style
 
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
 
@@ -195,21 +195,8 @@ def picture(
     x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
     v = None if v is None else check.points("v", v, scene.cloth.shape)[None]
     path = None if path is None else file_path("path", path)
-    drawing = Drawing(
-        scene,
-        x[None],
-        v,
-        np.array([t]),
-        camera,
-        width,
-        color=color,
-        limits=limits,
-        label=label,
-        shadow=shadow,
-        ground=ground,
-        perspective=perspective,
-    )
-    drawn = Picture(drawing.pixels(0))
+    style = Style(camera, width, color, limits, label, shadow, ground, perspective)
+    drawn = Picture(Drawing(scene, x[None], v, np.array([t]), style).pixels(0))
     if path is not None:
         drawn.save(path)
     return drawn
@@ -228,13 +215,11 @@ def frame_index(run: Any, frame: int | None, t: float | None) -> int:
     return check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
 
 
-def picture_of_run(
-    run: Any, frame: int | None, t: float | None, path: str | Path | None, camera: Any, width: int, **style: Any
-) -> Picture:
+def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, *style: Any) -> Picture:
     """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
     k = frame_index(run, frame, t)
     path = None if path is None else file_path("path", path)
-    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, camera, width, **style).pixels(k))
+    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, Style(*style)).pixels(k))
     if path is not None:
         drawn.save(path)
     return drawn

@@ -163,14 +163,9 @@ class Playground:
         """
         with self.lock:
             scene = self.scene
-            cloth: dict[str, Any] = {}
-            if stiffness is not None:
-                cloth["stiffness"] = {**scene.cloth.family_stiffness, **stiffness}
-            if damping is not None:
-                cloth["damping"] = damping
-            if drag is not None:
-                cloth["drag"] = drag
-            if cloth:
+            whole = None if stiffness is None else {**scene.cloth.family_stiffness, **stiffness}
+            given = {"stiffness": whole, "damping": damping, "drag": drag}
+            if cloth := {name: value for name, value in given.items() if value is not None}:
                 scene = scene.replace(cloth=scene.cloth.replace(**cloth))
             if gravity is not None:
                 gravity = check.number("gravity", gravity)

@@ -28,6 +28,7 @@ BLUE, SAND, GREY, DARK, RED = (
     (255 * color).round().astype(int).tolist() for color in (CLOTH_FRONT, CLOTH_BACK, SPHERE, PIN, PENETRATION)
 )
 PICKED = (204, 121, 167)
+NO_SHADOWS = {"cast_shadow": False, "receive_shadow": False}
 
 NOTHING = np.zeros((3, 3), np.float32)  # corners of a triangle without area: a mesh needs one
 
@@ -58,9 +59,7 @@ class Stage:
         self._place_camera(x)
 
     def _mesh(self, name: str, color: Any, side: str, x: Any = NOTHING, faces: Any = ((0, 1, 2),)) -> Any:
-        return self.server.scene.add_mesh_simple(
-            name, np.float32(x), np.uint32(faces), color=color, side=side, cast_shadow=False, receive_shadow=False
-        )
+        return self.server.scene.add_mesh_simple(name, np.float32(x), np.uint32(faces), color=color, side=side, **NO_SHADOWS)
 
     def _build_cloth(self, x: Floats) -> None:
         sides = (("front", BLUE), ("back", SAND))
@@ -74,16 +73,8 @@ class Stage:
     def _build_spheres(self) -> None:
         self.balls, self.gizmos = [], []
         for k, (sphere, center) in enumerate(zip(self.playground.scene.spheres, self.playground.centers())):
-            ball = self.server.scene.add_icosphere(
-                f"/spheres/{k}",
-                1.0,
-                GREY,
-                subdivisions=4,
-                scale=sphere.radius,
-                position=tuple(center),
-                cast_shadow=False,
-                receive_shadow=False,
-            )
+            place = {"scale": sphere.radius, "position": tuple(center)}
+            ball = self.server.scene.add_icosphere(f"/spheres/{k}", 1.0, GREY, subdivisions=4, **place, **NO_SHADOWS)
             self.balls.append(ball)
 
             def drag(place: Any, k: int = k) -> None:
