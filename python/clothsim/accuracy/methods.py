@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -200,16 +200,9 @@ class Own:
 
     def solve(self, scene: Scene, duration: float, setting: float) -> Outcome:
         adaptive = self.control == "rtol"
-        run = simulate(
-            scene,
-            duration,
-            integrator=self.integrator,
-            precision=self.precision,
-            threads=self.threads,
-            dt=None if adaptive else setting,
-            rtol=setting if adaptive else None,
-            max_evaluations=_MOST_EVALUATIONS if adaptive else None,
-        )
+        by: dict[str, Any] = {"rtol": setting, "max_evaluations": _MOST_EVALUATIONS} if adaptive else {"dt": setting}
+        method: dict[str, Any] = {"integrator": self.integrator, "precision": self.precision, "threads": self.threads}
+        run = simulate(scene, duration, **method, **by)
         report = run.report
         return Outcome(run.x[-1], run.v[-1], report["solution_evaluations"], report["wall_time"])
 

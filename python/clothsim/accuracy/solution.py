@@ -234,21 +234,15 @@ def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.nda
 
 
 def _assemble(scene: Scene, arrays: dict[str, np.ndarray], kept: str) -> Reference:
-    evaluations = arrays["force_evaluations"]
-    return Reference(
-        scene,
-        arrays["t"],
-        arrays["x"],
-        arrays["v"],
-        {"max": arrays["bound"][0], "rms": arrays["bound"][1]},
-        {"max": arrays["estimate"][0], "rms": arrays["estimate"][1]},
-        {
-            "methods": METHODS,
-            "force_evaluations": dict(zip(METHODS, map(int, evaluations), strict=True)),
-            "wall_time": float(arrays["wall_time"]),
-            "kept": kept,
-        },
-    )
+    frames = arrays["t"], arrays["x"], arrays["v"]
+    bound, estimate = (dict(zip(("max", "rms"), arrays[name], strict=True)) for name in ("bound", "estimate"))
+    report = {
+        "methods": METHODS,
+        "force_evaluations": dict(zip(METHODS, map(int, arrays["force_evaluations"]), strict=True)),
+        "wall_time": float(arrays["wall_time"]),
+        "kept": kept,
+    }
+    return Reference(scene, *frames, bound, estimate, report)
 
 
 def extrapolation(

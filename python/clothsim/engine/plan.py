@@ -28,7 +28,7 @@ def in_cells(sphere: Sphere) -> bool:
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
-        cloth=core_cloth(scene),
+        cloth=core_cloth(scene.cloth),
         gravity=scene.gravity,
         force=scene.force,
         **core_pins(scene),

@@ -103,7 +103,7 @@ class State:
         different = scenes[:1] if one_scene else scenes
         on_gpu = self.options.backend == "gpu"
         plans: list[Any] = list(different) if on_gpu else [core_plan(one, self.options) for one in different]
-        cloths = [core_cloth(one) if on_gpu else one.cloth for one in plans]
+        cloths = [core_cloth(one.cloth) if on_gpu else one.cloth for one in plans]
         limits = [guaranteed_dt(cloth, self.options.integrator) for cloth in cloths]
         each = len(scenes) // len(different)
         return _Compiled(plans * each, limits * each)

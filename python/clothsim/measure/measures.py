@@ -73,7 +73,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     """
     x, v = state_arrays(x, v, [check.instance("scene", scene, Scene)], False)
     x, v = x.astype(np.float64), v.astype(np.float64)
-    cloth = core_cloth(scene)
+    cloth = core_cloth(scene.cloth)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
     parts = np.array([_core.energy(cloth, scene.gravity, scene.force, *one) for one in zip(*batch)])
     with np.errstate(over="ignore", invalid="ignore"):
@@ -198,7 +198,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1
     """
-    cloth = core_cloth(check.instance("scene", scene, Scene))
+    cloth = core_cloth(check.instance("scene", scene, Scene).cloth)
     x, _ = state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0

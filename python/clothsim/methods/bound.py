@@ -30,7 +30,7 @@ def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """The guaranteed time step of a scene [s]."""
-    return guaranteed_dt(core_cloth(scene), integrator)
+    return guaranteed_dt(core_cloth(scene.cloth), integrator)
 
 
 # A sweep asks for thousands of cloths of few kinds, and every call of `step` asks again.

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import Any
 
-from .. import _core
+from ..model.as_core import core_cloth
+from ..model.cloth import Cloth
+from ..model.scene import Scene
 from .region import box_limit
-
-if TYPE_CHECKING:
-    from ..model.scene import Scene
 
 _TIE = 0.95  # families whose removal lowers the bound by this part of the most are named together
 
@@ -96,61 +95,17 @@ def _rounded_down(value: float) -> float:
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
     """The term that limits the step that `max_stable_dt` guarantees for a scene."""
-    cloth = scene.cloth
-    families = cloth.families
-    return _limiting_term(
-        cloth.shape,
-        cloth.spacing,
-        tuple(cloth.family_stiffness[f] for f in families),
-        tuple(cloth.family_damping[f] for f in families),
-        families,
-        cloth.drag,
-        cloth.uniform_mass,
-        cloth.mass_per_point.tobytes(),
-        cloth.pinned.tobytes(),
-        integrator,
-    )
-
-
-def _without(values: dict[str, float], family: str) -> dict[str, float]:
-    return {**values, family: 0.0}
+    return _term_of(scene.cloth, integrator)
 
 
 @lru_cache(maxsize=64)
-def _limiting_term(
-    shape: tuple[int, int],
-    spacing: tuple[float, float],
-    stiffness: tuple[float, ...],
-    damping: tuple[float, ...],
-    families: tuple[str, ...],
-    drag: float,
-    uniform_mass: bool,
-    mass: bytes,
-    pinned: bytes,
-    integrator: str,
-) -> LimitingTerm:
-    import numpy as np
-
-    masses = np.frombuffer(mass).reshape(shape)
-    pins = np.frombuffer(pinned, bool).reshape(shape)
-
-    def bounds(k: dict[str, float], c: dict[str, float], point: float) -> tuple[float, float]:
-        omega2, delta = _core.Cloth(
-            rows=shape[0],
-            columns=shape[1],
-            row_spacing=spacing[0],
-            column_spacing=spacing[1],
-            stiffness=k,
-            spring_damping=c,
-            drag=point,
-            mass=masses,
-            uniform_mass=uniform_mass,
-            pinned=pins,
-        ).mode_bounds
+def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
+    def bounds(**changes: Any) -> tuple[float, float]:
+        omega2, delta = core_cloth(cloth.replace(**changes)).mode_bounds
         return math.sqrt(omega2), delta
 
-    k, c = dict(zip(families, stiffness)), dict(zip(families, damping))
-    omega, delta = bounds(k, c, drag)
+    k, c = cloth.family_stiffness, cloth.family_damping
+    omega, delta = bounds()
     limit = box_limit(integrator, omega, delta)
     alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
@@ -159,13 +114,13 @@ def _limiting_term(
         return LimitingTerm("method", (), (), (), limit, omega, delta, integrator)
     if alone[1] < alone[0]:
         kind, values, factor = "damping", c, alone[1] / alone[0]
-        left = {f: bounds(k, _without(c, f), drag)[1] for f in families}
-        left["points"] = bounds(k, c, 0.0)[1]
-        values = {**c, "points": drag}
+        left = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
+        left["points"] = bounds(drag=0.0)[1]
+        values = {**c, "points": cloth.drag}
         whole = delta
     else:
         kind, values, factor = "stiffness", k, (alone[0] / alone[1]) ** 2
-        left = {f: bounds(_without(k, f), c, drag)[0] for f in families}
+        left = {f: bounds(stiffness={**k, f: 0.0})[0] for f in k}
         whole = omega
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from .. import _core
+from .cloth import Cloth
 from .motion import Keyframes, Linear, Motion, Reciprocate
 from .scene import Scene
 
 
-def core_cloth(scene: Scene) -> _core.Cloth:
+def core_cloth(cloth: Cloth) -> _core.Cloth:
     """The cloth as the core takes it."""
-    cloth = scene.cloth
     row_spacing, column_spacing = cloth.spacing
     return _core.Cloth(
         rows=cloth.rows,

@@ -120,6 +120,6 @@ def fabric_scene(
     mass = fabric.area_density * blank.size[0] * blank.size[1]
     stiffness = spring_stiffness(fabric, blank.spacing, fold)
     cloth = Cloth(blank.shape, blank.size, mass, stiffness, 0.0)
-    square, _ = core_cloth(Scene(cloth)).mode_bounds
+    square, _ = core_cloth(cloth).mode_bounds
     beta = 2 * damping_ratio / math.sqrt(square)
     return Scene(cloth.replace(damping={f: beta * k for f, k in stiffness.items()}))

@@ -163,9 +163,9 @@ def integrate(
     if resumed is None:
         state = options.state(scene)
         earlier, longest = Continuation(options.start), duration
-        stiffness, _ = core_cloth(scene).mode_bounds
+        stiffness, _ = core_cloth(scene.cloth).mode_bounds
         rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
-        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene), options.integrator))
+        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene.cloth), options.integrator))
     else:
         state, earlier = resumed.state(scene, options), resumed.continuation
         assert earlier.control is not None

@@ -159,7 +159,7 @@ def _method(runs: Attempts, asked: float, frames: Schedule) -> _Method:
         smallest = runs.smallest(runs.options)
         first = max(asked, smallest)
         return _Method(first, smallest, 1.0, lambda setting: runs.adaptive(setting, frames))
-    cloth = core_cloth(runs.scene)
+    cloth = core_cloth(runs.scene.cloth)
     order = integrator.order_of(runs.scene)
     cost = integrator.evaluations_per_step(runs.scene.cloth.damped)
     first = min(usable_dt(cloth, runs.options.integrator), runs.duration / 4)

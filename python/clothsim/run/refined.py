@@ -91,7 +91,7 @@ def _first_tolerance(runs: Attempts, asked: float) -> float:
     of damped motion are forgotten.
     """
     tolerance = TOLERANCE * asked
-    _, damping = core_cloth(runs.scene).mode_bounds
+    _, damping = core_cloth(runs.scene.cloth).mode_bounds
     motion = runs.steps_ahead(tolerance) * (tolerance / size_of(runs.scene)) ** (1 / ORDER)
     kept = 1 + damping * runs.duration / 2
     return float(tolerance / (1 + (motion / kept / GROWTH) ** 3))

@@ -87,7 +87,7 @@ class Playground:
 
     def _affordable_dt(self, part: float, least: float = 0.0) -> float:
         """The shortest time step of `LADDER` above `least` whose stepping takes at most `part` of the wall time."""
-        ceiling = 0.5 * usable_dt(core_cloth(self.scene), self.options["integrator"])
+        ceiling = 0.5 * usable_dt(core_cloth(self.scene.cloth), self.options["integrator"])
         wanted = (dt for dt in LADDER if dt > least and self.cost * self.speed <= part * dt)
         return min(ceiling, next(wanted, LADDER[-1]))
 
@@ -179,7 +179,7 @@ class Playground:
             options = self.options
             if integrator is not None:
                 options = {**options, "integrator": check.choice("integrator", integrator, integrators())}
-            ceiling = 0.5 * usable_dt(core_cloth(scene), options["integrator"]) if follows else math.inf
+            ceiling = 0.5 * usable_dt(core_cloth(scene.cloth), options["integrator"]) if follows else math.inf
             limit = max_stable_dt(scene, options["integrator"])
             if options != self.options:
                 state = self.stepper.positions, self.stepper.velocities
