@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from .stability.map import stability_map
     from .sweeps import open_sweep, sweep
     from .sweeps.fields import sweepable
-    from .viewing.window import view
+    from .viewing.live import view
     from .viewing.camera import Camera
     from .viewing.page import compare
     from .viewing.picture import Picture, picture

@@ -13,8 +13,7 @@ from clothsim.accuracy import fastest, methods
 from clothsim.accuracy import work_plot as plots
 from clothsim.accuracy import work_table as tables
 from clothsim.accuracy.front import Front, Row, cheapest
-from clothsim.accuracy.labelled import pareto
-from clothsim.accuracy.measured import Measured
+from clothsim.accuracy.measured import Measured, pareto
 from clothsim.accuracy.methods import Outcome, own_methods
 from clothsim.cli import main
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from clothsim import _core
-from clothsim.gpu.springs import springs
+from clothsim.gpu.shader import springs
 from clothsim.model.cloth import FAMILIES, Cloth
 
 ROOT = Path(__file__).parents[2]

@@ -6,8 +6,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.methods.region import mode_limit
+from clothsim.stability.map import is_stable
 from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
-from clothsim.stability.trial import is_stable
 from variants import pairs
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)

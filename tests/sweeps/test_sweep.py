@@ -4,7 +4,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.sweeps.member import Member, SweepOptions
-from clothsim.sweeps.reference import solve
+from clothsim.sweeps.metrics import solve
 from clothsim.sweeps.task import Batch
 
 xarray = pytest.importorskip("xarray")
@@ -203,11 +203,11 @@ def test_with_tolerances_too():
 
 
 def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
-    from clothsim.sweeps import reference
+    from clothsim.sweeps import metrics
 
     solved = []
-    monkeypatch.setattr(reference, "_kept", reference._Kept())
-    monkeypatch.setattr(reference, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args))
+    monkeypatch.setattr(metrics, "_kept", metrics._Kept())
+    monkeypatch.setattr(metrics, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args))
     over = {"stiffness": [100.0, 200.0], "dt": [1e-3, 2e-3], "precision": ["single", "double"]}
     assert BALL.cloth.stiffness == 200.0
     shared = sweep(BALL, over, duration=0.05, metrics="error")

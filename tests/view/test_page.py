@@ -8,7 +8,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
-from clothsim.viewing.curves import PARTS
+from clothsim.viewing.chart import PARTS
 from clothsim.viewing.packing import pack, point_stretch
 from clothsim.viewing.page import _page
 from pages import frames, pixels, seek

@@ -199,7 +199,7 @@ def test_plot_has_the_run_s_figures(run, tmp_path):
 
 
 def test_contacts_are_the_points_within_the_contact_radius():
-    from clothsim.viewing.curves import touching
+    from clothsim.viewing.chart import touching
 
     cloth = cs.Cloth((11, 11), pins=())  # spacing 0.1 m: near is 3.125 mm
     sphere = cs.Sphere((0.5, -0.25, 0.5), 0.25, offset="none", response="ray")

@@ -16,8 +16,7 @@ from ..base.progress import ProgressBar
 from ..base.table import aligned
 from ..model.scene import Scene
 from ..typing import Precision
-from .labelled import label
-from .measured import Bench, Measured
+from .measured import Bench, Measured, label
 from .methods import OWN, Method, chosen_methods
 from .order import solution_for
 from .solution import Reference

@@ -12,8 +12,7 @@ from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
 from ..model.scene import Scene
 from ..typing import Precision
-from .labelled import dataset
-from .measured import Bench, Measured
+from .measured import Bench, Measured, dataset
 from .methods import Method, chosen_methods
 from .order import solution_for
 from .solution import Reference

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from clothsim.viewing.window import view
+from clothsim.viewing.live import view
 
 from ._common import add_command
 from ._scenes import SCENE_HELP, add_changes, changed_scene

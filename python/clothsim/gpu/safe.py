@@ -1,13 +1,34 @@
-"""The last state that was copied back, which outlives the adapter."""
+"""The clock of a run, and the last state that was copied back, which outlives the adapter."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .clock import Clock
+
+@dataclass(frozen=True)
+class Clock:
+    """Times in s, with the core's bits: that of step k is counted from an origin, so that rounding does not add up."""
+
+    origin: float
+    steps: int = 0
+    dt: float = 0.0
+
+    def at(self, further: int) -> float:
+        return self.origin + float(self.steps + further) * self.dt
+
+    def now(self) -> float:
+        return self.at(0)
+
+    def after(self, steps: int) -> Clock:
+        return replace(self, steps=self.steps + steps)
+
+    def with_step(self, dt: float) -> Clock:
+        return self if dt == self.dt else Clock(self.now(), 0, dt)
+
 
 # The state is copied back this often, as long as that takes no more than this part of the time.
 SECONDS_BETWEEN_COPIES = 1.0

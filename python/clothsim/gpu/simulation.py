@@ -15,10 +15,9 @@ from ..base.interrupts import Interrupts
 from ..model.scene import Scene
 from . import device as devices
 from .block import MOST_STEPS_UNCHECKED, Block
-from .clock import Clock
 from .device import AdapterLostError, Device, translated
 from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
-from .safe import SafeCopy
+from .safe import Clock, SafeCopy
 from .shader import check_scenes
 
 # The state is inspected after as many steps as this takes [s], or fewer.

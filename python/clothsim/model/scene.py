@@ -142,7 +142,7 @@ class Scene(Record):
 
     @cached_property
     def engines(self) -> dict[Any, Any]:
-        """Engines of the core that are kept for the next call with this scene; see `clothsim.engine.calls`."""
+        """Engines of the core that are kept for the next call with this scene; see `clothsim.engine.stepping`."""
         return {}
 
     @cached_property

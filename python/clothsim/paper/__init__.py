@@ -18,12 +18,12 @@ from clothsim.scenes import PAPER_DT
 from ..base import check
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from . import gpu_report, gpu_runs, paper_tables, performance, pictures
+from . import gpu_report, gpu_runs, paper_report, performance, pictures
 from . import paper_page as page
 from . import paper_plots as plots
 from . import published as paper
 from . import responses as contact
-from .gallery import write_gallery
+from .paper_page import write_gallery
 from .paper_report import text, write
 from .paper_settings import FULL, QUICK, Settings, reductions
 from .side_by_side import RESPONSES, SCENES, comparison
@@ -159,7 +159,7 @@ def _notes(entry: dict[str, Any]) -> list[str]:
         if h["failure"]
     ]
     if "agreement" in entry:
-        agreement = paper_tables.number(entry["agreement"])
+        agreement = paper_report.number(entry["agreement"])
         notes.append(
             f"After {entry['agreement_steps']} steps, positions of core and reference differ by at most {agreement} m."
         )

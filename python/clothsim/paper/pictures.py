@@ -13,8 +13,8 @@ from clothsim.typing import Report
 
 from ..base.plots import figure, save
 from . import responses as contact
+from .paper_report import number
 from .paper_settings import Settings
-from .paper_tables import number
 from .responses import Case, Experiment
 
 FRONT = (1.0, 0.6, 1.3)

@@ -13,7 +13,7 @@ from ..machine.build import build_config
 from ..measure.measures import energy
 from ..model.scene import Scene
 from ..typing import Report
-from .estimate import NOT_ASKED, Controlled, Estimate
+from .attempts import NOT_ASKED, Controlled, Estimate
 from .fixed_steps import Solution
 from .frames import Floats
 

@@ -18,8 +18,7 @@ import math
 
 from ..base.interrupts import Interrupts
 from ..model.scene import Scene
-from .attempts import Attempts, Exhausted
-from .estimate import Controlled, Estimate
+from .attempts import Attempts, Controlled, Estimate, Exhausted
 from .fixed_steps import RunOptions, Solution
 from .frames import Schedule
 from .named import compared, estimated

@@ -18,8 +18,23 @@ from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integration import integrators
 from ..model.as_core import core_cloth
-from .attempts import LEAST, MARGIN, MOST, NO_FINER, NOT_REACHED, ORDER, ROUNDING, RUNS, SMALL, UNSTABLE, Attempts, Exhausted
-from .estimate import CONTACT, Controlled, Estimate
+from .attempts import (
+    CONTACT,
+    LEAST,
+    MARGIN,
+    MOST,
+    NO_FINER,
+    NOT_REACHED,
+    ORDER,
+    ROUNDING,
+    RUNS,
+    SMALL,
+    UNSTABLE,
+    Attempts,
+    Controlled,
+    Estimate,
+    Exhausted,
+)
 from .fixed_steps import Solution, rms, size_of
 from .frames import Schedule
 

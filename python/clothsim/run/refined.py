@@ -25,8 +25,22 @@ import math
 
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
-from .attempts import LEAST, MARGIN, MOST, NOT_REACHED, ORDER, ROUNDING, RUNS, SMALL, UNSTABLE, Attempts, Exhausted
-from .estimate import CONTACT, Controlled, Estimate
+from .attempts import (
+    CONTACT,
+    LEAST,
+    MARGIN,
+    MOST,
+    NOT_REACHED,
+    ORDER,
+    ROUNDING,
+    RUNS,
+    SMALL,
+    UNSTABLE,
+    Attempts,
+    Controlled,
+    Estimate,
+    Exhausted,
+)
 from .fixed_steps import Solution, size_of
 from .frames import Schedule
 

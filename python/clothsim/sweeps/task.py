@@ -21,7 +21,7 @@ from ..run.frames import Schedule, as_every
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
-from .reference import incomparable, references
+from .metrics import incomparable, references
 
 # Members of a call; more save nothing, and all of their states are held at once.
 _LARGEST_BATCH = 64

@@ -15,8 +15,7 @@ import numpy.typing as npt
 from ..base import check, files
 from ..base.extras import how_to_install, needed
 from ..base.progress import ProgressBar
-from .drawing import Drawing, Style
-from .picture import file_path
+from .picture import Drawing, Style, file_path
 
 # Effort of WebP, 0 to 6, by films of 181 pictures. At 4 a film is 2 % smaller and takes 1.5 times as long. At 6 it is 6 %
 # smaller and takes 15 times as long. At 1 it is as large and as quick.

@@ -28,12 +28,11 @@ from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for
-from .curves import PARTS, curves
-from .drawing import PIN_SIZE
+from .chart import PARTS, curves
 from .notebook import Frame, runs_html
 from .packing import pack, point_stretch, tops_of
 from .page_controls import TURNED_BY, controls, few, small_print, views
-from .picture import file_path, picture
+from .picture import PIN_SIZE, file_path, picture
 
 Advance = Callable[[int], object]
 

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from ..model.mesh import triangles
 from .camera import camera_for, extremes
-from .drawing import PIN_SIZE
 from .lettering import length_in_words, nice_length
 from .palette import TITLES, TOP_PART, Scale, scale_of, values_of
+from .picture import PIN_SIZE
 from .playground import Playground
 from .raster import CLOTH_BACK, CLOTH_FRONT, PENETRATION, PIN, SPHERE
 
