@@ -25,7 +25,19 @@ from pathlib import Path
 
 from clothsim.gpu import adapters
 from clothsim.paper import gpu_report as report
-from clothsim.paper.gpu_runs import Settings, count, quick, run
+from clothsim.paper.gpu_runs import GPU, Settings, count, run
+from common import aligned
+
+QUICK = Settings(
+    sizes=(32, 128),
+    batches=(16,),
+    precisions=("single",),
+    runs=2,
+    seconds=0.2,
+    paper_seconds=0.2,
+    first_frames=4,
+    first_seconds=0.05,
+)
 
 
 def arguments():
@@ -60,7 +72,7 @@ def settings_of(args):
         "paper_seconds": args.paper_seconds,
     }
     changes = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items() if v is not None}
-    return replace(quick(Settings()) if args.quick else Settings(), **changes)
+    return replace(QUICK if args.quick else Settings(), **changes)
 
 
 def main():
@@ -74,6 +86,47 @@ def main():
     for adapter in measured:
         own = re.sub(r"\W+", "_", adapter.name).strip("_").lower()
         measure(settings, adapter, args.out, f"{args.name or 'gpu'}_{own}")
+
+
+def shortened(measurements):
+    """Which windows were ended early, in a sentence; empty if none was."""
+    some = [m for m in measurements if m.shortened]
+    if not some:
+        return []
+    limits = sorted({m.limit for m in some})
+    return [
+        f"* {len(some)} of {len(measurements)} measurements are means over fewer steps than asked: "
+        f"their windows were ended after {' or '.join(f'{limit:g}' for limit in limits)} s. "
+        f"The shortest held {min(min(m.steps) for m in some):,} of {some[0].asked:,} steps."
+    ]
+
+
+def text(measurements):
+    """The table, the crossovers and the first frames, to read."""
+    lines = [f"WARNING: {line}" for line in report.warnings(measurements)]
+    head = ("scene", "us/step", "cloth-steps/s", "ns/point-step", "times CPU", "frames", "by")
+    for (precision, method), group in report.by_table(measurements).items():
+        cells = []
+        for m in group:
+            gain = report.against_cpu(m, measurements)
+            numbers = [f"{value:.4g}" for value in (1e6 / m.rate, m.rate * m.members, 1e9 / (m.rate * m.points))]
+            frames = f"{report.frames_per_run(m):.3g}" + "*" * m.shortened
+            cells.append((report.scene_name(m), *numbers, "" if gain is None else f"{gain:.3g}", frames, m.target.name))
+        lines += ["", f"{precision}, method {method}", aligned(head, cells, left=(6,), rule=False)]
+    memory = {m.target.name: m.bandwidth for m in measurements}
+    lines += ["", *(f"Memory of {name}: {bandwidth / 1e9:.3g} GB/s" for name, bandwidth in memory.items())]
+    lines += ["", *shortened(measurements)]
+    lines += ["", "Where the shader becomes faster:", *report.crossovers(measurements)]
+    lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]
+    for m in measurements:
+        if m.target.kind == GPU and m.size == min(o.size for o in measurements) and m.members == 1:
+            first, last = m.first_frames[0][0], m.first_frames[0][-1]
+            lines.append(
+                f"{m.target.name}, {m.precision}, method {m.method}, {report.scene_name(m)}: made in "
+                f"{1e3 * m.setup[0]:.4g} ms, then {1e6 * first:.4g} us a step in the first frame, "
+                f"{1e6 * last:.4g} in frame {len(m.first_frames[0])}"
+            )
+    return "\n".join(lines)
 
 
 def measure(settings, adapter, out, name):
@@ -98,7 +151,7 @@ def measure(settings, adapter, out, name):
 
     measurements = run(settings, [adapter], advance=advance, finished=finished, left_out=left_out)
     print(file=sys.stderr)
-    print(report.text(measurements))
+    print(text(measurements))
     if missing:
         print("\nLeft out:", *missing, sep="\n  ")
     files = report.write(measurements, out, name)

@@ -125,7 +125,7 @@ __getattr__, __dir__ = _on_demand(
         "Picture": ".viewing.picture",
         "picture": ".viewing.picture",
         "compare": ".viewing.page",
-        "view": ".viewing.window",
+        "view": ".viewing.live",
     },
     also=("errors", "typing"),
 )

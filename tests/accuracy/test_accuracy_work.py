@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from clothsim.accuracy import cache as _cache
 from clothsim.accuracy import fastest, methods
-from clothsim.accuracy import work_plot as plots
 from clothsim.accuracy import work_table as tables
 from clothsim.accuracy.front import Front, Row, cheapest
 from clothsim.accuracy.measured import Measured, pareto
@@ -206,15 +205,15 @@ def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
 
 
 def test_csv_and_picture(data, tmp_path):
-    tables.write_csv(data, tmp_path / "runs.csv")
-    lines = (tmp_path / "runs.csv").read_text().splitlines()
+    table, *pictures = tables.write_runs(data, tmp_path / "runs")
+    lines = table.read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == 12 and tuple(rows[0]) == tables.COLUMNS
     assert float(rows[1]["rms_error"]) == float(data["rms_error"][0, 1])
     assert rows[0]["rms_error"] == "inf" and rows[1]["solver"] == "rk4 double"
     assert any(line.startswith("# duration: 0.1") for line in lines)
     pytest.importorskip("matplotlib")
-    path = plots.plot_work_precision(data, tmp_path / "runs.png")
+    (path,) = pictures
     assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 20_000
 
 

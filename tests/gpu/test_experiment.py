@@ -40,8 +40,8 @@ def test_the_crossover_is_the_size_from_which_on_the_shader_is_faster():
     assert found(speeds((32, 9, 10), (64, 5, 4), (128, 2, 3))) == 128  # not by a lucky small one
     assert found(speeds((32, 1, 2), (64, 1, 2))) == 32
     assert found(speeds((32, 9, 10), (64, 5, 4))) is None
-    text = report.text(speeds((32, 9, 1), (128, 2, 3)))
-    assert "faster than the CPU from 128 x 128 on (1.5 times there)" in text
+    (line,) = report.crossovers(speeds((32, 9, 1), (128, 2, 3)))
+    assert "faster than the CPU from 128 x 128 on (1.5 times there)" in line
 
 
 @pytest.mark.needs_no_adapter

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..base import files
-from ..base.table import aligned
+from ..base.table import aligned, write_csv
 from .work_plot import plot_work_precision
 
 COLUMNS = (
@@ -42,16 +40,6 @@ def rows_of(data: Any) -> list[dict[str, Any]]:
     return rows
 
 
-def write_csv(data: Any, path: Path) -> None:
-    """Write a dataset of `work_precision` as CSV: its attributes as lines that begin with #, then one line per run."""
-    with files.replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        for name, value in data.attrs.items():
-            file.write(f"# {name}: {value}\n")
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows_of(data))
-
-
 def write_runs(data: Any, start: str | Path) -> list[Path]:
     """Write a dataset of `work_precision` as CSV and, with matplotlib, as a picture.
 
@@ -77,8 +65,7 @@ def write_runs(data: Any, start: str | Path) -> list[Path]:
     ...     write_runs(data, Path(folder) / "oscillator")[0].name
     'oscillator.csv'
     """
-    written = [Path(f"{start}.csv")]
-    write_csv(data, written[0])
+    written = [write_csv(Path(f"{start}.csv"), rows_of(data), data.attrs)]
     if find_spec("matplotlib"):
         written.append(plot_work_precision(data, f"{start}.png"))
     return written

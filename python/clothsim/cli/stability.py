@@ -12,11 +12,12 @@ from clothsim.base import check
 from clothsim.engine.options import PRECISIONS
 from clothsim.hard_cases.case_table import hard_case_table, run_hard_cases
 from clothsim.stability.map import measure_map
-from clothsim.stability.map_report import map_table, plot_map, write_csv
+from clothsim.stability.map_report import map_rows, map_table, plot_map
 
 from ..base.extras import check_installed
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
+from ..base.table import write_csv
 from ._common import add_command, count, integrator, refuse_ignored
 from ._scenes import SCENE_HELP, scene_of
 
@@ -105,7 +106,7 @@ def _map(args: argparse.Namespace) -> None:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         plot_map(found, folder / "stability.png")
-        write_csv(found, folder / "stability.csv")
+        write_csv(folder / "stability.csv", map_rows(found))
     if args.json:
         data = {name: getattr(found, name) for name in (*found.__dataclass_fields__, "predicted")}
         print(as_json(data))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,8 @@ import clothsim as cs
 from clothsim.gpu import Adapter
 from clothsim.machine import processor
 
-from ..base.files import replacing
 from ..base.plots import BLUE, GREY, RED, figure, name_lines, save
-from ..base.table import aligned
+from ..base.table import write_csv
 from . import paper_settings
 from .gpu_runs import GPU, Measurement, run, settings_of
 
@@ -85,19 +83,6 @@ def frames_per_run(m: Measurement) -> float:
     return sum(m.steps) / (m.frame_steps * len(m.steps))
 
 
-def shortened(measurements: Sequence[Measurement]) -> list[str]:
-    """Which windows were ended early, in a sentence; empty if none was."""
-    some = [m for m in measurements if m.shortened]
-    if not some:
-        return []
-    limits = sorted({m.limit for m in some})
-    return [
-        f"* {len(some)} of {len(measurements)} measurements are means over fewer steps than asked: "
-        f"their windows were ended after {' or '.join(f'{limit:g}' for limit in limits)} s. "
-        f"The shortest held {min(min(m.steps) for m in some):,} of {some[0].asked:,} steps."
-    ]
-
-
 def scene_name(m: Measurement) -> str:
     """The size of a scene, and how many cloths it has."""
     return f"{m.size} x {m.size}" + (f", {m.members} cloths" if m.members > 1 else "")
@@ -153,43 +138,6 @@ def rows(measurements: Sequence[Measurement]) -> list[dict[str, Any]]:
             }
         )
     return result
-
-
-def write_csv(path: Path, entries: Sequence[dict[str, Any]]) -> Path:
-    """Write mappings of equal keys as lines of a CSV file."""
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(entries[0]))
-        writer.writeheader()
-        writer.writerows(entries)
-    return path
-
-
-def text(measurements: Sequence[Measurement]) -> str:
-    """The table, the crossovers and the first frames, to read."""
-    lines = [f"WARNING: {line}" for line in warnings(measurements)]
-    head = ("scene", "us/step", "cloth-steps/s", "ns/point-step", "times CPU", "frames", "by")
-    for (precision, method), group in by_table(measurements).items():
-        cells = []
-        for m in group:
-            gain = against_cpu(m, measurements)
-            numbers = [f"{value:.4g}" for value in (1e6 / m.rate, m.rate * m.members, 1e9 / (m.rate * m.points))]
-            frames = f"{frames_per_run(m):.3g}" + "*" * m.shortened
-            cells.append((scene_name(m), *numbers, "" if gain is None else f"{gain:.3g}", frames, m.target.name))
-        lines += ["", f"{precision}, method {method}", aligned(head, cells, left=(6,))]
-    memory = {m.target.name: m.bandwidth for m in measurements}
-    lines += ["", *(f"Memory of {name}: {bandwidth / 1e9:.3g} GB/s" for name, bandwidth in memory.items())]
-    lines += ["", *shortened(measurements)]
-    lines += ["", "Where the shader becomes faster:", *crossovers(measurements)]
-    lines += ["", "First frames of the first run (what the paper's first measurement has in it):"]
-    for m in measurements:
-        if m.target.kind == GPU and m.size == min(o.size for o in measurements) and m.members == 1:
-            first, last = m.first_frames[0][0], m.first_frames[0][-1]
-            lines.append(
-                f"{m.target.name}, {m.precision}, method {m.method}, {scene_name(m)}: made in "
-                f"{1e3 * m.setup[0]:.4g} ms, then {1e6 * first:.4g} us a step in the first frame, "
-                f"{1e6 * last:.4g} in frame {len(m.first_frames[0])}"
-            )
-    return "\n".join(lines)
 
 
 def write(measurements: Sequence[Measurement], folder: Path, name: str) -> list[Path]:

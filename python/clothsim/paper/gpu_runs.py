@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -112,18 +112,6 @@ class Settings:
     def limit(self, size: int, members: int) -> float:
         """Wall time after which a window of such a scene ends early [s]."""
         return self.paper_seconds if (size, members) == (PAPER_SIZE, 1) else self.seconds
-
-
-QUICK = Settings(
-    sizes=(32, 128),
-    batches=(16,),
-    precisions=("single",),
-    runs=2,
-    seconds=0.2,
-    paper_seconds=0.2,
-    first_frames=4,
-    first_seconds=0.05,
-)
 
 
 def touching_scene(size: int, method: int) -> tuple[cs.Scene, float]:
@@ -250,12 +238,6 @@ def count(settings: Settings, found: Sequence[Adapter] | None = None) -> int:
     """Runs that `run` makes at most."""
     everyone = sum(len(targets(p, found)) for p in settings.precisions)
     return everyone * len(cases(settings)) * len(settings.methods) * settings.runs
-
-
-def quick(settings: Settings) -> Settings:
-    """A copy of `settings` without the slow parts."""
-    names = ("sizes", "batches", "precisions", "runs", "seconds", "paper_seconds", "first_frames", "first_seconds")
-    return replace(settings, **{name: getattr(QUICK, name) for name in names})
 
 
 def available() -> tuple[list[Adapter], str]:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..base import files
 from ..base.plots import BLACK, BLUE, RED, figure, save, shown_axes
 from ..base.table import aligned
 from .map import StabilityMap
@@ -34,15 +32,20 @@ def map_table(found: StabilityMap) -> str:
     )
 
 
-def write_csv(found: StabilityMap, path: Path) -> None:
-    """One row per cell."""
-    with files.replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["stiffness", "dt", "stable", "predicted", "limit", "guarantee"])
-        for i, k in enumerate(found.stiffness):
-            for j, dt in enumerate(found.dt):
-                cells = (int(found.stable[i, j]), int(found.predicted[i, j]))
-                writer.writerow([float(k), float(dt), *cells, found.limit[i], found.guarantee[i]])
+def map_rows(found: StabilityMap) -> list[dict[str, Any]]:
+    """One row per cell, for a CSV file."""
+    return [
+        {
+            "stiffness": float(k),
+            "dt": float(dt),
+            "stable": int(found.stable[i, j]),
+            "predicted": int(found.predicted[i, j]),
+            "limit": found.limit[i],
+            "guarantee": found.guarantee[i],
+        }
+        for i, k in enumerate(found.stiffness)
+        for j, dt in enumerate(found.dt)
+    ]
 
 
 def plot_map(found: StabilityMap, path: Path) -> None:
