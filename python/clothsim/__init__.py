@@ -47,8 +47,9 @@ from .engine.stepping import acceleration, reference_step, step
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .stability.map import stability_map
-    from .sweeps import open_sweep, sweep
+    from .sweeps.api import sweep
     from .sweeps.fields import sweepable
+    from .sweeps.stored import open_sweep
     from .viewing.live import view
     from .viewing.camera import Camera
     from .viewing.page import compare

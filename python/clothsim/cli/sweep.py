@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.sweeps import METRICS, fields
-from clothsim.sweeps.metrics import DEFAULT_METRICS
+from clothsim.sweeps import fields
+from clothsim.sweeps.metrics import DEFAULT_METRICS, METRICS
 
 from ..base.extras import check_installed, needed
 from ..base.plain_json import as_json

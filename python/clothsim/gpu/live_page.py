@@ -27,6 +27,7 @@ from ..model.scene import Scene
 from ..stability.limit import max_stable_dt
 from ..viewing.camera import DIRECTIONS, camera_for
 from ..viewing.page import json_text, page_text, poster
+from ..viewing.page_controls import filled
 from ..viewing.picture import PIN_SIZE, file_path
 from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, NEAR, rest_lengths
 from .shader import Features, SphereFeatures, check_scenes, shader_text, source
@@ -68,20 +69,14 @@ def _page(scene: Scene, dt: float, title: str) -> str:
     options = "".join(
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>" for k, name in enumerate(data.pop("names"))
     )
-    body = (
-        f"<header><h1>{escape(title)}</h1></header>\n"
-        '<p id="problem" hidden></p>\n<noscript><p>This page needs scripts and WebGPU. The picture shows the scene at its '
-        "start.</p></noscript>\n"
-        f'<div id="runs" class="of-1"><figure class="run"><div class="stage">{picture}'
-        f'<canvas id="canvas-0" aria-label="Cloth and spheres of {escape(title)}"></canvas></div></figure></div>\n'
-        '<div id="controls"><button type="button" id="play">pause</button><button type="button" id="one">one step</button>'
-        '<button type="button" id="reset">reset</button><output id="clock"></output><output id="speed"></output>'
-        f'<output id="measures"></output></div>\n<div id="sliders">{sliders}<span id="above" hidden></span>'
-        f'<label>method <select id="method">{options}</select></label></div>\n'
-        '<p class="small">Drag to turn, shift-drag to move, wheel or two fingers to zoom. A sphere or a pinned mass point '
-        "follows the pointer that takes it. The shader is the WGSL of clothsim, in compensated float32.</p>\n"
-        f'<script type="application/octet-stream" id="state">{_state(scene)}</script>\n'
-        f'<script type="application/json" id="meta">{json_text(data)}</script>\n'
+    body = filled(
+        "live.html",
+        title=escape(title),
+        picture=picture,
+        sliders=sliders,
+        options=options,
+        state=_state(scene),
+        meta=json_text(data),
     )
     return page_text(title, body, ("draw.js", "orbit.js", "solver.js", "live.js"))
 

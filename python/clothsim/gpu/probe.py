@@ -33,21 +33,6 @@ _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
     "subnormal": ("a * T(1e-40)", lambda a, b: a * a.dtype.type(1e-40)),
 }
 
-_PROBE = """
-@group(0) @binding(0) var<uniform> z: u32;
-@group(0) @binding(1) var<storage, read> first: array<T>;
-@group(0) @binding(2) var<storage, read> second: array<T>;
-@group(0) @binding(3) var<storage, read_write> out: array<T>;
-
-@compute @workgroup_size(256, 1, 1)
-fn probe(@builtin(global_invocation_id) id: vec3<u32>) {
-    let a = first[id.x];
-    let b = second[id.x];
-    let n = arrayLength(&first);
-    OUT
-}
-"""
-
 
 def _run(
     device: Device, code: str, entry_point: str, data: list[np.ndarray], size: int, groups: tuple[int, ...], out_binding: int
@@ -167,7 +152,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             # A function of every binding, so that none is left out of the automatic layout.
             write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
             out = f"let value = {wgsl}; {write}"
-            code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
+            code = f"alias T = {word};\n{keep(word, zero='z')}\n{shader_text('probe').replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
             result, exact = np.frombuffer(raw, name), numpy(a, b)

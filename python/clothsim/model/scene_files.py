@@ -34,19 +34,14 @@ _COMMENTS = {
     "spheres.radius": "m",
     "spheres.response": "what a contact does",
     "spheres.offset": "a rule, or m",
-    "spheres.motion.velocity": "m/s",
-    "spheres.motion.distance": "m",
-    "spheres.motion.period": "s",
-    "spheres.motion.times": "s",
-    "spheres.motion.centers": "m",
     "spheres.motion.offsets": "m, from the centre",
     "cloth.pins.points": "row, column",
-    "cloth.pins.motion.velocity": "m/s",
-    "cloth.pins.motion.distance": "m",
-    "cloth.pins.motion.period": "s",
-    "cloth.pins.motion.times": "s",
-    "cloth.pins.motion.centers": "m",
     "cloth.pins.motion.offsets": "m, from the start",
+    **{
+        f"{of}.motion.{name}": unit
+        for of in ("spheres", "cloth.pins")
+        for name, unit in (("velocity", "m/s"), ("distance", "m"), ("period", "s"), ("times", "s"), ("centers", "m"))
+    },
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Callable, Iterable
 from html import escape
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,41 +14,6 @@ import clothsim as cs
 from ..base.files import write_bytes
 from . import published as paper
 from .paper_report import Table, headline, number, tables
-
-STYLE = """
-body { font: 16px/1.55 system-ui, sans-serif; color: #1d2530; background: #fff;
-       max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin-bottom: .3rem; }
-h2 { margin-top: 3.2rem; border-top: 1px solid #d8dee6; padding-top: 1.2rem; }
-h3 { margin: 1.8rem 0 .4rem; font-size: 1.05rem; }
-p, ul { max-width: 52rem; }
-.origin, figcaption { color: #566272; font-size: .88rem; }
-.scroll { overflow-x: auto; margin: 1.4rem 0; }
-table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem .75rem; text-align: right; border-bottom: 1px solid #e4e8ee; }
-td { white-space: nowrap; }
-th { background: #f3f6f9; font-weight: 600; vertical-align: bottom; }
-.cells { display: grid; grid-template-columns: repeat(4, 1fr); gap: .6rem; }
-@media (max-width: 700px) { .cells { grid-template-columns: repeat(2, 1fr); } }
-figure { margin: 0; }
-img { max-width: 100%; display: block; }
-.overview img { width: 100%; }
-.claim { border-left: 4px solid #c9a24b; background: #fbf7ec; padding: .6rem 1rem;
-         max-width: 50rem; }
-.notes { border-left: 4px solid #2f6db3; background: #eef4fb; padding: .6rem 1rem;
-            max-width: 50rem; }
-.notes ul { margin: .3rem 0; padding-left: 1.2rem; }
-.red { color: #db1419; font-weight: 600; }
-@media (prefers-color-scheme: dark) {
-  :root { color-scheme: dark; }
-  body { color: #dfe5ec; background: #14181d; }
-  th { background: #1f262e; }
-  h2, th, td { border-color: #333c47; }
-  .origin, figcaption { color: #a7b2c0; }
-  .claim, .notes { background: #1f262e; }
-  .red { color: #ff6b6b; }
-}
-"""
 
 
 def write(report: dict[str, Any], folder: Path) -> None:
@@ -68,13 +34,17 @@ def write(report: dict[str, Any], folder: Path) -> None:
     parts.append(_list(f"{name}: {meaning}" for name, meaning in paper.VARIANTS.items()))
     for key, experiment in report["experiments"].items():
         parts += _experiment(key, experiment, folder)
+    _write_page(folder / "index.html", "clothsim: the experiments of Kim et al.", parts)
+
+
+def _write_page(path: Path, title: str, parts: Iterable[str]) -> Path:
+    style = (files(__package__) / "report.css").read_text(encoding="utf-8")
     page = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>clothsim: the experiments of Kim et al.</title>\n<style>{STYLE}</style>\n"
-        f"</head>\n<body>\n{chr(10).join(parts)}\n</body>\n</html>\n"
+        f"<title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n{chr(10).join(parts)}\n</body>\n</html>\n"
     )
-    write_bytes(folder / "index.html", page.encode())
+    return write_bytes(path, page.encode())
 
 
 def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]:
@@ -184,13 +154,10 @@ def write_gallery(folder: str | Path) -> Path:
         scene.to_live_html(folder / name, title=title)
         picture = cs.picture(scene, width=480)._repr_png_()
         figures.append(f'<figure><a href="{name}">{image(picture, title, "The scene at its start")}</a></figure>')
-    page = (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>clothsim: the scenes of Kim et al., live</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        "<h1>The scenes of Kim et al., live</h1>\n"
+    parts = [
+        "<h1>The scenes of Kim et al., live</h1>",
         "<p>Each page simulates one scene in your browser, by the compute shader, and makes no request. It needs WebGPU. "
-        'Drag the sphere and the pinned points, and choose the method in the list.</p>\n<div class="cells">'
-        f"{''.join(figures)}</div>\n</body>\n</html>\n"
-    )
-    return write_bytes(folder / "live.html", page.encode())
+        "Drag the sphere and the pinned points, and choose the method in the list.</p>",
+        f'<div class="cells">{"".join(figures)}</div>',
+    ]
+    return _write_page(folder / "live.html", "clothsim: the scenes of Kim et al., live", parts)

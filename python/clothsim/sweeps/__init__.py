@@ -15,26 +15,14 @@ from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import TYPE_CHECKING
 
-from ..base.on_demand import on_demand
-
-if TYPE_CHECKING:
-    from .accessor import ClothsimAccessor
-    from .api import sweep
-    from .metrics import METRICS
-    from .stored import open_sweep
-
-__all__ = ["METRICS", "ClothsimAccessor", "open_sweep", "sweep"]
-
-_PLACES = {"METRICS": ".metrics", "ClothsimAccessor": ".accessor", "open_sweep": ".stored", "sweep": ".api"}
-__getattr__, __dir__ = on_demand(globals(), _PLACES)
+from ..base.on_demand import module_of
 
 
 def register() -> None:
     """Register ``Dataset.clothsim``: now if xarray is imported, else at its import."""
     if sys.modules.get("xarray") is not None:
-        __getattr__("ClothsimAccessor")
+        module_of("clothsim.sweeps.accessor")
     else:
         sys.meta_path.insert(0, _AfterXarray())
 
@@ -54,7 +42,7 @@ class _AfterXarray(MetaPathFinder):
                 execute(module)
                 if self in sys.meta_path:
                     sys.meta_path.remove(self)
-                    __getattr__("ClothsimAccessor")
+                    module_of("clothsim.sweeps.accessor")
 
             spec.loader.exec_module = exec_module  # type: ignore[method-assign]
         return spec

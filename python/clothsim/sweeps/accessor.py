@@ -96,28 +96,24 @@ class ClothsimAccessor:
         >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()
         (4.0, [0.0, 0.05, 0.1])
         """
-        return member_run(self._dataset, self.provenance["identity"], selection, every)
+        identity = self.provenance["identity"]
+        given = identity["settings"]
+        every = as_every(given["every"]) if every is None else every
+        options = SweepOptions(**{**given, "metrics": (), "every": every})
+        grid = Grid([_axis(entry) for entry in identity["over"]])
+        index = _index(grid, _selected(self._dataset, selection))
+        member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), options)
+        try:
+            return simulate(member.scene, member.duration, every=every, sampling=options.sampling, **member.settings)
+        except (UnstableError, ContactError) as error:
+            if not isinstance(error.run, Run):
+                raise
+            return error.run
 
     @property
     def scene(self) -> Scene:
         """The scene that the members are variations of."""
         return Scene.from_dict(self.provenance["identity"]["scene"])
-
-
-def member_run(dataset: xarray.Dataset, identity: Mapping[str, Any], selection: Mapping[str, Any], every: Any) -> Run:
-    """The only member of `dataset` after `selection`, with frames by `every`."""
-    given = identity["settings"]
-    every = as_every(given["every"]) if every is None else every
-    options = SweepOptions(**{**given, "metrics": (), "every": every})
-    grid = Grid([_axis(entry) for entry in identity["over"]])
-    index = _index(grid, _selected(dataset, selection))
-    member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), options)
-    try:
-        return simulate(member.scene, member.duration, every=every, sampling=options.sampling, **member.settings)
-    except (UnstableError, ContactError) as error:
-        if not isinstance(error.run, Run):
-            raise
-        return error.run
 
 
 def _selected(dataset: xarray.Dataset, selection: Mapping[str, Any]) -> xarray.Dataset:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,9 +90,9 @@ class _Kept:
 _kept = _Kept()
 
 
-def references(members: Sequence[Member], threads: int | None = 1, pause: Pause = never) -> list[Reference]:
-    """The reference of each member; a Stopped that `pause` raises passes through."""
-    return [_kept.get(m.scene, m.duration, threads, pause) for m in members]
+def reference_of(member: Member, threads: int | None = 1, pause: Pause = never) -> Reference:
+    """The reference of a member; a Stopped that `pause` raises passes through."""
+    return _kept.get(member.scene, member.duration, threads, pause)
 
 
 @dataclass(frozen=True)

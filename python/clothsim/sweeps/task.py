@@ -21,7 +21,7 @@ from ..run.frames import Schedule, as_every
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
-from .metrics import incomparable, references
+from .metrics import incomparable, reference_of
 
 # Members of a call; more save nothing, and all of their states are held at once.
 _LARGEST_BATCH = 64
@@ -93,10 +93,9 @@ def _outcomes(task: Task, pause: Pause, failed: list[Record]) -> Iterator[Outcom
 def _compared(outcomes: list[Outcome], task: Task, pause: Pause) -> list[Outcome]:
     """The outcomes. Members that reached their end get a reference, if a metric needs it."""
     if "reference" in task.options.needs:
-        finished = [outcome for outcome in outcomes if outcome.error is None]
-        solutions = references([o.member for o in finished], task.threads, pause)
-        for outcome, solution in zip(finished, solutions, strict=True):
-            outcome.reference = solution
+        for outcome in outcomes:
+            if outcome.error is None:
+                outcome.reference = reference_of(outcome.member, task.threads, pause)
     return outcomes
 
 

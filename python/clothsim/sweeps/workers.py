@@ -144,14 +144,12 @@ class Planner:
             while end < last and self.whole_physics and self.physics[end] == self.physics[end - 1]:
                 end += 1
             end = last if self._left(end) < self.shortest else end
-            yield self._task(self.order[begin:end].tolist(), float(self._before[end] - self._before[begin]))
+            members, indices = self.members, self.order[begin:end].tolist()
+            made = {index: member for index in indices if (member := members.take(index)) is not None}
+            values = {index: members.grid.member(index) for index in indices}
+            weight = float(self._before[end] - self._before[begin])
+            yield Task(members.scene, members.options, values, weight, self.threads, made)
             begin = end
-
-    def _task(self, indices: list[int], weight: float) -> Task:
-        members = self.members
-        made = {index: member for index in indices if (member := members.take(index)) is not None}
-        values = {index: members.grid.member(index) for index in indices}
-        return Task(members.scene, members.options, values, weight, self.threads, made)
 
 
 class Workers:

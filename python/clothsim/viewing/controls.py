@@ -114,33 +114,21 @@ class Controls:
         micro = 1e6 * play.dt
         longest = max(2e6 * play.limit if math.isfinite(play.limit) else 2e3, 2 * micro)
         step = 10.0 ** math.floor(math.log10(min(1.0, micro)))
-        self._entry(
-            gui.add_slider("real time x", SLOWEST, FASTEST, 0.01, 1.0, hint="below 1: slow motion"),
-            lambda value: play.change(speed=value),
-            lambda: play.speed,
-        )
-        self._entry(
-            gui.add_checkbox("step follows machine", play.follows, hint="a longer step where the scene falls behind"),
-            lambda value: play.change(follows=value),
-            lambda: play.follows,
-        )
+        slow = gui.add_slider("real time x", SLOWEST, FASTEST, 0.01, 1.0, hint="below 1: slow motion")
+        self._setting(slow, "speed", lambda: play.speed)
+        hint = "a longer step where the scene falls behind"
+        self._setting(gui.add_checkbox("step follows machine", play.follows, hint=hint), "follows", lambda: play.follows)
         self._entry(
             gui.add_slider("time step [us]", step, round(longest, 1), step, round(micro, 6)),
             lambda value: play.change(dt=1e-6 * value),
             lambda: 1e6 * play.dt,
         )
-        self._entry(
-            gui.add_dropdown("integrator", tuple(integrators()), initial_value=play.options["integrator"]),
-            lambda value: play.change(integrator=value),
-            lambda: play.options["integrator"],
-        )
+        methods = gui.add_dropdown("integrator", tuple(integrators()), initial_value=play.options["integrator"])
+        self._setting(methods, "integrator", lambda: play.options["integrator"])
         down = -play.scene.gravity[1]
         most = max(20.0, abs(down))
-        self._entry(
-            gui.add_slider("gravity [m/s2]", -most, most, 0.1, down),
-            lambda value: play.change(gravity=value),
-            lambda: -play.scene.gravity[1],
-        )
+        gravity = gui.add_slider("gravity [m/s2]", -most, most, 0.1, down)
+        self._setting(gravity, "gravity", lambda: -play.scene.gravity[1])
 
     def _build_cloth(self, gui: Any) -> None:
         play = self.playground
@@ -155,24 +143,16 @@ class Controls:
 
         for family, stiffness in play.scene.cloth.family_stiffness.items():
             entry(family, stiffness)
-        most = 4 * self._damping() or 100.0
-        self._entry(
-            gui.add_slider("damping [N s/m]", 0.0, most, most / 400, self._damping()),
-            lambda value: play.change(damping=value),
-            self._damping,
-        )
-        most = 4 * self._drag() or 1.0
-        self._entry(
-            gui.add_slider("drag [N s/m a point]", 0.0, most, most / 400, self._drag()),
-            lambda value: play.change(drag=value),
-            self._drag,
-        )
 
-    def _damping(self) -> float:
-        return max(map(float, self.playground.scene.cloth.family_damping.values()), default=0.0)
+        def damping() -> float:
+            return max(map(float, play.scene.cloth.family_damping.values()), default=0.0)
 
-    def _drag(self) -> float:
-        return self.playground.scene.cloth.drag
+        most = 4 * damping() or 100.0
+        self._setting(gui.add_slider("damping [N s/m]", 0.0, most, most / 400, damping()), "damping", damping)
+        drag = play.scene.cloth.drag
+        most = 4 * drag or 1.0
+        slider = gui.add_slider("drag [N s/m a point]", 0.0, most, most / 400, drag)
+        self._setting(slider, "drag", lambda: play.scene.cloth.drag)
 
     def _build_spheres(self, gui: Any) -> None:
         play = self.playground
@@ -190,11 +170,8 @@ class Controls:
         def text_of(offset: str | float) -> str:
             return offset if isinstance(offset, str) else f"{offset:g} m"
 
-        self._entry(
-            gui.add_dropdown("response", RESPONSES, initial_value=first().response),
-            lambda value: play.change(response=value),
-            lambda: first().response,
-        )
+        responses = gui.add_dropdown("response", RESPONSES, initial_value=first().response)
+        self._setting(responses, "response", lambda: first().response)
         self._entry(
             gui.add_dropdown("offset", offsets, initial_value=text_of(first().offset)),
             lambda value: play.change(offset=offset_of(value)),
@@ -202,11 +179,8 @@ class Controls:
         )
 
         def entry(name: str, least: float, most: float, unit: str = "") -> None:
-            self._entry(
-                gui.add_slider(f"{name}{unit}", least, most, most / 200, getattr(first(), name)),
-                lambda value: play.change(**{name: value}),
-                lambda: getattr(first(), name),
-            )
+            slider = gui.add_slider(f"{name}{unit}", least, most, most / 200, getattr(first(), name))
+            self._setting(slider, name, lambda: getattr(first(), name))
 
         radius = first().radius
         entry("restitution", 0.0, 1.0)
@@ -227,6 +201,10 @@ class Controls:
         self._plots = [plot("total energy [J]", "#0072B2", True), plot("penetration [mm]", "#D55E00", True)]
         self._probe = gui.add_markdown("Click a mass point of the cloth to see its values.")
         self._probe_plots = [plot(f"{name} of the point {unit}", "#000000", False) for name, unit in PROBED]
+
+    def _setting(self, handle: Any, name: str, read: Callable[[], Any]) -> None:
+        """A control of one argument of `Playground.change`."""
+        self._entry(handle, lambda value: self.playground.change(**{name: value}), read)
 
     def _entry(self, handle: Any, change: Callable[[Any], None], read: Callable[[], Any]) -> None:
         """A control that changes the playground, and returns to its old value if the change is refused."""

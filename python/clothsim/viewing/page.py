@@ -12,7 +12,6 @@ import json
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from .camera import DIRECTIONS, Camera, camera_for
 from .chart import PARTS, curves
 from .notebook import Frame, runs_html
 from .packing import pack, point_stretch, tops_of
-from .page_controls import TURNED_BY, controls, few, small_print, views
+from .page_controls import TURNED_BY, controls, few, filled, small_print, views, web_file
 from .picture import PIN_SIZE, file_path, picture
 
 Advance = Callable[[int], object]
@@ -240,7 +239,7 @@ def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None
     body = (
         f"<header><h1>{escape(title)}</h1>{views()}</header>\n"
         f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
-        f"{controls(meta, runs)}\n{few(runs)}"
+        f"{controls(meta, runs)}{few(runs)}"
         f'<div id="curves"></div>\n<p class="small">{escape(small_print(meta))}</p>\n'
         f"{data}"
         f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
@@ -250,16 +249,8 @@ def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None
 
 def page_text(title: str, body: str, scripts: Sequence[str]) -> str:
     """The text of a self-contained page that makes no request; `scripts` are files of web/."""
-    code = "\n".join(map(_file, scripts))
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-        "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:\">\n"
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
-        f"<style>\n{_file('page.css')}</style>\n</head>\n<body>\n{body}"
-        f"<script>\nconst SHADING = {json_text(SHADING)};\n{code}</script>\n</body>\n</html>\n"
-    )
+    code, style = "\n".join(map(web_file, scripts)), web_file("page.css")
+    return filled("frame.html", title=escape(title), style=style, body=body, shading=json_text(SHADING), code=code)
 
 
 def _contents(
@@ -348,7 +339,3 @@ def json_text(meta: Mapping[str, Any]) -> str:
     """JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _file(name: str) -> str:
-    return (files(__package__) / "web" / name).read_text(encoding="utf-8")

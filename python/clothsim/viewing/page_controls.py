@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from html import escape
+from importlib.resources import files
+from string import Template
 from typing import Any
 
 from ..run.result import Run
@@ -15,6 +17,16 @@ SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 VIEWS = ("corner", "front", "right", "top")
 TURNED_BY = "On a focused cloth shift and arrows turn, plus and minus enlarge, 0 goes back."
+
+
+def web_file(name: str) -> str:
+    """The text of a file of web/."""
+    return (files(__package__) / "web" / name).read_text(encoding="utf-8")
+
+
+def filled(name: str, **values: str) -> str:
+    """A file of web/ with its $names replaced."""
+    return Template(web_file(name)).substitute(values)
 
 
 def controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
@@ -35,18 +47,7 @@ def controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         f'<input type="number" id="{name}" min="0" placeholder="{name}" aria-label="{name} of a mass point"> '
         for name in ("row", "column")
     )
-    return (
-        '<div id="controls"><button type="button" id="back" aria-label="one frame back">&#9664;&#10074;'
-        '</button><button type="button" id="play" aria-label="play">&#9654;</button>'
-        '<button type="button" id="forth" aria-label="one frame on">&#10074;&#9654;</button>'
-        '<input type="range" id="time" min="0" step="1" value="0" aria-label="time">'
-        '<output id="clock"></output>'
-        f'<label>speed <select id="speed">{speeds}</select></label>'
-        f'<label>colour <select id="mode">{modes}</select></label>'
-        '<span id="legend" hidden><span>0</span><span id="bar"></span><span id="high"></span>'
-        f'<label>top <select id="top">{tops}</select></label></span>'
-        f'<span class="views">point {point}</span></div>'
-    )
+    return filled("controls.html", speeds=speeds, modes=modes, tops=tops, point=point)
 
 
 def few(runs: Mapping[str, Run]) -> str:
