@@ -41,25 +41,10 @@ def parser(chosen: str | None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line with these arguments, or those of the process, and return the exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments after the program's name. Default: those of the process.
+    The parser raises SystemExit, with code 2 for wrong options and 0 for ``--help``.
 
-    Returns
-    -------
-    int
-        The exit code.
-
-    Raises
-    ------
-    SystemExit
-        From the parser: with code 2 for wrong options, with 0 for ``--help``.
-
-    Examples
-    --------
     >>> from clothsim.cli import main
     >>> main(["run", "paper_swing", "--duration", "-1"])
     2

@@ -75,20 +75,17 @@ def add_changes(command: argparse.ArgumentParser) -> None:
 def changed_scene(args: argparse.Namespace) -> cs.Scene:
     """The scene of the argument `scene`, with the changes of `add_changes`."""
     scene = scene_of(args.scene)
-    values = {
-        name.removeprefix("change_"): text
-        for name, text in vars(args).items()
-        if name.startswith("change_") and text is not None
-    } | named_values(args.set)
+    values = named_values(args, "change_")
     if of_run := [name for name in values if name in (*fields.RUN, "scene")]:
         raise ValueError(f"--set must name an argument of the scene, got {of_run[0]!r}")
     return fields.change_scene(scene, {name: parsed(name, text) for name, text in values.items()})
 
 
-def named_values(entries: list[str]) -> dict[str, str]:
-    """The texts of `--set NAME=VALUE`, by name."""
-    named = {}
-    for entry in entries:
+def named_values(args: argparse.Namespace, prefix: str) -> dict[str, str]:
+    """The texts of the options whose destinations have this prefix, and of `--set NAME=VALUE`, by name."""
+    given = {name.removeprefix(prefix): text for name, text in vars(args).items() if name.startswith(prefix)}
+    named = {name: text for name, text in given.items() if text is not None}
+    for entry in args.set:
         name, sign, text = entry.partition("=")
         if not sign:
             raise ValueError(f"--set must be NAME=VALUE, got {entry!r}")

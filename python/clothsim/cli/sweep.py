@@ -77,13 +77,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     scene = scene_of(args.scene)
-    named = {
-        name.removeprefix("over_"): text
-        for name, text in vars(args).items()
-        if name.startswith("over_") and text is not None
-    }
-    named |= named_values(args.set)
-    values = {name: parse_values(name, text) for name, text in named.items()}
+    values = {name: parse_values(name, text) for name, text in named_values(args, "over_").items()}
     single = {name: several[0] for name, several in values.items() if len(several) == 1}
     of_scene, settings = fields.split(single)
     scene = fields.change_scene(scene, of_scene)

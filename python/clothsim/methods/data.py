@@ -75,30 +75,11 @@ ALIASES: Mapping[str, str] = {
 
 
 def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
-    """The name of a method in the spelling of `integrators`.
+    """The name of a method in the spelling of `integrators`, or one of `more`, such as "auto".
 
-    Case, "_", "-" and spaces do not count, and `ALIASES` are accepted.
+    Case, "_", "-" and spaces do not count, and `ALIASES` are accepted. The error for another name has the name of the
+    `argument`, and suggests the nearest.
 
-    Parameters
-    ----------
-    name : str
-    *more : str
-        Further accepted names, such as "auto".
-    argument : str, default "integrator"
-        Name of the argument in error messages.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError, TypeError
-        If `name` is no such name; the message suggests the nearest.
-
-    Examples
-    --------
-    >>> from clothsim.methods.data import integrator_name
     >>> integrator_name("RK4"), integrator_name("RK45"), integrator_name("semi-implicit Euler")
     ('rk4', 'dopri5', 'semi_implicit_euler')
     """

@@ -85,14 +85,8 @@ def paper_moving(
 
     Parameters
     ----------
-    response : {"ray", "reflect", "continuous"}, default "ray"
-        "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each.
-    bend : bool, default False
-        True adds the 1,920 bend springs.
-    offset : {"edge", "cell", "none", "face"} or float, default "edge"
-        See `Sphere`.
-    as_printed : bool, default False
-        True takes the paper's collision response as printed; see `Sphere`.
+    response, bend, offset, as_printed
+        As for `paper_static`.
     period : float, default 4.2
         Time there and back [s].
     phase : float, default 0.05
