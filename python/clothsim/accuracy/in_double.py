@@ -11,13 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..base import Floats
 from ..engine.stepper import SilentStepper
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
-
-Floats = npt.NDArray[np.float64]
 
 # The first steps are this part of RK4's stable step, well below the stable step of dop853.
 _COARSEST = 0.5

@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from ..base import check
+from ..base import Floats, check
 from ..engine.options import PRECISIONS
 from ..methods.bound import stable_dt
 from ..methods.data import integrator_name
@@ -18,8 +15,6 @@ from ..model.scene import Scene
 from ..run.fixed_steps import size_of
 from ..run.simulate import simulate
 from ..typing import Precision
-
-Floats = npt.NDArray[np.float64]
 
 OWN = "clothsim"
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base.extras import needed
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
@@ -27,7 +27,6 @@ from .work_plot import draw_convergence
 if TYPE_CHECKING:
     import xarray
 
-Floats = npt.NDArray[np.float64]
 
 # An error is fitted where rounding and the reference make less than this part of it.
 _FLOOR_PART = 0.1

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
+from ..base import Floats, check
 from ..base.clocks import Stopwatch
 from ..base.keywords import suggests
 from ..base.record import EqualByValue
@@ -52,8 +52,6 @@ def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
             stepper.advance(1, dt)
     return None
 
-
-Floats = npt.NDArray[np.float64]
 
 # Raise it when what is kept on disk, or how it is computed, changes.
 _FORMAT = 1

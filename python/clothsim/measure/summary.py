@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..base import Floats
 from ..engine.stepper import Stepper
 from ..methods.bound import stable_dt
 from ..methods.limiting import limiting_term
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from .measures import energy, penetration
-
-Floats = npt.NDArray[np.float64]
 
 _ENERGIES = ("kinetic", "elastic", "gravity", "force")
 

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base.keywords import suggests
 from .data import METHODS, integrator_name
-
-Floats = npt.NDArray[np.float64]
 
 
 @suggests

@@ -16,10 +16,9 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from ..base import Floats
 from .amplification import amplification_matrix
 from .data import METHODS
-
-Floats = npt.NDArray[np.float64]
 
 _ANGLES = 257
 _RADIUS_STEP = 0.05

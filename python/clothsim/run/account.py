@@ -9,13 +9,13 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..base import Floats
 from ..machine.build import build_config
 from ..measure.measures import energy
 from ..model.scene import Scene
 from ..typing import Report
 from .attempts import NOT_ASKED, Controlled, Estimate
 from .fixed_steps import Solution
-from .frames import Floats
 
 Account = dict[str, Any]
 

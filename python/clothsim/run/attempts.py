@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base import Floats
 from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
 from ..model.scene import Scene
 from .fixed_steps import RunOptions, Solution, integrate, run_fixed, size_of
-from .frames import NEGLIGIBLE, Floats, Schedule
+from .frames import NEGLIGIBLE, Schedule
 from .recording import Recording, Watch
 
 CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"

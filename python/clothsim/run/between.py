@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base import Floats
 from ..engine.plan import point_radius
 from ..model.scene import Scene
 from ..model.sphere import Sphere
-from .frames import Floats
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base.keywords import suggests
 from .frames import NEGLIGIBLE
 from .result import Run
-
-Floats = npt.NDArray[np.float64]
 
 
 @suggests

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import _core
-from ..base import check
+from ..base import Floats, check
 from ..engine.options import Options
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
@@ -19,7 +19,7 @@ from ..methods.bound import guaranteed_dt
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .between import Ends
-from .frames import NEGLIGIBLE, Floats, Moment, Schedule
+from .frames import NEGLIGIBLE, Moment, Schedule
 from .recording import Continuation, Control, Recording, Watch
 
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times

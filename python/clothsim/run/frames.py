@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..base import check
 from ..typing import Every
 
-Floats = npt.NDArray[np.float64]
 Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
 
 EVERY_STEP = "step"

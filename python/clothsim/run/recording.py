@@ -9,13 +9,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..base import check
+from ..base import Floats, check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..engine.state import State
 from ..errors import RunInterrupted
 from .between import Ends
-from .frames import Floats, Schedule
+from .frames import Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
 Frame = tuple[Floats, Floats]  # positions and velocities

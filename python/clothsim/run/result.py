@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
 from ..base.keywords import suggests
@@ -29,8 +29,6 @@ from .selected import SelectedRun
 
 if TYPE_CHECKING:
     import xarray
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

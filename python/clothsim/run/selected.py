@@ -6,16 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base.extras import needed
 from ..model.mesh import triangles
 
 if TYPE_CHECKING:
     from .result import Run
-
-Floats = npt.NDArray[np.float64]
 
 
 class SelectedRun:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base import check
+from ..base import Floats, check
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.stepper import SilentStepper
@@ -26,7 +26,6 @@ from ..model.scene import Scene
 from ..typing import Report
 from .account import of_nothing, report
 from .fixed_steps import RunOptions, Solution
-from .frames import Floats
 from .recording import interrupted
 from .result import Run
 

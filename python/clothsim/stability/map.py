@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
+from ..base import Floats, check
 from ..base.extras import check_installed, check_progress, needed
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
@@ -26,8 +26,6 @@ from .spectrum import spectral_limit
 if TYPE_CHECKING:
     import xarray
 
-
-Floats = npt.NDArray[np.float64]
 
 STEPS = 1000
 _CHECKED = 10  # steps; what has grown may find a folded shape, in which it is stable, and die away

@@ -20,13 +20,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..base import Floats
 from ..methods.data import METHODS
 from ..methods.region import mode_limit, notched
 from ..model.scene import Scene
 from .step_matrix import step_limit
 from .subspace import Operator, Subspace
-
-Floats = npt.NDArray[np.float64]
 
 _NOISE = 1e-12  # of the rest length: four digits of a direction are left, of coordinates near 1 m
 _SAFETY = 0.97  # a little below, as the limit found approaches the true one from above

@@ -24,11 +24,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..base import Floats
 from ..methods.amplification import splitting_step
 from ..methods.integration import integrators
 from .subspace import Operator, Subspace
-
-Floats = npt.NDArray[np.float64]
 
 # Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by some 1e-3 a
 # step without alternating, in the equation too. Twice of either growth moves the limit by less than 1 %.

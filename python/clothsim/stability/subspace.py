@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from ..base import Floats
+
 Operator = Callable[[Floats], Floats]
 
 MOST_VECTORS = 48

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..engine.options import Options
 from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
@@ -23,8 +22,6 @@ from ..run.frames import checked_every
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
 from .fields import change_scene, split
-
-Floats = npt.NDArray[np.float64]
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 

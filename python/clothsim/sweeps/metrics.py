@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from ..accuracy.in_double import solve_in_double
-from ..base import check
+from ..base import Floats, check
 from ..errors import ContactError, UnstableError
 from ..measure.measures import energy
 from ..model.scene import Scene
 from ..run.settle import settle
 from .grid import digest
-from .member import Floats, Member, Outcome, Pause, never
+from .member import Member, Outcome, Pause, never
 
 _BYTES_KEPT = 1 << 27
 

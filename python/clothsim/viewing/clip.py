@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..base import Floats
 from ..model.mesh import triangles
-
-Floats = npt.NDArray[np.float64]
 
 # Relative to the time between two stored frames; a frame closer to a stored one is that one.
 _SAME_TIME = 1e-9

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from .packing import point_stretch
-
-Floats = npt.NDArray[np.float64]
 
 # Stops at equal distances, dark to light or light to dark: lightness alone orders them. The pages have the same.
 VIRIDIS = ("440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725")

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, files
+from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
@@ -23,8 +23,6 @@ from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, Ground, render
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all that is drawn
-
-Floats = npt.NDArray[np.float64]
 
 
 class Style(NamedTuple):

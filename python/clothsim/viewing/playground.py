@@ -17,9 +17,8 @@ from time import perf_counter
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..base.clocks import seconds_per_step
 from ..engine.stepper import SilentStepper, Stepper
 from ..errors import ContactError, UnstableError
@@ -45,8 +44,6 @@ DRAG_SPEED = 10.0  # m/s; a sphere or pin follows the mouse no faster, else a je
 PIN_TIME = 1e-3  # s; a dragged pin is moved once in this time
 LONGEST = 0.1  # s; wall time that a tick makes up for at most, so that a pause is not followed by a rush
 MOST_STEPS = 10**9  # of a tick; no machine takes as many, and a tiny time step asks for more than an integer holds
-
-Floats = npt.NDArray[np.float64]
 
 
 class Playground:

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
+from ..base import Floats
 from .camera import Camera
-
-Floats = npt.NDArray[np.float64]
 
 # Colours that stay apart under each of the three colour vision deficiencies (tests/view measure it).
 BACKGROUND = np.array([1.0, 1.0, 1.0])

@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-import numpy.typing as npt
 
+from ..base import Floats
 from ..measure.measures import energy, penetration
 from ..model.motion import Keyframes
 from ..model.scene import Scene
@@ -17,8 +17,6 @@ from ..run.result import Run
 from ..typing import Report
 
 MOST_BYTES = 500_000_000  # of a recording; it stops there
-
-Floats = npt.NDArray[np.float64]
 
 
 class Frame(NamedTuple):

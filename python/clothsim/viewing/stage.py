@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from ..base import Floats
 from ..model.mesh import triangles
 from .camera import camera_for, extremes
 from .lettering import length_in_words, nice_length
@@ -31,8 +32,6 @@ PICKED = (204, 121, 167)
 NO_SHADOWS = {"cast_shadow": False, "receive_shadow": False}
 
 NOTHING = np.zeros((3, 3), np.float32)  # corners of a triangle without area: a mesh needs one
-
-Floats = npt.NDArray[np.float64]
 
 
 class Stage:

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base import Floats
 from ...machine.build import build_config
-from ..clip import Clip, Floats
+from ..clip import Clip
 from ..raster import CLOTH_FRONT, SPHERE
 from .ball import linear, unit_ball
 
