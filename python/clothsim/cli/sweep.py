@@ -88,7 +88,9 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError(f"--store {args.store} exists; without --no-resume it would be continued")
     picture = _picture(args)
     settings |= {name: getattr(args, name) for name in ("every", "frames", "store", "resume", "threads")}
-    executor = _client(args.scheduler)
+    executor = None
+    if args.scheduler is not None:
+        executor = needed("distributed", "--scheduler", "dask").Client(args.scheduler)
     dataset = cs.sweep(
         scene, over, metrics=args.metric.split(","), executor=executor, progress=wanted_by_command(), **settings
     )
@@ -128,12 +130,6 @@ def _zipped(over: dict[Any, Any], names: tuple[str, ...]) -> dict[Any, Any]:
         raise ValueError(f"--zip needs as many values of each name, got {lengths}")
     rows = list(zip(*(over[name] for name in names), strict=True))
     return {names: rows, **{key: values for key, values in over.items() if key not in names}}
-
-
-def _client(address: str | None) -> Any:
-    if address is None:
-        return None
-    return needed("distributed", "--scheduler", "dask").Client(address)
 
 
 def _picture(args: argparse.Namespace) -> str | None:

@@ -125,15 +125,11 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
     if t is not None:
         return check.number("t", t)
     for scene in scenes:
-        for k, sphere in enumerate(scene.spheres):
-            if sphere.motion is not None:
-                raise ValueError(
-                    f"t must be given where a sphere moves, and spheres[{k}] has a motion: give "
-                    "the time of this state in seconds, t=0.0 if it is the start"
-                )
-        if scene.cloth.driven:
+        moving = [("sphere", f"spheres[{k}]") for k, sphere in enumerate(scene.spheres) if sphere.motion is not None]
+        moving += [("pin", f"pins[{pin}]") for pin in scene.cloth.driven]
+        if moving:
             raise ValueError(
-                f"t must be given where a pin moves, and pins[{next(iter(scene.cloth.driven))}] has a motion: give "
+                f"t must be given where a {moving[0][0]} moves, and {moving[0][1]} has a motion: give "
                 "the time of this state in seconds, t=0.0 if it is the start"
             )
     return 0.0

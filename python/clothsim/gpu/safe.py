@@ -26,9 +26,6 @@ class Clock:
     def after(self, steps: int) -> Clock:
         return replace(self, steps=self.steps + steps)
 
-    def with_step(self, dt: float) -> Clock:
-        return self if dt == self.dt else Clock(self.now(), 0, dt)
-
 
 # The state is copied back this often, as long as that takes no more than this part of the time.
 SECONDS_BETWEEN_COPIES = 1.0

@@ -90,7 +90,10 @@ class Simulation:
             if time is not None:
                 self._clock = Clock(time)
             if self._single:
-                self._set_origins(far_origins(planes[:, :3]))
+                origins = far_origins(planes[:, :3])
+                if (origins != self._origins).any():
+                    self._origins = origins
+                    self._make_block()
                 planes[:, :3] -= self._origins[:, :, None]
             self._take(split(planes, self._single))
 
@@ -107,11 +110,6 @@ class Simulation:
             self._contacts = [0] * self._members
             self.set_stable_dt(stable_dt)
             self._take(parts)
-
-    def _set_origins(self, origins: np.ndarray) -> None:
-        if (origins != self._origins).any():
-            self._origins = origins
-            self._make_block()
 
     def _take(self, parts: Sequence[np.ndarray]) -> None:
         self._safe = SafeCopy([np.array(part) for part in parts], self._clock)
@@ -272,7 +270,8 @@ class Simulation:
         return {"steps": done}
 
     def _set_step(self, dt: float) -> None:
-        self._clock = self._clock.with_step(dt)
+        if dt != self._clock.dt:
+            self._clock = Clock(self._clock.now(), 0, dt)
         if dt != self._step_set:
             if self._block:
                 self._block.set_step(dt, self._stable_dt)

@@ -50,7 +50,7 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
         k, c = square[..., None], delta[..., None]
         x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
         return np.stack([x, w], -2)
-    slope = _matrix(0 * square, 1 + 0 * square, -square, -delta)
+    slope = np.stack([np.stack([0 * square, 1 + 0 * square], -1), np.stack([-square, -delta], -1)], -2)
     identity = np.broadcast_to(np.eye(2), slope.shape)
     if method.family == "implicit":
         return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
@@ -94,10 +94,6 @@ def _rates(name: str, value: npt.ArrayLike) -> Floats:
     array = array.astype(np.float64)
     check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
     return array
-
-
-def _matrix(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    return np.stack([np.stack([a, b], -1), np.stack([c, d], -1)], -2)
 
 
 def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:

@@ -180,7 +180,8 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
     lines, below = [], []
     for key, value in data.items():
         there = f"{path}.{key}" if path else key
-        if isinstance(value, Mapping) and not _inline(there):
+        # The short mappings of spring families are on the lines of their keys.
+        if isinstance(value, Mapping) and there not in ("cloth.stiffness", "cloth.damping"):
             below += ["", f"[{there}]", *_table(value, there)]
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             for entry in value:
@@ -189,11 +190,6 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
             comment = _COMMENTS.get(there)
             lines.append(f"{key} = {_value(value)}" + (f"  # {comment}" if comment else ""))
     return lines + below
-
-
-def _inline(path: str) -> bool:
-    """Whether a mapping is written on the line of its key, as the short mappings of spring families are."""
-    return path in ("cloth.stiffness", "cloth.damping")
 
 
 def _value(value: Any) -> str:

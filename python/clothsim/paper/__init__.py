@@ -86,7 +86,7 @@ def reproduce(
         threads = int(cs.build_config()["openmp_threads"])
     else:
         threads = check.integer("threads", threads, minimum=1)
-    _need_matplotlib()
+    needed("matplotlib", "the reproduction", "plot")
     settings = settings or (QUICK if quick else FULL)
     folder = check.folder("out", out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -231,10 +231,6 @@ def _performance(number: str, settings: Settings, threads: int, progress: bool, 
         entry["plot"] = plots.speedup(entry, folder)
         entry["plot_caption"] = f"{'The CPU side of ' if missing else ''}Figure 10: steps per second in each run."
     return {**entry, "dt": dt, "paper": paper.CLAIMS[number]}
-
-
-def _need_matplotlib() -> None:
-    needed("matplotlib", "the reproduction", "plot")
 
 
 def _bar(progress: bool, number: str, total: int, unit: str) -> ProgressBar:

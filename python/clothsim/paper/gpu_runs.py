@@ -104,11 +104,6 @@ class Settings:
     # four times this.
     first_seconds: float = 0.1
 
-    @property
-    def window_steps(self) -> int:
-        """Steps of a window that is not ended early."""
-        return self.window_frames * self.frame_steps
-
     def limit(self, size: int, members: int) -> float:
         """Wall time after which a window of such a scene ends early [s]."""
         return self.paper_seconds if (size, members) == (PAPER_SIZE, 1) else self.seconds
@@ -174,7 +169,7 @@ def measure(measurement: Measurement, scene: cs.Scene, dt: float, settings: Sett
             spent += elapsed if first else 0.0  # the first one may be compiling for seconds
             first.append(elapsed / done)
         m.first_frames.append(first)
-        m.frame_steps, m.asked = settings.frame_steps, settings.window_steps
+        m.frame_steps, m.asked = settings.frame_steps, settings.window_frames * settings.frame_steps
         m.limit = settings.limit(m.size, m.members)
         done, elapsed = timer.timed(m.asked, m.limit)
     m.rates.append(done / elapsed)

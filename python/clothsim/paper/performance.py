@@ -28,11 +28,6 @@ Variant = tuple[str, Precision, int]  # kind, precision, threads
 Start = tuple[cs.Scene, np.ndarray, np.ndarray]  # scene, positions, velocities
 
 
-def shader_name(adapter: Any) -> str:
-    """Name of the rows of a graphics adapter."""
-    return f"{SHADER}, {adapter.name}{' [a CPU]' if adapter.software else ''}"
-
-
 def _statistics(seconds_per_step: np.ndarray, frame_steps: int) -> dict[str, Any]:
     """Median and quartiles over runs, as rates: one disturbed run moves neither."""
     upper, middle, lower = 1.0 / np.quantile(seconds_per_step, (0.25, 0.5, 0.75))
@@ -151,6 +146,7 @@ def _variants(settings: Settings, start: Start, t: float, threads: int, adapters
         for count in sorted({1, threads}):
             variants[CORE, precision, count] = core(precision, count)
     for adapter in adapters:
+        name = f"{SHADER}, {adapter.name}{' [a CPU]' if adapter.software else ''}"
         for precision in PRECISIONS if adapter.float64 else PRECISIONS[1:]:
-            variants[shader_name(adapter), precision, 1] = shader(precision, adapter)
+            variants[name, precision, 1] = shader(precision, adapter)
     return variants

@@ -48,7 +48,8 @@ def compared(scene: Scene, solution: Solution, better: Solution | None) -> dict[
     """Outcomes after a contact, with their differences from the better run; NaN without a better run."""
     ours = _outcomes(scene, solution)
     theirs = _outcomes(scene, better) if better else dict.fromkeys(ours, math.nan)
-    return {name: {"value": value, "difference": _difference(value, theirs[name])} for name, value in ours.items()}
+    apart = {name: float(np.linalg.norm(np.subtract(value, theirs[name]))) for name, value in ours.items()}
+    return {name: {"value": value, "difference": apart[name]} for name, value in ours.items()}
 
 
 def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
@@ -62,10 +63,6 @@ def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
         "total_energy": energies["total"],
         "penetration": one.watched["triangle_depth"],
     }
-
-
-def _difference(a: Any, b: Any) -> float:
-    return float(np.linalg.norm(np.subtract(a, b)))
 
 
 def report(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Report:

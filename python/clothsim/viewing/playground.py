@@ -230,6 +230,10 @@ class Playground:
     def _advance(self, steps: int, budget: float) -> int:
         """Take steps in pieces of about 5 ms of wall time, or of `PIN_TIME` while a pin is dragged."""
         begun, done = perf_counter(), 0
+        # No warnings of the stepper: the page shows the limit, and filters of warnings are for one thread alone.
+        judge = self.stepper._state.judge
+        self.stepper._state.announced = True
+        judge.warned_of_dt = judge.warned_of_growth = judge.warned_of_pins = True
         while done < steps and (done == 0 or perf_counter() - begun < budget):
             piece = max(1, int(0.005 / self.cost))
             if self._pin_targets:
@@ -238,7 +242,6 @@ class Playground:
             self._move_pins(piece * self.dt)
             before = perf_counter()
             try:
-                self._silence()
                 self.stepper.advance(piece, self.dt, centers=self._next_centers(piece * self.dt))
             except UnstableError as error:
                 self.problem = (
@@ -256,12 +259,6 @@ class Playground:
             done += piece
             self._steps += piece
         return done
-
-    def _silence(self) -> None:
-        """Let the stepper give no warnings: the page shows the limit, and filters of warnings are for one thread alone."""
-        state = self.stepper._state
-        state.announced = True
-        state.judge.warned_of_dt = state.judge.warned_of_growth = state.judge.warned_of_pins = True
 
     def _next_centers(self, span: float) -> dict[int, Floats] | None:
         """Where dragged spheres travel within `span` seconds, for `Stepper.advance`."""

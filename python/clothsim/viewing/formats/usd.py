@@ -35,17 +35,13 @@ def write(clip: Clip, path: Path) -> list[Path]:
     mesh = _cloth(stage, clip)
     moves = [_sphere(stage, clip, k) for k in range(len(clip.spheres))]
     for frame in clip.frames():
-        code = Usd.TimeCode(_code(clip, frame.number, rate))
+        code = Usd.TimeCode(float(frame.number) if clip.fps else frame.time * rate)
         _set_points(mesh, clip, frame, code)
         for move, center in zip(moves, frame.centers):
             if move is not None:
                 move.Set(Gf.Vec3d(*center.tolist()), code)
     stage.GetRootLayer().Save()
     return [path]
-
-
-def _code(clip: Clip, number: int, rate: float) -> float:
-    return float(number) if clip.fps else float(clip.times[number] * rate)
 
 
 def _cloth(stage: Any, clip: Clip) -> Any:
