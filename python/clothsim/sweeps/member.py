@@ -33,7 +33,6 @@ PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
 """What a member's status, the index into this, means."""
 
-
 Pause = Callable[[float], None]
 """Called from time to time by running members, with the steps of mass points since its last call; may raise Stopped."""
 
@@ -159,8 +158,7 @@ class Member:
     def batch_key(self) -> tuple[Any, ...]:
         """A key that is equal for members that one call can step. A member that may diverge has a key of its own."""
         alone = self.index if self.likely_unstable else None
-        shared = (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values())
-        return (*shared, alone)
+        return (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values(), alone)
 
 
 @dataclass
