@@ -19,6 +19,7 @@ from ..methods.integration import integrators, warn_of_order
 from ..methods.limiting import limiting_term
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
+from ..model.sphere import Sphere
 from .arrays import FloatArray, check_driven_pins, check_pins, checked_state, put_driven_pins, scenes_of, start_time
 from .judge import Judge
 from .options import Options
@@ -61,9 +62,9 @@ class State:
     ) -> None:
         """`inspect`: warn of continuous spheres that are on the cloth, and refuse driven pins that are elsewhere."""
         start = Start.checked(scene, x, v, t, options.precision, inspect)
-        self.batched, self.options = start.batched, options
+        self.batched, self.options, self.integrator = start.batched, options, options.integrator
         self.shape, self.dtype = start.x.shape, start.x.dtype
-        self.threads = 1
+        self.threads, self.threads_optional = 1, options.threads is None
         compiled = self._compiled(start.scenes, isinstance(scene, Scene))
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
@@ -76,11 +77,12 @@ class State:
             self.core = _core.Simulation(compiled.plans, start.t, self.threads)
         self.core.set_stable_dt(compiled.stable_dt)
         self._adopt(start.scenes, compiled, inspect)
-        method = integrators()[options.integrator]
+        method = integrators()[self.integrator]
         self._may_lose_order = method.order_damped < method.order
         self.announced = False
         self.core.load(start.x, start.v)
-        self._warn_of_start(start.x, start.t)
+        if self._inspected:
+            self._warn_of_start(start.x, start.t)
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scenes, and keep the state. An error leaves everything as it was. Spheres that are put on the
@@ -95,8 +97,7 @@ class State:
         if any(sphere.response == "continuous" for one in scenes for sphere in one.spheres):
             x = np.empty(self.shape)
             self.store(x, None)
-            for member, one in enumerate(x if self.batched else x[None]):
-                warn_of_start(scenes[member], one, self.core.time, member if self.batched else None, known[member])
+            self._warn_of_start(x, self.core.time, known)
 
     def _compiled(self, scenes: list[Scene], one_scene: bool) -> _Compiled:
         """Compile the scenes; if all are `one_scene`, they share a plan."""
@@ -104,7 +105,7 @@ class State:
         on_gpu = self.options.backend == "gpu"
         plans: list[Any] = list(different) if on_gpu else [core_plan(one, self.options) for one in different]
         cloths = [core_cloth(one.cloth) if on_gpu else one.cloth for one in plans]
-        limits = [guaranteed_dt(cloth, self.options.integrator) for cloth in cloths]
+        limits = [guaranteed_dt(cloth, self.integrator) for cloth in cloths]
         each = len(scenes) // len(different)
         return _Compiled(plans * each, limits * each)
 
@@ -113,24 +114,16 @@ class State:
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.kernel_for(scenes[0].cloth)
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
-        self.judge = Judge(self.core, scenes, self.batched, self.options.integrator, compiled.stable_dt)
+        self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
         spheres = [sphere for one in scenes for sphere in one.spheres]
         self._driven = any(one.cloth.driven for one in scenes)
         self._moves = self._driven or any(sphere.motion is not None for sphere in spheres)
         self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
 
-    @property
-    def integrator(self) -> str:
-        return self.options.integrator
-
-    @property
-    def threads_optional(self) -> bool:
-        return self.options.threads is None
-
-    def _warn_of_start(self, x: FloatArray, t: float) -> None:
-        if self._inspected:
-            for member, one in enumerate(x if self.batched else x[None]):
-                warn_of_start(self.scenes[member], one, t, member if self.batched else None)
+    def _warn_of_start(self, x: FloatArray, t: float, but: Sequence[Sequence[Sphere]] = ()) -> None:
+        """`but`: for each member, the spheres that give no warning."""
+        for member, one in enumerate(x if self.batched else x[None]):
+            warn_of_start(self.scenes[member], one, t, member if self.batched else None, but[member] if but else ())
 
     def call(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any

@@ -64,6 +64,7 @@ class Block:
         self.groups = workgroups(scenes[0].cloth.shape, len(members))
         self._ahead = False
         self._rounds, self._runs, self._settled = 1, 0, True
+        self._plane_bytes = self.points * len(members) * np.dtype(self.real).itemsize
         self._check_limits()
         self.pipelines = pipelines(device, self.features, precision, strict)
         self._make_buffers()
@@ -84,10 +85,6 @@ class Block:
                 f"scene is too large for the graphics adapter: {what} takes {self.groups} "
                 f"workgroups, {adapter.name} has at most {most:,} in each direction"
             )
-
-    @property
-    def _plane_bytes(self) -> int:
-        return self.points * len(self.members) * np.dtype(self.real).itemsize
 
     def _make_buffers(self) -> None:
         create = self.device.create_buffer

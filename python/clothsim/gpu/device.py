@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -60,9 +60,10 @@ def load_wgpu() -> Any:
         raise ImportError(reason_of(error, "wgpu", "backend 'gpu'", "gpu")) from error
     global _restricted
     if not _restricted:
-        # Without OpenGL's search for a display, which writes to stderr if there is none. No effect
+        # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no display. No effect
         # where the caller has used wgpu before.
-        with _quiet():
+        has_display = "XDG_RUNTIME_DIR" in os.environ
+        with nullcontext() if has_display else _environment("NODEVICE_SELECT", os.environ.get("NODEVICE_SELECT", "1")):
             extras.set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
         _restricted = True
     return wgpu
@@ -156,17 +157,17 @@ def adapters() -> list[Adapter]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Switch off Mesa's layer that asks a display for its adapter, because it prints errors without a display."""
-    switch = "NODEVICE_SELECT"
-    if "XDG_RUNTIME_DIR" in os.environ or switch in os.environ:
-        yield
-        return
-    os.environ[switch] = "1"
+def _environment(name: str, value: str) -> Iterator[None]:
+    """A context with this variable of the environment."""
+    before = os.environ.get(name)
+    os.environ[name] = value
     try:
         yield
     finally:
-        del os.environ[switch]
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
 
 
 def chosen_adapter() -> Adapter:
@@ -203,6 +204,7 @@ class Device:
                 required_features=list(FLOAT64) if self.float64 else [],
                 required_limits={name: limits[name] for name in _LIMITS},
             )
+        self.groups_limit = int(self.handle.limits["max-compute-workgroups-per-dimension"])
         self.pipelines: dict[Any, Any] = {}
 
     def check_process(self) -> None:
@@ -225,11 +227,6 @@ class Device:
             flags |= getattr(self.wgpu.BufferUsage, usage)
         with translated(self.adapter):
             return self.handle.create_buffer(size=-(-size // 16) * 16, usage=flags)
-
-    @property
-    def groups_limit(self) -> int:
-        """Largest number of workgroups along a dimension of a dispatch."""
-        return int(self.handle.limits["max-compute-workgroups-per-dimension"])
 
 
 _opened: dict[tuple[int, str], Device] = {}
@@ -263,15 +260,8 @@ def using(adapter: Adapter) -> Iterator[None]:
     ...         run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-4, precision="single", backend="gpu")
     ...     print(adapter.name, run.report["steps_per_second"])
     """
-    before = os.environ.get(ADAPTER_VARIABLE)
-    os.environ[ADAPTER_VARIABLE] = str(adapter.place)
-    try:
+    with _environment(ADAPTER_VARIABLE, str(adapter.place)):
         yield
-    finally:
-        if before is None:
-            del os.environ[ADAPTER_VARIABLE]
-        else:
-            os.environ[ADAPTER_VARIABLE] = before
 
 
 def forget(device: Device) -> None:

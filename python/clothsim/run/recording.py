@@ -245,10 +245,6 @@ class Recording:
         """Extremes of all states, by the core."""
         return self._watched or self.state.core.watched[0]
 
-    @property
-    def first(self) -> Frame:
-        return self._x[0], self._v[0]
-
     def end_here(self) -> None:
         """End the run with its present state as the last frame."""
         x, v = self._x[: len(self.t)], self._v[: len(self.t)]

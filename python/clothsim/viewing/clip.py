@@ -41,6 +41,7 @@ class Clip:
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
         self.scene, self.fps, self.z_up = run.scene, fps, z_up
+        self.spheres, self.up = tuple(run.scene.spheres), "Z" if z_up else "Y"
         self.times = _times(run, fps)
         self.advance: Callable[[], Any] = lambda: None
         self._run = run
@@ -48,14 +49,6 @@ class Clip:
         self._gaps, self._inside = gaps, inside
         if fps is not None and ((inside > 0) & (inside < 1)).any():
             _check_interpolation(run, fps)
-
-    @property
-    def spheres(self) -> tuple[Any, ...]:
-        return tuple(self.scene.spheres)
-
-    @property
-    def up(self) -> str:
-        return "Z" if self.z_up else "Y"
 
     @cached_property
     def triangles(self) -> npt.NDArray[np.int64]:
