@@ -15,7 +15,6 @@ from .fixed_steps import RunOptions, Solution, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, Schedule
 from .recording import Recording, Watch
 
-CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
 NOT_ASKED = "no estimate was asked for"
 
 
@@ -76,10 +75,15 @@ ORDER = 8  # of dop853
 # A promise, not a setting: force evaluations of everything over those of a run at the smallest tolerance.
 MOST = 3.0
 
-LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
-UNSTABLE = "runs with more steps are unstable"
-NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
-NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
+
+class Why:
+    """Why an error is unknown, or larger than what was asked for."""
+
+    CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
+    LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
+    UNSTABLE = "runs with more steps are unstable"
+    NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
+    NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
 
 
 class Exhausted(Exception):

@@ -18,23 +18,7 @@ from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integration import integrators
 from ..model.as_core import core_cloth
-from .attempts import (
-    CONTACT,
-    LEAST,
-    MARGIN,
-    MOST,
-    NO_FINER,
-    NOT_REACHED,
-    ORDER,
-    ROUNDING,
-    RUNS,
-    SMALL,
-    UNSTABLE,
-    Attempts,
-    Controlled,
-    Estimate,
-    Exhausted,
-)
+from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Exhausted, Why
 from .fixed_steps import Solution, rms, size_of
 from .frames import Schedule
 
@@ -51,7 +35,7 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             if best is None:
                 best = run
             if better.touched(run):
-                return runs.close(run, Estimate.unknown(CONTACT), better.run)
+                return runs.close(run, Estimate.unknown(Why.CONTACT), better.run)
             found = better.error_of(run)
             if found.rms >= error.rms / 2 and better.tightened(asked / found.rms):
                 found = better.error_of(run)
@@ -61,7 +45,7 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             if setting <= method.least or number == RUNS - 1:
                 if best is None:
                     raise
-                return runs.close(best, error.because(UNSTABLE))
+                return runs.close(best, error.because(Why.UNSTABLE))
             setting = max(setting / 2, method.least)
             continue
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
@@ -76,17 +60,17 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
         if found.rms <= asked:
             return runs.close(run, found)
         if hopeless and not known:
-            return runs.close(best, error.because(LEAST))
+            return runs.close(best, error.because(Why.LEAST))
         if setting <= method.least:
-            return runs.close(best, error.because(NO_FINER))
+            return runs.close(best, error.because(Why.NO_FINER))
         # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / method.order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), method.least)
         if stalls >= 2 and not known and runs.spent + run.evaluations * setting / finer > better.most:
-            return runs.close(best, error.because(LEAST))
+            return runs.close(best, error.because(Why.LEAST))
         setting = finer
     assert best is not None
-    return runs.close(best, error.because(NOT_REACHED))
+    return runs.close(best, error.because(Why.NOT_REACHED))
 
 
 def estimated(runs: Attempts, run: Solution) -> Controlled:
@@ -94,7 +78,7 @@ def estimated(runs: Attempts, run: Solution) -> Controlled:
     runs.add(run)
     better = _Better(runs, SMALL**6 * size_of(runs.scene))
     if better.touched(run):
-        return runs.close(run, Estimate.unknown(CONTACT), better.run)
+        return runs.close(run, Estimate.unknown(Why.CONTACT), better.run)
     return runs.close(run, better.error_of(run))
 
 

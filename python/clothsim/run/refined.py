@@ -25,22 +25,7 @@ import math
 
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
-from .attempts import (
-    CONTACT,
-    LEAST,
-    MARGIN,
-    MOST,
-    NOT_REACHED,
-    ORDER,
-    ROUNDING,
-    RUNS,
-    SMALL,
-    UNSTABLE,
-    Attempts,
-    Controlled,
-    Estimate,
-    Exhausted,
-)
+from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Exhausted, Why
 from .fixed_steps import Solution, size_of
 from .frames import Schedule
 
@@ -67,18 +52,18 @@ def refined(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
     most = MOST * finer.evaluations_of_finest
     for number in range(1, RUNS):
         if runs.spent + finer.evaluations > most:
-            return runs.close(best, error.because(LEAST))
+            return runs.close(best, error.because(Why.LEAST))
         try:
             after = finer.run()
         except Exhausted:
             return runs.close(best, error.because(runs.exhausted()))
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
-                return runs.close(best, error.because(UNSTABLE))
+                return runs.close(best, error.because(Why.UNSTABLE))
             finer.refine(finer.fall * _FALL)
             continue
         if before.contacts or after.contacts:
-            return runs.close(before, Estimate.unknown(CONTACT), after)
+            return runs.close(before, Estimate.unknown(Why.CONTACT), after)
         pair = _Pair(before, after, finer.by_grid)
         if pair.before.rms <= asked:
             return runs.close(before, pair.before)
@@ -92,10 +77,10 @@ def refined(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             # The least of several distances may be small by chance.
             error = max(error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms)
         if finer.is_finest or hopeless:
-            return runs.close(best, error.because(LEAST))
+            return runs.close(best, error.because(Why.LEAST))
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
         before = after
-    return runs.close(best, error.because(NOT_REACHED))
+    return runs.close(best, error.because(Why.NOT_REACHED))
 
 
 def _first_tolerance(runs: Attempts, asked: float) -> float:
