@@ -189,20 +189,6 @@ def test_forces_that_are_not_smooth_are_an_error():
         cs.reference(cs.scenes.oscillator(stiffness=1e25), 2.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ((None, 1.0), TypeError, "scene must be a Scene"),
-        ((cs.scenes.oscillator(), 0.0), ValueError, "duration must be .* > 0"),
-        ((cs.scenes.oscillator(), 1.0, -0.1), ValueError, "every must be"),
-        ((cs.scenes.oscillator(), 1.0, "all"), TypeError, "every must be"),
-    ],
-)
-def test_bad_arguments_of_reference(arguments, error, message):
-    with pytest.raises(error, match=message):
-        cs.reference(*arguments)
-
-
 def test_error_of():
     scene = cs.scenes.oscillator()
     found = cs.reference(scene, 0.5, every=0.25)

@@ -112,33 +112,6 @@ def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bit
         assert same_bits([a[k]], [cs.acceleration(*one, **variant.options)])
 
 
-@pytest.mark.parametrize(
-    "threads, error",
-    [
-        (0, ValueError),
-        (-1, ValueError),
-        (10**6, ValueError),
-        (10**30, ValueError),
-        (True, TypeError),
-        (1.5, TypeError),
-        (2.0, TypeError),
-        ("2", TypeError),
-    ],
-)
-def test_a_bad_number_of_threads_is_refused(crumpled, threads, error):
-    scene, x, v, dt = crumpled()
-    calls = [
-        lambda: cs.step(scene, x, v, dt, threads=threads),
-        lambda: cs.acceleration(scene, x, v, threads=threads),
-        lambda: cs.Stepper(scene, threads=threads),
-        lambda: cs.simulate(scene, 0.01, dt, threads=threads),
-        lambda: scene.explain(threads=threads),
-    ]
-    for call in calls:
-        with pytest.raises(error, match="threads must be an integer"):
-            call()
-
-
 def test_takes_the_most_threads_it_says_it_takes(crumpled, same_bits):
     scene, x, v, dt = crumpled(shape=(40, 40))
     most = cs.step(scene, x, v, dt, 3, threads=256)

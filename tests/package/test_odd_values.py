@@ -1,4 +1,6 @@
-"""Odd values for every argument of the public functions: each error names the argument."""
+"""Odd values for every argument of the public functions: each is taken only where its kind allows it, and each error names
+the argument, what came and what is accepted.
+"""
 
 import contextlib
 import decimal
@@ -48,26 +50,19 @@ class Bytes:
         return b"\xff"
 
 
+NUMBERS = [0, -1, 2**63, 0.5, -0.5, 1e300, 1e-320, np.int8(-3), np.array(2.5), fractions.Fraction(1, 3)]
 ODD = [
+    *NUMBERS,
     None,
     True,
     np.True_,
-    0,
-    -1,
-    2**63,
     10**400,
     -(10**5000),
-    0.5,
-    -0.5,
     np.nan,
     np.inf,
     -np.inf,
-    1e300,
-    1e-320,
     np.float32(np.inf),
-    np.int8(-3),
     np.longdouble("1e4000"),
-    np.array(2.5),
     np.array(np.nan),
     np.array("a"),
     np.array([]),
@@ -85,7 +80,6 @@ ODD = [
     bytearray(b"1"),
     decimal.Decimal("1.5"),
     decimal.Decimal("NaN"),
-    fractions.Fraction(1, 3),
     fractions.Fraction(10**400),
     1 + 2j,
     [],
@@ -131,7 +125,7 @@ ODD = [
 # something odd; all others have their defaults.
 CALLS = {
     cs.Cloth: {"shape": (2, 3), "pins": ()},
-    cs.Sphere: {},
+    cs.Sphere: {"response": "ray"},
     cs.Linear: {"velocity": (1, 0, 0)},
     cs.Reciprocate: {"direction": (1, 0, 0)},
     cs.Keyframes: {"times": [0, 1], "centers": np.zeros((2, 3))},
@@ -148,6 +142,10 @@ CALLS = {
     STEPPER.freeze: {"member": 0},
     cs.Stepper.restore: {"snapshot": STEPPER.snapshot()},
     cs.simulate: {"scene": SCENE, "duration": 0.02, "dt": 0.01},
+    cs.settle: {"scene": SCENE},
+    cs.picture: {"scene": SCENE, "width": 32},
+    RUN.picture: {"width": 32},
+    cs.scenes.denim: {"shape": (3, 3)},
     partial(cs.simulate, MOVING, 0.02): {"dt": 0.01},
     RUN.resume: {"duration": 0.02},
     RUN.penetration: {"sphere": 0},
@@ -183,6 +181,26 @@ CALLS = {
 }
 # Arguments of which one thread and no bar are good values wherever they are.
 COMMON = {"threads": 1, "progress": False}
+
+# The odd values that an argument may take: a rule for the plain numbers, truth values, or none. All others must be refused.
+TAKEN = {
+    **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length"), lambda n: n > 0),
+    **dict.fromkeys(("dt", "duration", "every", "fps", "task_seconds"), lambda n: n > 0),
+    **dict.fromkeys(("stiffness", "damping", "drag", "friction", "deceleration", "offset"), lambda n: n >= 0),
+    **dict.fromkeys(("rtol", "atol"), lambda n: n >= 0),
+    **dict.fromkeys(("member", "row", "column", "frame"), lambda n: isinstance(n, (int, np.integer)) and abs(n) < 9),
+    "restitution": lambda n: 0 <= n <= 1,
+    "phase": lambda n: 0 <= n < 1,
+    "amplitude": lambda n: abs(n) < 1,
+    "steps": lambda n: isinstance(n, int) and n == 0,
+    "t": lambda n: True,
+    **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames", "cache", "track_contact_energy"), bool),
+    **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), None),
+    **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), None),
+    **dict.fromkeys(("label", "shadow", "perspective"), bool),
+    "width": None,
+}
+WITH_ARRAYS = {"center_at", "penetration", "stability_map"}  # functions that take arrays of some of these
 
 # What an error may name beside the argument: the part of it, or the other one, that is wrong.
 ALSO = {
@@ -238,8 +256,15 @@ def test_every_error_names_its_argument(function, given):
     assert not wrong, "\n".join(wrong)
 
 
+def is_allowed(odd, rule):
+    if rule is bool:
+        return isinstance(odd, (bool, np.bool_))
+    return rule is not None and any(odd is number for number in NUMBERS) and rule(odd)
+
+
 def errors_without(argument, function, good):
-    """Odd values of the argument for which the error does not name it."""
+    """Odd values of the argument that are taken, or for which the error does not name it."""
+    checked = argument in TAKEN and name_of(function) not in WITH_ARRAYS
     names = rf"\b({argument}|{ALSO.get((name_of(function), argument), argument)})\b"
     wrong = []
     for odd in ODD:
@@ -250,12 +275,16 @@ def errors_without(argument, function, good):
                 warnings.simplefilter("ignore")
                 function(**{**good, argument: odd})
         except (ValueError, TypeError) as error:
-            if not re.search(names, str(error)) or "incompatible function arg" in str(error):
+            says = re.search(r"must .*got|(accepted|needed):|must be (given|False)", str(error), re.DOTALL)
+            if not (re.search(names, str(error)) and says) or "incompatible function arg" in str(error):
                 wrong.append((odd, error))
+            continue
         except (cs.UnstableError, cs.ContactError, OSError, MemoryError):
             pass
         except Exception as error:
             wrong.append((odd, error))
+        if checked and odd is not None and not is_allowed(odd, TAKEN[argument]):
+            wrong.append((odd, "is taken"))
     return [f"{name_of(function)}({argument}={shown(odd)}): {type(e).__name__}: {e}" for odd, e in wrong]
 
 

@@ -384,13 +384,8 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
     [
         ({"dt": 1e-3, "rtol": 1e-3}, ValueError, "dt must be None with rtol or atol"),
         ({"rtol": 0.0}, ValueError, "rtol or atol must be > 0, got 0 for both"),
-        ({"rtol": -1e-3}, ValueError, "rtol must be a finite number >= 0, got -0.001"),
-        ({"atol": "small"}, TypeError, "atol must be a finite number >= 0, got 'small'"),
         ({"dt": 1e-3, "integrator": "auto"}, ValueError, "integrator must be a name with dt"),
         ({"rtol": 1e-3, "integrator": "rk17"}, ValueError, "integrator must be one of"),
-        ({"rtol": 1e-3, "every": 0}, ValueError, "every must be steps between frames"),
-        ({"rtol": 1e-3, "every": -0.1}, ValueError, "every must be a finite number > 0"),
-        ({"rtol": 1e-3, "max_evaluations": 0}, ValueError, "max_evaluations must be an integer >= 1"),
         ({"dt": 1e-3, "max_evaluations": 9}, ValueError, "max_evaluations must be None with dt"),
     ],
 )

@@ -116,21 +116,6 @@ def test_driven_pins_are_held_where_they_are_at_the_time():
     assert (run.x[-1] == still.x[-1]).all()
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        ({"tolerance": 0.0}, "tolerance must be a finite number >= 1e-12, got 0.0"),
-        ({"max_evaluations": 0}, "max_evaluations must be"),
-        ({"t": np.nan}, "t must be"),
-    ],
-)
-def test_wrong_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        cs.settle(LIGHT, **arguments)
-    with pytest.raises(TypeError, match="scene must be a Scene"):
-        cs.settle(LIGHT.cloth)
-
-
 def test_a_run_in_time_has_no_residual():
     report = cs.simulate(LIGHT, 0.01, dt=1e-3).report
     assert np.isnan(report["residual"]) and report["reason"].startswith("not a run to rest")

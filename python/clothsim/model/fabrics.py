@@ -113,7 +113,7 @@ def fabric_scene(
     is a numerical choice, because the sources measure no damping.
     """
     damping_ratio = check.number("damping_ratio", damping_ratio, minimum=0)
-    fold = check.number("fold", fold, minimum=0, exclusive=True, maximum=math.pi)
+    fold = check.number("fold", fold, minimum=1e-3, maximum=math.pi)
     blank = Cloth(shape, size)
     if min(blank.shape) < 3:
         raise ValueError(f"shape must have at least 3 rows and 3 columns, got {blank.shape}")

@@ -144,7 +144,7 @@ def direction_of(value: Any) -> tuple[float, float, float]:
             return x, y, z
     names = ", ".join(map(repr, DIRECTIONS))
     raise ValueError(
-        f"camera must be a Camera, a direction of 3 numbers that are not all 0, or one of {names}, got {value!r}"
+        f"camera must be a Camera, a direction of 3 numbers that are not all 0, or one of {names}, got {check.shown(value)}"
     )
 
 

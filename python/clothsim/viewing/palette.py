@@ -58,12 +58,11 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None, t: Floats) ->
             for deepest, points, center in zip(depth, x, np.reshape(sphere.center_at(t), (-1, 3))):
                 np.maximum(deepest, sphere.radius - np.linalg.norm(points - center, axis=-1), out=deepest)
         return depth
-    values = np.asarray(color)
+    accepted = f"one of {', '.join(map(repr, NAMES))}, or numbers of shape {x.shape[1:-1]}"
+    accepted += f" or {x.shape[:-1]}" if len(x) > 1 else ""
+    values = check.as_array("color", color, accepted)
     if values.dtype.kind not in "iufb" or values.shape not in (x.shape[:-1], x.shape[1:-1]):
-        raise ValueError(
-            f"color must be one of {', '.join(map(repr, NAMES))}, or numbers of shape {x.shape[1:-1]}"
-            f"{f' or {x.shape[:-1]}' if len(x) > 1 else ''}, got {check.shown(color)}"
-        )
+        raise ValueError(f"color must be {accepted}, got {check.shown(color)}")
     return np.broadcast_to(values.astype(float), x.shape[:-1])
 
 

@@ -60,7 +60,7 @@ class Drawing:
         self.camera: Camera = camera_for(style.camera, scene, x, t, perspective=perspective)
         self.values = values_of(style.color, scene, x, v, t)
         if self.values is None and style.limits is not None:
-            raise ValueError(f'limits must be None with color="faces", got {style.limits!r}')
+            raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
         self.scale = None if self.values is None else scale_of(style.color, self.values, style.limits)
 
     def pixels(self, k: int) -> npt.NDArray[np.uint8]:
@@ -169,10 +169,7 @@ class Picture:
 
 def file_path(name: str, value: Any) -> Path:
     """`value` as the path of a file in a folder that is there."""
-    try:
-        path = Path(value)
-    except TypeError:
-        raise TypeError(f"{name} must be the path of a file, got {value!r}") from None
+    path = check.path(name, value, "the path of a file")
     if not path.parent.is_dir():
         raise ValueError(f"{name} must be in an existing folder, got {str(path)!r}")
     return path
