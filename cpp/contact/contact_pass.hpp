@@ -101,7 +101,8 @@ public:
         if (!current_) before_ = memory;
     }
 
-    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads) {
+    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads,
+                          Poll& poll) {
         memory_ = &memory;
         swept_.clear();
         velocities_.clear();
@@ -112,7 +113,7 @@ public:
         current_ = true;
         report_ = {};
         const double before = impulses_.power(numbers_, velocities_);
-        if (faces_) respond_to_faces();
+        if (faces_) respond_to_faces(poll);
         else if (cell_pass_) respond_to_cells(threads);
         else respond_to_points(threads);
         report_.work = before - impulses_.power(numbers_, velocities_);
@@ -208,7 +209,7 @@ private:
                 if (open_[index(r, j)] & vector_unresolved) copy(r, j);
             }
     }
-    void respond_to_faces() {
+    void respond_to_faces(Poll& poll) {
         FacePass& pass = *face_pass_;
         const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
             for (std::size_t i = 0; i < places_.size(); ++i)
@@ -224,7 +225,7 @@ private:
         }
         take(*memory_, pass.x, 0);
         take(*memory_, pass.v, 3);
-        report_ = pass.run(swept_);
+        report_ = pass.run(swept_, poll);
         for (std::size_t s = 0; s < spheres_.size(); ++s) impulses_.give(numbers_[s], 0, 0, pass.given[s]);
         for (std::size_t i = 0; i < places_.size(); ++i) {
             if (!pass.changed[i]) continue;

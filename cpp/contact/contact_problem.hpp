@@ -19,6 +19,7 @@
 #include <cmath>
 #include <vector>
 
+#include "memory/poll.hpp"
 #include "model/sphere.hpp"
 
 namespace clothsim {
@@ -113,8 +114,8 @@ struct SolverMemory {
 // nonlinear conjugate gradients after Fletcher and Reeves). A sweep makes every result, so every result is in
 // the cones.
 inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, ContactSide side,
-                          double tolerance, int most, SolverMemory& memory, std::size_t first = 0,
-                          double quiet = 0) {
+                          double tolerance, int most, SolverMemory& memory, CountedPoll& poll,
+                          std::size_t first = 0, double quiet = 0) {
     const std::size_t count = rows.size();
     memory.change.resize(count);
     memory.direction.resize(count);
@@ -146,6 +147,7 @@ inline int solve_contacts(std::vector<ContactRow>& rows, std::vector<Vec3>& z, C
     };
     double last = 0;
     for (int sweep = 0; sweep < most; ++sweep) {
+        poll.passed(count);
         changed = squares = 0;
         if (sweep % 2 == 0)
             for (std::size_t k = count; k-- > 0;) visit(k, sweep);

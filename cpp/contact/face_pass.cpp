@@ -59,7 +59,7 @@ const FaceWork::Frame& FaceWork::place_in_frame(int sphere) {
 void FaceWork::solve_side(std::size_t first, std::vector<Vec3>& z, ContactSide side, double tolerance,
                           double quiet, int most) {
     guess_impulses(rows_, first, z, sum_, side);
-    solve_contacts(rows_, z, side, tolerance, most, memory_, first, quiet);
+    solve_contacts(rows_, z, side, tolerance, most, memory_, *poll_, first, quiet);
 }
 
 // Positions or velocities. The rows before `first` are solved for already.
@@ -179,6 +179,7 @@ void FaceWork::push_out_all() {
     for (int k = 0; k < sweeps; ++k) {
         bool moved = false;
         for (const auto& [sphere, triangle] : starts_inside_) moved |= push_out(sphere, triangle);
+        poll_->passed(pieces_of_touch * starts_inside_.size());
         if (!moved) return;
     }
 }
@@ -210,8 +211,9 @@ bool FaceWork::follow_ways(int first_round) {
     return clear;
 }
 
-ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres) {
+ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres, Poll& poll) {
     spheres_ = &spheres;
+    poll_.emplace(poll);
     report_ = {};
     touched = false;
     rows_.clear();

@@ -20,6 +20,7 @@
 #include "contact/contact_report.hpp"
 #include "kernels/contact/continuous.hpp"
 #include "kernels/contact/face_kernels.hpp"
+#include "memory/poll.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {
@@ -34,7 +35,8 @@ public:
     std::vector<Vec3> given;  // to the cloth by each sphere: momentum [N s]
     bool touched = false;  // whether a triangle or point was near enough to be checked
 
-    virtual ContactReport run(const std::vector<SweptSphere>& spheres) = 0;
+    // Throws Poll::Interrupted where the poll asks for the end. The state is then neither.
+    virtual ContactReport run(const std::vector<SweptSphere>& spheres, Poll& poll) = 0;
 
     // Impulses of resting contacts in the newest step: the start of the next solve.
     struct PersistentContact {

@@ -123,6 +123,7 @@ bool FaceWork::find_rows(int round) {
             (round == 0 ? shell.surface : shell.middle) + (shell.surface - shell.inside) * closeness;
         std::vector<std::size_t> touching;
         broad_phase_.each_open(s, reach, pass, [&](const Triangle& t) {
+            poll_->passed(pieces_of_touch);
             if (inspect_triangle(s, t, round)) touching.push_back(t.number);
         });
         found |= !touching.empty();

@@ -35,6 +35,7 @@ bool FaceWork::place_rows() {
             continue;
         }
         broad_phase_.each_open(s, far * shell.surface, FaceBroadPhase::Pass::all, [&](const Triangle& t) {
+            poll_->passed(pieces_of_touch);
             if (inside_[at(s)][t.number]) return;
             const Corners p0 = Frame::corners(frame.start, t.corner),
                           p1 = Frame::corners(frame.end, t.corner);
@@ -66,7 +67,7 @@ bool FaceWork::project(const Sweeps& sweeps) {
         for (ContactRow& row : rows) row.friction = 0;
         if (sweeps.most > 1) guess_impulses(rows, 0, x, sum_, &ContactRow::place);
         solve_contacts(rows, x, &ContactRow::place, accuracy * (shells_[0].surface - shells_[0].inside),
-                       sweeps.most, memory_);
+                       sweeps.most, memory_, *poll_);
     }
     return false;
 }
@@ -175,6 +176,7 @@ bool FaceWork::move_with_spheres() {
         if (moved.empty()) return true;
         for (const std::size_t i : moved) {
             if (cloth_.pinned[i]) continue;
+            poll_->passed(planes[i].size() * planes[i].size() * planes[i].size() / 8);
             if (planes[i].size() > most_planes || !nearest_in(planes[i], int(i), x[i])) return false;
         }
     }
@@ -255,6 +257,7 @@ void FaceWork::each_blocked(Visit visit) {
         const double slop = (*spheres_)[at(s)].slop, reach = shells_[at(s)].inside - slop;
         if (faces_[at(s)]) {
             broad_phase_.each_open(s, reach, FaceBroadPhase::Pass::all, [&](const Triangle& t) {
+                poll_->passed(pieces_of_touch);
                 if (inside_[at(s)][t.number]) return;
                 const Corners p0 = Frame::corners(frame.start, t.corner),
                               p1 = Frame::corners(frame.end, t.corner);

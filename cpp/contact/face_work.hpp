@@ -21,6 +21,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -40,7 +41,7 @@ inline constexpr double least_lever = 0.01;
 class FaceWork : public FacePass {
 public:
     FaceWork(const Scene& scene, const std::vector<bool>& faces, const FaceKernels& kernels);
-    ContactReport run(const std::vector<SweptSphere>& spheres) final;
+    ContactReport run(const std::vector<SweptSphere>& spheres, Poll& poll) final;
 
 private:
     using Triangle = FaceBroadPhase::Triangle;
@@ -79,6 +80,7 @@ private:
     };
     // Of a solve; a bound. Half changes a violent shot by 1e-7 m; twice changes nothing.
     static constexpr int most_rounds = 24;
+    static constexpr std::size_t pieces_of_touch = 8;  // see CountedPoll: a triangle that is inspected
     static constexpr Sweeps all_sweeps{30, 100}, single_sweeps{400, 1};
 
     Corners corners(const std::vector<Vec3>& of, const std::array<int, 3>& corner) const;
@@ -135,6 +137,7 @@ private:
     const Cloth& cloth_;
     std::vector<bool> faces_;
     const std::vector<SweptSphere>* spheres_ = nullptr;
+    std::optional<CountedPoll> poll_;
     std::vector<Shell> shells_;
     FaceBroadPhase broad_phase_;
     std::vector<Vec3> scratch_;  // of points

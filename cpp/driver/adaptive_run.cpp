@@ -20,7 +20,6 @@ namespace {
 
 using std::chrono::steady_clock;
 
-constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
 constexpr std::int64_t steps_between_energies =
@@ -44,9 +43,10 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     begin_watches();
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
-    auto last_poll = steady_clock::now();
+    Poll poll(interrupted);
     while (t < request.until && outcome.steps < request.steps) {
         const auto start = steady_clock::now();
+        const StepController before = controller;
         const bool choose = choosing(request.threads, request.optional);
         const int team = this->team(request.threads, request.optional);
         const std::int64_t slept_before = slept;
@@ -77,10 +77,16 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             accepted = false;
         }
         if (accepted) {
+            const double next = h == left ? end : t + h;
+            try {
+                engine.accept_in_contact(t, next, team, poll);
+            } catch (const Poll::Interrupted&) {
+                controller = before;
+                outcome.interrupted = true;
+                return outcome;
+            }
             last_begin_ = t;
             last_step_ = h;
-            const double next = h == left ? end : t + h;
-            engine.accept_in_contact(t, next, team);
             const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
             if (trapped >= 0) {
                 const double energy = engine.contact_report.energy;
@@ -112,13 +118,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         const double seconds = seconds_since(start);
         judge_team(choose, 1, seconds, slept_before);
         if (outcome.grown) return outcome;
-        if (seconds_since(last_poll) > seconds_between_polls) {
-            if (interrupted()) {
-                outcome.interrupted = true;
-                return outcome;
-            }
-            last_poll = steady_clock::now();
-        }
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) return outcome;
     }
     return outcome;
 }

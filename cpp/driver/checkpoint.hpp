@@ -18,6 +18,7 @@
 // unchanged until the call has succeeded.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -41,9 +42,15 @@ public:
     void pass(std::int64_t steps) { steps_ += steps; }
     void spend(double seconds) { seconds_ += seconds; }
 
-    // At the present state, which every member copies, by any thread.
-    void take() { set(nullptr, 0); }
-    void copy(std::size_t i) const { members_[i]->save_checkpoint(); }
+    // At the present state, which every member copies before it leaves it, by any thread.
+    void take() {
+        set(nullptr, 0);
+        copied_.assign(members_.size(), 0);
+    }
+    void copy(std::size_t i) {
+        members_[i]->save_checkpoint();
+        copied_[i] = 1;
+    }
     // At the state that `load` has just brought; it is asked again to go back.
     void take_input(const Load& load) { set(&load, 0); }
     void drop() { set(nullptr, none); }
@@ -51,7 +58,10 @@ public:
     // A member back to it; when all are back, none of the steps has passed.
     void restore(std::size_t i) const {
         Engine& member = *members_[i];
-        if (!input_) return member.restore_checkpoint();
+        if (!input_) {
+            if (copied_[i]) member.restore_checkpoint();
+            return;
+        }
         member.begin_anew();
         (*input_)(i);
     }
@@ -67,6 +77,7 @@ private:
 
     const std::vector<std::unique_ptr<Engine>>& members_;
     const Load* input_ = nullptr;
+    std::vector<std::uint8_t> copied_;  // members; the others are still at it
     std::int64_t steps_ = none;
     double seconds_ = 0;
 };

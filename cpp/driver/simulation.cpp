@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <exception>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -13,8 +12,6 @@
 
 namespace clothsim {
 namespace {
-
-using std::chrono::steady_clock;
 
 // Steps. The state of an unstable run is caught within this many steps of its first non-finite value. Going
 // back to the last checkpoint then finds the exact step. Half inspects twice as often; twice repeats more
@@ -30,27 +27,22 @@ constexpr std::int64_t steps_between_energies = most_steps_unchecked,
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
-// contact pass each. That takes ten times as long and cannot be interrupted.
+// contact pass each. That takes ten times as long, and with faces is all that Ctrl-C undoes.
 constexpr double most_seconds_behind_planes = 0.004;
 // Of a batch later: each member has to come into cache, and should then be stepped more than once. Half or
 // twice: as long until Ctrl-C is seen.
 constexpr double seconds_of_batch = 0.05;
+// Of a step of a batch: a longer one is left in its middle by Ctrl-C, and needs a checkpoint not long before.
+// In calls of single steps each copies the state, which takes a fifth of such steps. Half: of more steps.
+// Twice: Ctrl-C later than 0.1 s.
+constexpr double most_seconds_of_whole_step = 0.08;
+// Of such steps between two checkpoints within a call. Half or twice: as much undone, at 2 or 0.5 % of a
+// step.
+constexpr double most_seconds_undone = 2;
 
 // From so many mass points on, waking a team (some 50 us) takes less than it saves in a step. Half or twice
 // only concerns the first step of a run.
 constexpr std::int64_t least_points_per_team = 16384;
-
-// How many of `count` members are stepped by one thread each. The others are too few for all threads. The
-// whole team steps them one after the other where that is faster.
-std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
-    if (count == 1) return 0;
-    const std::int64_t left = count % threads;
-    return 4 * left <= 3 * threads && points >= least_points_per_thread * threads ? count - left : count;
-}
-
-double seconds_between(steady_clock::time_point start, steady_clock::time_point end) {
-    return std::chrono::duration<double>(end - start).count();
-}
 
 }  // namespace
 
@@ -173,6 +165,11 @@ bool Simulation::above_stable_dt() const {
     return false;
 }
 
+bool Simulation::has_faces() const {
+    return std::any_of(plans_[0].spheres.begin(), plans_[0].spheres.end(),
+                       [](const Sphere& sphere) { return sphere.faces; });
+}
+
 std::int64_t Simulation::energy_period(std::size_t i) const {
     return clock.dt > stable_dt_[i] ? steps_between_energies_above : steps_between_energies;
 }
@@ -240,48 +237,31 @@ std::int64_t Simulation::first_bad_member() const {
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
-void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads) {
+void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads, Poll& poll) {
     Engine& member = *members_[i];
     member.threads = threads;
     if (copy) checkpoint_.copy(i);
-    if (!member.advance_in_contact(block.steps, clock, threads, true)) {
+    if (!member.advance_in_contact(block.steps, clock, threads, true, poll)) {
         checkpoint_.restore(i);
         Clock from = clock;
         from.steps -= checkpoint_.steps();
-        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false);
+        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false, poll);
     }
     if (block.inspect) inspect(i, age_ + block.steps, block.each);
     if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
 }
 
-void Simulation::each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work) {
-    const auto each_alone =
-        members.begin() + alone(std::int64_t(members.size()), plans_[0].cloth.points(), threads);
-    if (each_alone != members.begin()) {
-        const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
-        std::exception_ptr failure;  // none may leave the region
-#pragma omp parallel for num_threads(team) if (team > 1) schedule(dynamic)
-        for (auto i = members.begin(); i < each_alone; ++i) {
-            try {
-                work(*i, 1);
-            } catch (...) {
-#pragma omp critical(clothsim_member_failure)
-                failure = std::current_exception();
-            }
-        }
-        if (failure) std::rethrow_exception(failure);
-    }
-    for (auto i = each_alone; i != members.end(); ++i) work(*i, threads);
-}
-
-void Simulation::run(const Block& block, int threads) {
+bool Simulation::run(const Block& block, int threads, Poll& poll) {
     const bool copy = !checkpoint_.taken();
     if (copy) checkpoint_.take();
     moving_.clear();
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
     try {
-        each_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, block, copy, team); });
+        const MemberWork work = [&](std::size_t i, int team) { run_member(i, block, copy, team, poll); };
+        each_member_of(moving_, plans_[0].cloth.points(), threads, work, block.whole ? nullptr : &poll);
+    } catch (const Poll::Interrupted&) {
+        return false;
     } catch (...) {
         checkpoint_.drop();  // some members have a copy of another step
         throw;
@@ -289,6 +269,7 @@ void Simulation::run(const Block& block, int threads) {
     checkpoint_.pass(block.steps);
     clock.steps += block.steps;
     age_ += block.steps;
+    return true;
 }
 
 void Simulation::back_to_checkpoint() {
@@ -302,24 +283,30 @@ void Simulation::back_to_checkpoint() {
     checkpoint_.restored();
 }
 
-void Simulation::repeat_step_by_step(Outcome& outcome, int threads,
-                                     const std::function<bool()>& interrupted) {
+std::int64_t Simulation::undo(Outcome& outcome, int threads) {
     const std::int64_t steps = checkpoint_.steps(), of_this_call = std::min(steps, outcome.steps);
     back_to_checkpoint();
     begin_watches();  // at the input, if it did not pay
-    if (steps > of_this_call) run({steps - of_this_call, false}, threads);
+    if (steps > of_this_call) {
+        const std::function<bool()> never = [] { return false; };
+        Poll poll(never);
+        run({steps - of_this_call, false}, threads, poll);
+    }
     outcome.steps -= of_this_call;
-    auto last_poll = steady_clock::now();
-    for (std::int64_t k = 0; k < of_this_call; ++k, ++outcome.steps) {
-        if (seconds_between(last_poll, steady_clock::now()) > seconds_between_polls) {
-            if (interrupted()) {
-                outcome.interrupted = true;
-                break;
-            }
-            last_poll = steady_clock::now();
-        }
+    return of_this_call;
+}
+
+void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
+    const std::int64_t steps = undo(outcome, threads);
+    for (std::int64_t k = 0; k < steps; ++k, ++outcome.steps) {
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) break;
         checkpoint_.drop();
-        run({1, true, true}, threads);
+        outcome.interrupted = !run({1, true, true}, threads, poll);
+        if (outcome.interrupted) {
+            back_to_checkpoint();
+            break;
+        }
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
@@ -342,13 +329,21 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     // A call with arrays that ends before energies are compared needs none of them.
     const bool watched = above_stable_dt() || !checkpoint_.is_input() || steps >= energy_period;
     if (steps > 0 && watched) begin_watches();
-    const bool of_earlier_calls = checkpoint_.steps() > 0;
-    if (of_earlier_calls && (above_stable_dt() || checkpoint_.seconds() > most_seconds_of_earlier_calls))
-        checkpoint_.drop();
     const bool continuous = !above_stable_dt() &&
         std::any_of(members_.begin(), members_.end(),
                     [](const auto& member) { return member->has_continuous(); });
-    auto last_poll = steady_clock::now(), start = last_poll;
+    const bool batch = members_.size() > 1;
+    const double longest = batch ? seconds_of_batch
+        : continuous             ? most_seconds_behind_planes
+                                 : seconds_between_polls;
+    const double renewal = continuous ? most_seconds_behind_planes
+        : batch && !above_stable_dt() ? most_seconds_undone
+                                      : std::numeric_limits<double>::infinity();
+    const bool undoes = has_faces() || (batch && step_seconds_ > most_seconds_of_whole_step);
+    const double oldest = above_stable_dt() ? 0 : undoes ? longest : most_seconds_of_earlier_calls;
+    if (checkpoint_.steps() > 0 && checkpoint_.seconds() > oldest) checkpoint_.drop();
+    Poll poll(interrupted);
+    auto start = poll.asked();
     while (outcome.steps < steps) {
         // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
         const std::int64_t to_energies = energy_period - age_ % energy_period;
@@ -359,19 +354,22 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const bool choose = choosing(threads, optional);
         const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
         const std::int64_t slept_before = slept;
-        const bool renew = continuous && checkpoint_.seconds() > most_seconds_behind_planes;
-        run({n, n == to_inspection || renew}, team(threads, optional));
+        const bool renew = checkpoint_.seconds() > renewal;
+        const bool whole = checkpoint_.steps() > 0 && step_seconds_ < most_seconds_of_whole_step;
+        outcome.interrupted =
+            !run({n, n == to_inspection || renew, false, whole}, team(threads, optional), poll);
+        if (outcome.interrupted) {
+            undo(outcome, threads);
+            checkpoint_.drop();
+            return outcome;
+        }
         outcome.steps += n;
-        const auto end = steady_clock::now();
-        const double seconds = seconds_between(start, end);
-        const double per_step = seconds / double(n);
-        start = end;
+        const auto end = Poll::Clock::now();
+        const double seconds = std::chrono::duration<double>(end - start).count();
+        step_seconds_ = seconds / double(n);
         checkpoint_.spend(seconds);
         judge_team(choose, n, seconds, slept_before);
-        const double longest = members_.size() > 1 ? seconds_of_batch
-            : continuous                           ? most_seconds_behind_planes
-                                                   : seconds_between_polls;
-        chunk_ = std::clamp(std::int64_t(longest / std::max(per_step, 1e-9)), std::int64_t(1),
+        chunk_ = std::clamp(std::int64_t(longest / std::max(step_seconds_, 1e-9)), std::int64_t(1),
                             most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {
             ContactReport& found = members_[i]->contact_report;
@@ -380,11 +378,11 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
             if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
             if (capped >= 0 && !outcome.capped) outcome.capped = {std::int64_t(i), capped};
         }
-        const bool poll = seconds_between(last_poll, end) > seconds_between_polls;
-        if (poll) outcome.interrupted = interrupted();
+        outcome.interrupted = poll.stopped(end);
+        start = std::max(end, poll.asked());
         if (outcome.interrupted && n < to_inspection && !renew) inspect();
         if (first_bad_member() >= 0) {
-            repeat_step_by_step(outcome, threads, interrupted);
+            repeat_step_by_step(outcome, threads, poll);
             return outcome;
         }
         for (std::size_t i = 0; i < members_.size(); ++i)
@@ -393,7 +391,6 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample || renew)
             checkpoint_.drop();
         if (outcome.interrupted || outcome.grown) return outcome;
-        if (poll) start = last_poll = steady_clock::now();
     }
     return outcome;
 }

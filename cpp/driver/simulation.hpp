@@ -6,7 +6,9 @@
 
 #include "driver/checkpoint.hpp"
 #include "driver/energy_watch.hpp"
+#include "driver/members.hpp"
 #include "driver/team_choice.hpp"
+#include "memory/poll.hpp"
 
 namespace clothsim {
 
@@ -35,10 +37,6 @@ struct Outcome {
     bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
 };
 
-// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters as many
-// times faster as it has threads.
-inline constexpr std::int64_t least_points_per_thread = 512;
-
 class Simulation {
 public:
     // `threads`: that steps, and so copies of the state, may use.
@@ -63,9 +61,10 @@ public:
     std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,
                                 int threads, bool optional, const std::function<bool()>& interrupted);
 
-    // `work(i, threads)` of every member, or of some, shared among threads like steps.
-    using MemberWork = std::function<void(std::size_t i, int threads)>;
-    void each_member(int threads, const MemberWork& work) { each_of(all_, threads, work); }
+    // Work for every member, shared among threads like steps.
+    void each_member(int threads, const MemberWork& work) {
+        each_member_of(all_, plans_[0].cloth.points(), threads, work);
+    }
 
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
@@ -80,8 +79,9 @@ public:
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
     // At most `threads` threads; one instead wherever that is measured to be faster, if they are `optional`
-    // or have waited long for each other. `interrupted` is asked about every 10 ms, of a batch every 100 ms,
-    // between steps.
+    // or have waited long for each other. `interrupted` is asked about every 10 ms, of a batch every 50 ms.
+    // Long steps of a batch or with faces ask in their middle too. A step that ends there is undone. So are
+    // steps before it back to the checkpoint: 2 seconds of a batch, and 15 steps above the guaranteed step.
     Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
                     const std::function<bool()>& interrupted);
 
@@ -124,11 +124,12 @@ private:
         std::int64_t steps;
         bool inspect;  // at the state after them
         bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
+        bool whole = false;  // does not end between members
     };
-    // From a checkpoint, which is taken if there is none.
-    void run(const Block& block, int threads);
-    void each_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
-    void run_member(std::size_t i, const Block& block, bool copy, int threads);
+    // From a checkpoint, which is taken if there is none. False: interrupted, and some members may have left
+    // it.
+    bool run(const Block& block, int threads, Poll& poll);
+    void run_member(std::size_t i, const Block& block, bool copy, int threads, Poll& poll);
     // Whether `choice_` decides, and how many threads take the next steps.
     bool choosing(int threads, bool optional) const { return threads > 1 && (optional || crowding_.found()); }
     int team(int threads, bool optional) const {
@@ -139,6 +140,7 @@ private:
     void judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before);
     void set_step(double dt);
     bool above_stable_dt() const;
+    bool has_faces() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
     // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
@@ -152,12 +154,16 @@ private:
     void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last inspected, or -1
     void back_to_checkpoint();
+    // Back to the checkpoint; where that is older than this call, to the start of the call. How many steps of
+    // the call are undone.
+    std::int64_t undo(Outcome& outcome, int threads);
     // A state is bad: the steps since the checkpoint again one by one, up to the last good state.
-    void repeat_step_by_step(Outcome& outcome, int threads, const std::function<bool()>& interrupted);
+    void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
     TeamChoice choice_{false};
     Crowding crowding_;  // of threads that are not optional
     std::int64_t chunk_ = 1;  // steps between two readings of the clock
+    double step_seconds_ = 0;  // of the newest steps; 0: none yet
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::vector<double> stable_dt_;

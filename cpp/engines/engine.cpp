@@ -14,7 +14,8 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 
 }  // namespace
 
-bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
+bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes,
+                                Poll& poll) {
     step_size = clock.dt;
     if (!has_continuous()) {
         advance(steps, clock, threads);
@@ -30,7 +31,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         keep_state();
         advance(1, now, threads);
         const double before = track_contact_energy ? total_energy() : 0;
-        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads);
+        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads, poll);
         if (track_contact_energy) contact_energy += total_energy() - before;
         watched.note_work(report.work, report.other_work);
         if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
@@ -45,7 +46,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
     return true;
 }
 
-bool Engine::accept_in_contact(double t0, double t1, int threads) {
+bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
     step_size = t1 - t0;
     AdaptiveEngine& method = *adaptive();
     if (!has_continuous()) {
@@ -57,7 +58,13 @@ bool Engine::accept_in_contact(double t0, double t1, int threads) {
     keep_state();
     bool touched = method.accept_step(t1, threads);
     const double before = track_contact_energy ? total_energy() : 0;
-    const ContactReport report = respond_to_contacts(t0, t1, t1 - t0, threads);
+    ContactReport report;
+    try {
+        report = respond_to_contacts(t0, t1, t1 - t0, threads, poll);
+    } catch (const Poll::Interrupted&) {
+        restore_checkpoint();
+        throw;
+    }
     if (track_contact_energy) contact_energy += total_energy() - before;
     watched.note_work(report.work, report.other_work);
     if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);

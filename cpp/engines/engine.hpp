@@ -12,6 +12,7 @@
 #include "measure/impulses.hpp"
 #include "measure/watched.hpp"
 #include "memory/plan.hpp"
+#include "memory/poll.hpp"
 #include "model/clock.hpp"
 
 namespace clothsim {
@@ -25,8 +26,9 @@ public:
 
     // As `advance`, with continuous contacts after each step. `behind_planes`: steps that are expected to be
     // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
-    // the state must then be discarded.
-    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
+    // the state must then be discarded. So it must where a pass throws Poll::Interrupted.
+    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes,
+                            Poll& poll);
 
     // Of continuous contact since the last inspection, see ContactReport.
     ContactReport contact_report;
@@ -100,8 +102,8 @@ public:
     virtual AdaptiveEngine* adaptive() { return nullptr; }
     // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end.
     // Whether a sphere changed the state. Where the spheres leave a point no place (contact_report), the
-    // state is that at t0.
-    bool accept_in_contact(double t0, double t1, int threads);
+    // state is that at t0. So it is where a pass throws Poll::Interrupted.
+    bool accept_in_contact(double t0, double t1, int threads, Poll& poll);
     // Whether a sphere asks for continuous contact.
     virtual bool has_continuous() const = 0;
 
@@ -111,7 +113,7 @@ protected:
     virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
     // Before a step that may not be; after it.
     virtual void keep_state() = 0;
-    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
+    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads, Poll& poll) = 0;
     virtual double total_energy() const = 0;
     // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
     virtual void note_depths(double t) = 0;

@@ -3,8 +3,8 @@
 
 #include <vector>
 
+#include "memory/poll.hpp"
 #include "picture/frame.hpp"
-#include "picture/poll.hpp"
 
 namespace clothsim::picture {
 

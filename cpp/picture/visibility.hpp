@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "memory/poll.hpp"
 #include "picture/frame.hpp"
-#include "picture/poll.hpp"
 
 namespace clothsim::picture {
 
