@@ -9,6 +9,7 @@ import pytest
 import xarray
 
 SCENE = cs.scenes.oscillator()
+RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every="step")
 HINT = r"pip install '\.\[{}\]' in a clone"
 
 
@@ -40,6 +41,12 @@ def nothing_runs(monkeypatch):
         ("zarr", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, store=path, progress=False)),
         ("zarr", "sweep", lambda path: cs.open_sweep(path)),
         ("tqdm", "demo", lambda path: cs.simulate(SCENE, 0.1, dt=1e-3, progress=True)),
+        ("pxr", "export", lambda path: RUN.export(path / "a.usdc", fps=None)),
+        ("h5py", "export", lambda path: RUN.export(path / "a.vtkhdf", fps=None)),
+        ("trimesh", "mesh", lambda path: RUN.to_trimesh()),
+        ("pyvista", "mesh", lambda path: RUN.to_pyvista()),
+        ("viser", "view", lambda path: cs.view(SCENE)),
+        ("matplotlib", "plot", lambda path: RUN.plot()),
     ],
 )
 def test_a_missing_package_is_missed_before_the_work(package, extra, call, monkeypatch, nothing_runs, tmp_path):

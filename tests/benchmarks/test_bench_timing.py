@@ -123,7 +123,6 @@ def test_cloth_is_put_back_before_it_has_moved_far(make):
 
 
 @pytest.mark.parametrize("make", [works.Calls, works.Frames, works.StepCalls])
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_a_step_a_call_is_the_same_steps(make, precision):
     options = {"by": "edge", "precision": precision, "threads": 1, "instruction_set": cs.build_config()["instruction_set"]}
     start = works.paper(True, sphere=True)

@@ -48,7 +48,6 @@ def test_core_follows_the_oracle(friction):
 
 
 @pytest.mark.parametrize("kernel, strict", [("edge", False), ("gather", False), ("gather", True)])
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_points_stand_off_by_their_cells(kernel, strict, precision):
     scene = falling(friction=0.3)
     sphere = scene.spheres[0]

@@ -53,7 +53,6 @@ def test_growth_of_rho_makes_little_energy():
     assert abs(under_whole_cloth(offset="cell")["part"]) < 2e-9
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_cloth_at_rest_stays_at_rest(precision):
     result = resting(20_000, precision=precision, offset="cell")
     assert result["touching"] == 64

@@ -259,7 +259,6 @@ def check_contact(variant, crumpled, relative, response, as_printed, motion):
     assert relative(result, expected, x) < {"double": 1e-10, "single": 1e-2}[variant.precision]
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_corrected_ray_leaves_no_approaching_point_inside(precision):
     scene = cs.scenes.paper_static("ray")
     sphere = scene.spheres[0]

@@ -72,7 +72,6 @@ def test_the_boundary_of_rest_is_decided_in_double(edge):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_whether_a_point_at_rest_is_pressed_is_decided_in_double(precision, friction):
     """Along the sphere to 1e-7 of the way: up or down is a matter of digits float32 has not."""
     rng = np.random.default_rng(8)

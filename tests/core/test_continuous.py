@@ -55,8 +55,6 @@ def test_grazing_is_decided_to_rounding(miss, far):
     assert (after == v).all() == (miss > 0)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 def test_kernels_agree_with_strict_arithmetic(crumpled, kernel, precision):
     """To rounding; tests/core/test_impacts.py compares the law itself with the reference."""
     sphere = cs.Sphere(

@@ -28,8 +28,6 @@ def distances(stepper, spheres):
     return [float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres]
 
 
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, precision):
     spheres = [ball((-0.4, 0, 0), restitution=0.0), ball((0.4, 0, 0), restitution=0.0)]
     stepper = cs.Stepper(lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision)
@@ -84,7 +82,6 @@ def test_a_pinned_point_that_lies_on_a_sphere_is_not_moved():
     assert (v == 0).all()
 
 
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("which", [0, 7, 8, 10])
 def test_each_of_eleven_spheres_gets_its_contact(which, kernel):
     """They are looked at eight by eight; the point is fired at one, the others stand aside."""
@@ -154,7 +151,6 @@ def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
     assert stepper.positions[6, 6, 1] > 0.25
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("offset", ["none", "face"])
 def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offset):
     """No point is moved faster than push_out_speed, and nothing is thrown."""

@@ -114,7 +114,6 @@ def test_a_point_between_two_spheres_presses_on_each_along_its_normal(offset):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_pins_take_no_momentum_and_without_springs_single_is_as_exact(contact, precision):
     cloth = cs.Cloth((6, 8), mass=1.0, stiffness=0.0, damping=0.0, pins=((2, 3), (3, 4), (0, 0)))

@@ -140,7 +140,6 @@ def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
     assert (velocity[scene.cloth.pinned] == 0).all()
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("shape", [(2, 1), (17, 33), (40, 7)], ids=str)
 def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
     scene, x, v, dt = crumpled(

@@ -47,7 +47,6 @@ def oracle_solution(scene, oracle, duration):
     return x
 
 
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("integrator", ORDERS)
 def test_every_method_keeps_its_order(integrator, kernel, crumpled, oracle):
     method = cs.integrators()[integrator]

@@ -32,7 +32,6 @@ def test_the_acceleration_is_the_force_over_the_mass(double_variant, crumpled):
     assert np.abs(added - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, crumpled, relative):
     scene, x, v, dt = crumpled(shape=(7, 9))

@@ -23,7 +23,6 @@ def end(run):
 
 
 @pytest.mark.parametrize("integrator", integrators())
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
     whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
@@ -42,7 +41,6 @@ def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_b
 
 
 @pytest.mark.parametrize("response, offset", [("continuous", "edge"), ("continuous", "face"), ("ray", "edge")])
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_resumed_in_contact(response, offset, precision, same_bits):
     scene = cs.scenes.paper_static("ray")
     ball = scene.spheres[0].replace(response=response, offset=offset, center=(0.5, -0.3, 0.5))
@@ -151,7 +149,6 @@ def test_a_run_without_its_final_state_is_not_resumed():
 # Snapshots
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("batch", [False, True])
 def test_a_snapshot_from_a_file_goes_on_with_the_same_bits(batch, precision, tmp_path, same_bits):
     scenes = [SMALL, SMALL.replace(gravity=(0.0, -3.0, 0.1))] if batch else SMALL
@@ -248,7 +245,6 @@ def test_arrays_of_a_stepper_are_read_only():
             array[:] = 0.0
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_set_state(precision, same_bits):
     free = SMALL.replace(spheres=())  # a clock set anew rounds differently, which a sphere shows
     stepper = cs.Stepper(free, precision=precision, threads=1)
@@ -296,7 +292,6 @@ def test_set_state_moves_the_clock_of_the_spheres():
     assert stepper.time == pytest.approx(0.17) and stepper.positions[..., 1].max() > 0.01
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_set_scene_keeps_the_state(precision, same_bits):
     soft = SMALL.replace(cloth=CLOTH.replace(stiffness=20_000.0), gravity=(0.0, -3.0, 1.0))
     x, v = (a.astype(np.float32) for a in (SMALL.initial_position, SMALL.initial_velocity))

@@ -6,7 +6,7 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import CLASSES, NAMED_KERNELS, PRECISIONS
+from variants import CLASSES, NAMED_KERNELS
 
 SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=3.0)
 
@@ -53,7 +53,6 @@ def cases():
         yield functools.partial(forced, place=place), {"kernel": kernel}
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("make, options", cases())
 def test_one_set_of_bits(make, options, precision, crumpled, same_bits, tmp_path):
     scene, dt, steps = make(crumpled)

@@ -26,7 +26,6 @@ def continued(stepper, steps=200):
     return stepper.positions, stepper.velocities
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("scenes", [SCENE, [SCENE, SCENE.replace(spheres=BALL.replace(center=(0.6, -0.4, 0.5)))]])
 def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precision, same_bits):
     stepper = resting(scenes, precision=precision)

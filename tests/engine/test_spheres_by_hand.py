@@ -16,7 +16,6 @@ def scene_of(response, offset="edge", friction=0.3):
 @pytest.mark.parametrize(
     "response, offset", [("ray", "edge"), ("reflect", "edge"), ("continuous", "edge"), ("continuous", "face")]
 )
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 def test_a_frame_per_call_is_the_motion_of_one_run(response, offset, kernel):
     scene = scene_of(response, offset)
     by_hand = cs.Stepper(scene, kernel=kernel)

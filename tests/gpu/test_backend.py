@@ -168,7 +168,6 @@ def test_simulate_sees_contact():
     assert np.shape(runs[1].report["impulse"]) == (len(runs[1].scene.spheres), 3)
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_contacts_are_counted_as_in_the_core(crumpled, precision, needs_float64):
     scene, x, v, dt = crumpled(spheres=(BALL, BALL.replace(center=(0.3, -0.2, 0.4))))
     x, v = np.stack([x + 3.0, x]), np.stack([v, v])

@@ -51,7 +51,6 @@ SCENES = {
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_bits_are_those_of_the_strict_core(name, precision, exact, device):
     if not (exact and device.float64):

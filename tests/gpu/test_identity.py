@@ -100,7 +100,6 @@ FEATURES = [
 ]
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("features", FEATURES, ids=str)
 def test_every_feature_has_the_bits_of_the_core(features, precision, crumpled, exact, device):
     if not (exact and device.float64):

@@ -155,7 +155,6 @@ def test_the_energy_of_a_splitting_method_may_swing_within_the_guarantee(integra
         cs.Stepper(scene, integrator=integrator).advance(20_000, 1.02 * cs.max_stable_dt(scene, integrator))
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
     """Its points cross more than the sheet within a step above the guarantee, but not relative to each other."""
     cloth = cs.Cloth((8, 8), mass=1.0, stiffness=10.0, damping=0.0, pins=())

@@ -123,7 +123,6 @@ def test_every_named_method_runs_by_tolerance(integrator, asked):
     true_within(run, error)
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_estimate_of_a_given_step(precision):
     scene = scene_of("swing with bend")
     run = cs.simulate(scene, 0.5, dt=8e-4, precision=precision, estimate_error=True)

@@ -260,7 +260,6 @@ def test_a_second_ctrl_c_does_not_lose_the_run(call, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_ctrl_c_returns_the_finished_members(precision, same_bits):
     dt = 5e-5
     error, late = interrupted(SCENE, 40.0, dt=dt, every=50.0, threads=1, precision=precision)

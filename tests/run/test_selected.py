@@ -1,7 +1,5 @@
 """Frames and mass points of a run, meshes of other packages, and the difference of two runs."""
 
-import sys
-
 import clothsim as cs
 import numpy as np
 import pytest
@@ -70,13 +68,6 @@ def test_a_frame_becomes_a_mesh_of_pyvista(run):
     assert np.array_equal(mesh.points, run.x[-1].reshape(-1, 3))
     assert np.array_equal(mesh.regular_faces, cs.triangles((32, 32)))
     assert np.array_equal(mesh.point_data["velocity"], run.v[-1].reshape(-1, 3))
-
-
-@pytest.mark.parametrize("package", ["trimesh", "pyvista"])
-def test_a_missing_package_is_named_when_a_mesh_is_asked_for(run, package, monkeypatch):
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=f"run.to_{package} needs {package}"):
-        getattr(run, f"to_{package}")()
 
 
 def shifted(run, by, frames=slice(None)):

@@ -91,7 +91,6 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
         assert found[-1, 0] < 0.5 * found[:, 0].max()
 
 
-@pytest.mark.parametrize("kernel", ["edge", "gather"])
 @pytest.mark.parametrize("name", ["reflect", "three of them", "face"])
 def test_they_are_the_same_for_every_number_of_threads(name, kernel):
     reports = [cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)]

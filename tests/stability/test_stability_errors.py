@@ -73,7 +73,6 @@ def test_the_limit_is_that_of_the_integrator():
 
 
 @quiet
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threads, same_bits):
     """Members 1 and 3 blow up one after the other; 0 and 2 do not notice."""
@@ -132,7 +131,6 @@ def test_growth_into_a_folded_shape_is_an_error_too():
 
 @quiet
 @pytest.mark.parametrize("integrator", ["velocity_verlet", "semi_implicit_euler", "pefrl"])
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_an_energy_that_swings_is_not_taken_for_growth(integrator, precision):
     """Right below the true limit, above the guarantee, symplectic methods keep another energy."""
     scene = stiff()
@@ -145,7 +143,6 @@ def test_an_energy_that_swings_is_not_taken_for_growth(integrator, precision):
 
 
 @quiet
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_rounding_at_rest_is_not_taken_for_growth(precision):
     cloth = cs.Cloth((9, 9), damping=0.0)
     scene = cs.Scene(cloth, gravity=(0, 0, 0))

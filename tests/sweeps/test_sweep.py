@@ -44,7 +44,6 @@ def test_members_have_the_bits_of_simulate(crumpled):
                     assert np.array_equal(result.time, alone.t)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, precision):
     # A call is shared with it only where its divergence was not foreseen.
     monkeypatch.setattr(Member, "likely_unstable", False)
@@ -223,7 +222,6 @@ def without_contact(scene):
 
 
 @pytest.mark.parametrize("response", ["ray", "reflect"])
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("moving", [False, True])
 def test_first_contact_is_the_first_step_that_a_sphere_changes(response, precision, moving):
     dt = 1e-3

@@ -354,9 +354,3 @@ def test_wrong_arguments_are_named(arguments, words):
         cs.view(cs.scenes.paper_static(), **{"block": False, **arguments})
     with pytest.raises(TypeError, match="scene must be a Scene"):
         cs.view("paper_static", block=False)
-
-
-def test_a_missing_viser_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "viser", None)
-    with pytest.raises(ImportError, match=r"the live viewer needs viser: .*pip install '\.\[view\]'"):
-        cs.view(cs.scenes.paper_static())
