@@ -135,7 +135,7 @@ class RunInterrupted(KeyboardInterrupt):
     Parameters
     ----------
     run : Run or None
-        The run up to the last whole step, whose last frame is the state after it. None if no state was stored yet.
+        The run up to the last whole step, whose last frame is the state after it. None if memory lacks for its first frame.
 
     Examples
     --------

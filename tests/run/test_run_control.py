@@ -296,6 +296,33 @@ def test_ctrl_c_before_the_first_frame_of_another_run_leaves_the_run_before(monk
     assert watch.recording is before and before.t == [0.0, 0.01]
 
 
+@pytest.mark.parametrize(
+    ("call", "module", "name"),
+    [
+        (lambda run: cs.simulate(SMALL, 0.1, dt=1e-3, every=50), "fixed_steps", "sample_every"),
+        (lambda run: cs.simulate(SMALL, 0.1, rtol=1e-3), "attempts", "integrate"),
+        (lambda run: cs.simulate(SMALL, 0.1, rtol=1e-3, integrator="rk45"), "attempts", "integrate"),
+        (lambda run: run.resume(0.1), "simulate", "run_fixed"),
+    ],
+)
+def test_ctrl_c_before_the_first_frame_leaves_that_frame(call, module, name, monkeypatch):
+    run = cs.simulate(SMALL, 0.1, dt=1e-3)
+    monkeypatch.setattr(sys.modules[f"clothsim.run.{module}"], name, lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(cs.RunInterrupted) as raised:
+        call(run)
+    monkeypatch.undo()
+    begun = raised.value.run
+    expected = run if "resume" in call.__code__.co_names else cs.simulate(SMALL, 1e-3, dt=1e-3)[:1]
+    assert begun.t.tolist() == [expected.t[-1]] and begun.x[0].tobytes() == expected.x[-1].tobytes()
+    assert begun.report["stopped"] == "interrupted" and begun.report["steps"] == 0
+    if name == "integrate":
+        with pytest.raises(ValueError, match="cannot be resumed"):
+            begun.resume(0.1)
+    else:
+        whole = call(run) if expected is not run else run.resume(0.1)
+        assert begun.resume(0.1).x[-1].tobytes() == whole.x[-1].tobytes()
+
+
 def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt

@@ -207,6 +207,29 @@ def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
     assert whole.clothsim.provenance["sessions"][1]["members_finished"] == done.size
 
 
+def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, counted, monkeypatch):
+    write, signals = store.Store._write, []
+
+    def interrupted(self, variable):
+        signals.append(signal.raise_signal(signal.SIGINT))
+        write(self, variable)
+
+    def record(self, result):
+        monkeypatch.setattr(store.Store, "_write", interrupted)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 1e9)
+    monkeypatch.setattr(api._Bar, "record", record)
+    path = tmp_path / "s.zarr"
+    with pytest.raises(KeyboardInterrupt) as caught:
+        sweep(path)
+    monkeypatch.undo()
+    done = cs.open_sweep(path).load().status.values > 0
+    assert len(signals) > 1 and 1 <= done.sum() < done.size
+    assert f"{done.sum()} of {done.size} members are in" in str(caught.value)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 @pytest.mark.parametrize(
     ("change", "names"),
     [

@@ -90,6 +90,17 @@ class Resumed:
         return state
 
 
+def beginning(
+    scene: Scene, options: RunOptions, dt: float | None, frames: Schedule, resumed: Resumed | None = None
+) -> Recording:
+    """A run with its first frame alone."""
+    if resumed is None:
+        state, earlier = options.state(scene), Continuation(options.start)
+    else:
+        state, earlier = resumed.state(scene, options), resumed.continuation
+    return Recording(state, options, Watch(), dt, frames if dt is None else frames.in_seconds(dt), earlier)
+
+
 @dataclass
 class Steps:
     """The steps of a run with error control: its grid in time, and its local errors."""

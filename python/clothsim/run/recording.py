@@ -268,7 +268,7 @@ class Recording:
     @property
     def continuation(self) -> Continuation:
         """The settings for a continuation from the last frame."""
-        control = self._control.values if self._control else None
+        control = self._control.values if self._control else self._earlier.control
         steps = self._earlier.steps + self.steps
         return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)
 

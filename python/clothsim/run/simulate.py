@@ -20,9 +20,9 @@ from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import Resumed, RunOptions, Solution, checked_tolerances, integrate, run_fixed, size_of
+from .fixed_steps import Resumed, RunOptions, Solution, beginning, checked_tolerances, integrate, run_fixed, size_of
 from .frames import NEGLIGIBLE, schedule
-from .recording import StopRun, Watch, interrupted, progress_bar
+from .recording import Recording, StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
 
@@ -160,7 +160,7 @@ def simulate(
         mass point. ``error.run`` is the run up to the state before that step. An exception of the callback has the
         frames so far as ``error.run`` too.
     RunInterrupted
-        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step.
+        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step, at least its first frame.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
         With the backend "gpu" only; see `step`.
 
@@ -221,6 +221,9 @@ def simulate(
     _check_callback(callback)
     most = _checked_most(max_evaluations, dt)
 
+    if integrator == "auto":
+        options = options.replace(integrator="dop853", precision="double")
+
     def compute(watch: Watch) -> tuple[Solution, Account, str]:
         if dt is not None:
             solution = run_fixed(scene, duration, dt, options, frames, watch)
@@ -229,23 +232,25 @@ def simulate(
             found = estimate_of(scene, duration, solution)
             return solution, of_controlled(scene, found), ""
         error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
-        method = options
-        if integrator == "auto":
-            method = options.replace(integrator="dop853", precision="double")
-        found = solve(scene, duration, error, method, frames, watch, most)
+        found = solve(scene, duration, error, options, frames, watch, most)
         whole = found.solution.t[-1] >= t + duration * (1 - NEGLIGIBLE)
         stopped = "" if whole else "max_evaluations"
         return found.solution, of_controlled(scene, found, error), stopped
 
     with progress_bar(progress, duration) as bar:
-        return _followed(scene, compute, Watch(callback, bar.bar))
+        return _followed(scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, options, dt, frames))
 
 
-def _followed(scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch) -> Run:
-    """The run that `compute` finds, or its part before an early end."""
+def _followed(
+    scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch, begin: Callable[[], Recording]
+) -> Run:
+    """The run that `compute` finds, or its part before an early end: after Ctrl-C at least its first frame."""
 
     def so_far(reason: str) -> Run | None:
         recording = watch.recording
+        if recording is None and reason == "interrupted":
+            with suppress(Exception):  # as where memory lacks
+                recording = begin()
         if recording is None:
             return None
         if reason == "callback":
@@ -282,7 +287,7 @@ def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") 
 def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, callback: Any, progress: bool) -> Run:
     """`Run.resume`."""
     snapshot, before = run.snapshot, run.continuation
-    if snapshot is None or before is None:
+    if snapshot is None or before is None or (before.dt is None and before.control is None):
         raise ValueError("this run cannot be resumed, as its final state was not kept: runs of simulate and of load_run can")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     _check_end(before.start, before.seconds + duration)
@@ -305,7 +310,9 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, callback
         return solution, of_nothing("the error of a resumed run is not estimated")
 
     with progress_bar(progress, duration) as bar:
-        return _followed(run.scene, compute, Watch(callback, bar.bar))
+        return _followed(
+            scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, options, before.dt, frames, resumed)
+        )
 
 
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..base import check
 from ..base.extras import check_installed, needed
+from ..base.interrupts import Interrupts
 from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..errors import warn_caller
@@ -217,18 +218,22 @@ def _run(
         results.flush()
         bar.record(result)
 
+    error: BaseException | None = None
     try:
         workers.run_all(planner, record, results.prepare, lambda: bar.move(workers.under_way))
-    except KeyboardInterrupt:
-        results.flush(final=True)
-        raise KeyboardInterrupt(_so_far(results)) from None
-    finally:
+    except BaseException as caught:
+        error = caught
+    with Interrupts():  # a second Ctrl-C waits
         session["wall_time"] = time.perf_counter() - start
         bar.close()
         try:
             results.flush(final=True)
         finally:
             results.close()
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(_so_far(results)) from None
+        if error is not None:
+            raise error
 
 
 def _so_far(results: Results) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from ..accuracy.in_double import steps_in_double
 from ..base import check
+from ..base.interrupts import Interrupts
 from ..methods.integration import warn_of_order
 from ..model.scene import Scene
 from ..stability.limit import max_stable_dt
@@ -230,12 +231,13 @@ class Workers:
                 sign()
                 fill()
         except BaseException:
-            self._stop.set()
-            for future in [future for future in list(waiting) if not future.cancel()]:
-                # Threads of this process give up within a tenth of a second; others' are not waited for.
-                if (self.own or future.done()) and future.exception() is None:
-                    record(future.result())
-            raise
+            with Interrupts():
+                self._stop.set()
+                for future in [future for future in list(waiting) if not future.cancel()]:
+                    # Threads of this process give up within a tenth of a second; others' are not waited for.
+                    if (self.own or future.done()) and future.exception() is None:
+                        record(future.result())
+                raise
 
     def close(self) -> None:
         if self.own:
