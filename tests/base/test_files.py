@@ -15,7 +15,7 @@ import pytest
 from clothsim.accuracy import cache
 from clothsim.base import files
 
-SCENE = cs.Scene(cs.Cloth((3, 3)), cs.Sphere((0.5, -0.5, 0.5), 0.1, response="ray", offset="edge"))
+SCENE = cs.Scene(cs.Cloth((3, 3)), cs.Sphere((0.5, -0.5, 0.5), 0.1))
 RUN = cs.simulate(SCENE, 0.003, dt=1e-3, every="step")
 
 # Each way to write a file, and its name.

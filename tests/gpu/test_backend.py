@@ -7,6 +7,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.gpu import device as devices
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 GPU = {"backend": "gpu", "precision": "single"}
@@ -83,9 +84,14 @@ def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
         assert same_bits([part[k] for part in result], alone)
 
 
-def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(crumpled, same_bits):
+@pytest.mark.parametrize("float64", [True, False])
+@pytest.mark.parametrize("ball", [BALL, BALL.replace(response="continuous", offset="cell")], ids=lambda ball: ball.response)
+def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, float64, crumpled, same_bits, device, monkeypatch):
     """Scenes of equal features share a dispatch, and none of their numbers."""
-    states = [crumpled(seed=k, spheres=BALL.replace(radius=0.2 + 0.02 * k, restitution=0.2 * k)) for k in range(4)]
+    if not float64:
+        narrow = devices.Device(device.adapter, float64=False)
+        monkeypatch.setattr(devices, "opened", lambda: narrow)
+    states = [crumpled(seed=k, spheres=ball.replace(radius=0.2 + 0.02 * k, restitution=0.2 * k)) for k in range(4)]
     scenes = [s.scene for s in states]
     cloth = scenes[2].cloth
     softer = {family: 0.5 * k for family, k in cloth.family_stiffness.items()}

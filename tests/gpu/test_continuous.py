@@ -113,15 +113,6 @@ def test_without_float64_it_is_near_the_core_and_outside(name, device, monkeypat
     assert depths["triangles" if scene.spheres[0].offset == "cell" else "points"] == 0
 
 
-def test_a_batch_has_the_bits_of_its_members(same_bits):
-    scenes = [draped(ball(friction=0.1 * k, motion=cs.Linear((0.0, 0.5 + k, 0.0))), shape=(12, 14)) for k in range(3)]
-    x, v = (np.stack([getattr(scene, name) for scene in scenes]) for name in ("initial_position", "initial_velocity"))
-    result = cs.step(scenes, x, v, DT, 200, t=0.0, backend="gpu", **STRICT)
-    for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], v[k], DT, 200, t=0.0, backend="gpu", **STRICT)
-        assert same_bits([part[k] for part in result], alone), k
-
-
 @pytest.mark.parametrize(
     "scene, said",
     [

@@ -56,17 +56,6 @@ def test_the_papers_scene_follows_the_core_from_before_contact_into_it(response)
     assert run.report["backend"] == "gpu" and run.report["steps"] == 25
 
 
-def test_a_batch_of_different_scenes_has_the_bits_of_its_members(crumpled, same_bits):
-    ball = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
-    states = [crumpled(seed=k, spheres=(ball.replace(radius=0.2 + 0.03 * k),)) for k in range(3)]
-    scenes, dt = [s.scene for s in states], min(s.dt for s in states)
-    x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
-    result = cs.step(scenes, x, v, dt, 60, t=0.0, **GPU)
-    for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], v[k], dt, 60, t=0.0, **GPU)
-        assert same_bits([part[k] for part in result], alone), k
-
-
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_a_response_errs_by_units_in_the_last_place(narrow, response):
     """A cloud of free points in a sphere 18 radii from the origin, one step without forces.

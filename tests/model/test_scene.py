@@ -33,12 +33,9 @@ def test_defaults():
 
 
 def test_one_sphere_and_many():
-    ball = Sphere(radius=0.1, response="ray", offset="edge")
+    ball = Sphere(radius=0.1)
     assert Scene(CLOTH, ball).spheres == (ball,)
-    assert Scene(CLOTH, [ball, Sphere(response="ray", offset="edge")]).spheres == (
-        ball,
-        Sphere(response="ray", offset="edge"),
-    )
+    assert Scene(CLOTH, [ball, Sphere()]).spheres == (ball, Sphere())
 
 
 def test_state_is_copied_and_read_only():
@@ -59,13 +56,10 @@ def test_state_is_copied_and_read_only():
 
 SCENES = [
     Scene(CLOTH),
-    Scene(CLOTH, Sphere(motion=Linear((1, 0, 0)), response="ray", offset="edge"), (0, 0, 0), state()[0]),
+    Scene(CLOTH, Sphere(motion=Linear((1, 0, 0))), (0, 0, 0), state()[0]),
     Scene(
         CLOTH.replace(mass=np.full((3, 4), 0.1), stiffness=dict.fromkeys(CLOTH.families, 5)),
-        (
-            Sphere(response="ray", offset="edge"),
-            Sphere(motion=Keyframes([0, 1], np.eye(2, 3)), response="ray", offset="edge"),
-        ),
+        (Sphere(), Sphere(motion=Keyframes([0, 1], np.eye(2, 3)))),
         velocity=state()[1],
     ),
 ]
@@ -104,7 +98,7 @@ def nonfinite():
 
 REFUSED = [
     (lambda: Scene("cloth"), TypeError, "cloth must be a Cloth, got 'cloth'"),
-    (lambda: Scene(CLOTH, [Sphere(response="ray", offset="edge"), 3]), TypeError, "spheres.*got 3.*index 1"),
+    (lambda: Scene(CLOTH, [Sphere(), 3]), TypeError, "spheres.*got 3.*index 1"),
     (lambda: Scene(CLOTH, 3), TypeError, "spheres must be a Sphere or a sequence"),
     (lambda: Scene(CLOTH, gravity=9.8), TypeError, "gravity must be a sequence of 3"),
     (lambda: Scene(CLOTH, gravity=(0, 1)), ValueError, "gravity must be a sequence of 3"),

@@ -259,7 +259,7 @@ def test_inputs_are_never_changed(variant, crumpled, same_bits):
         cs.Stepper(scene, *given, **variant.options).advance(5, dt)
         cs.energy(scene, *given)
         cs.reference_step(scene, *given, dt)
-        cs.penetration(given[0], cs.Sphere(response="ray", offset="edge"))
+        cs.penetration(given[0], cs.Sphere())
         assert same_bits(given, kept)
 
 
@@ -310,11 +310,11 @@ def test_the_result_has_the_dtype_of_the_input(variant, crumpled):
 )
 def test_penetration(x, error):
     with pytest.raises(error, match="x must be"):
-        cs.penetration(x, cs.Sphere(response="ray", offset="edge"))
+        cs.penetration(x, cs.Sphere())
     with pytest.raises(TypeError, match="sphere must be"):
         cs.penetration(X, None)
     with pytest.raises(ValueError, match="t must be"):
-        cs.penetration(X, cs.Sphere(response="ray", offset="edge"), t=math.inf)
+        cs.penetration(X, cs.Sphere(), t=math.inf)
 
 
 def test_measures():
@@ -375,8 +375,8 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 
 
 def test_spheres_have_an_order():
-    sphere = cs.Sphere(response="ray", offset="edge")
-    for spheres in ({sphere, cs.Sphere(radius=0.1, response="ray", offset="edge")}, {sphere: 1}):
+    sphere = cs.Sphere()
+    for spheres in ({sphere, cs.Sphere(radius=0.1)}, {sphere: 1}):
         with pytest.raises(TypeError, match="^spheres must be a Sphere or a sequence"):
             cs.Scene(SCENE.cloth, spheres)
     assert cs.Scene(SCENE.cloth, (one for one in [sphere])).spheres == (sphere,)

@@ -9,8 +9,8 @@ from clothsim.sweeps import fields
 from clothsim.sweeps.fields import change_scene
 from clothsim.sweeps.grid import make_grid
 
-LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)), response="ray", offset="edge")
-AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0), response="ray", offset="edge")
+LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
+AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
 CLOTH = cs.Cloth((4, 5), mass=2.0, stiffness=100.0, damping=0.5)
 SCENE = cs.Scene(CLOTH, (LINEAR, AROUND))
 FAMILIES = {"structural": 100.0, "shear": 100.0, "bend": 100.0}
@@ -107,7 +107,7 @@ def test_values_that_do_not_fit_are_refused(values, message):
     with pytest.raises(ValueError, match=message):
         change_scene(SCENE, values)
     with pytest.raises(ValueError, match="needs a sphere"):
-        change_scene(SCENE.replace(spheres=cs.Sphere(response="ray", offset="edge")), {"sphere_speed": 1.0})
+        change_scene(SCENE.replace(spheres=cs.Sphere()), {"sphere_speed": 1.0})
     with pytest.raises(ValueError, match="shear springs"):
         change_scene(cs.scenes.hanging(), {"stiffness_shear": 1.0})
 

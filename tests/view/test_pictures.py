@@ -29,7 +29,7 @@ def red(pixels):
 
 @pytest.mark.parametrize("depth", [0.002, 0.02])
 def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
-    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.5, -0.25 + depth, 0.5), response="ray", offset="edge"))
+    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.5, -0.25 + depth, 0.5)))
     pixels = cs.picture(scene, camera=ABOVE, width=440).pixels
     area = red(pixels).sum() * (1.1 / 440) ** 2
     assert area == pytest.approx(np.pi * (2 * 0.25 * depth - depth**2), rel=0.03)
@@ -41,7 +41,7 @@ def test_red_is_on_the_side_where_the_cloth_is_inside():
     """An upright sheet, 10 mm inside the back of a sphere."""
     rest = cs.Cloth(pins=()).rest_positions - 0.5
     x = np.stack([rest[..., 0], -rest[..., 2], np.full(rest.shape[:2], -0.24)], axis=-1)
-    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.0, 0.0, 0.0), 0.25, response="ray", offset="edge"))
+    scene = cs.Scene(cs.Cloth(pins=()), cs.Sphere((0.0, 0.0, 0.0), 0.25))
     sides = {
         name: cs.picture(scene, x, camera=cs.Camera((0, 0, k), (0, 0, 0), 1.0, 1.0), width=200).pixels
         for name, k in (("front", 1), ("back", -1))
@@ -53,15 +53,13 @@ def test_red_is_on_the_side_where_the_cloth_is_inside():
 
 def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
     cloth = cs.Cloth(pins=())
-    hidden = cs.picture(
-        cs.Scene(cloth, cs.Sphere((0.5, -0.2501, 0.5), response="ray", offset="edge")), camera=ABOVE, width=220
-    )
+    hidden = cs.picture(cs.Scene(cloth, cs.Sphere((0.5, -0.2501, 0.5))), camera=ABOVE, width=220)
     bare = cs.picture(cs.Scene(cloth), camera=ABOVE, width=220)
     assert np.array_equal(hidden, bare)
 
 
 def test_a_moving_sphere_is_drawn_where_it_is_at_that_time():
-    sphere = cs.Sphere((0.5, 0.5, 0.5), 0.1, cs.Linear((0.3, 0.0, 0.0)), response="ray", offset="edge")
+    sphere = cs.Sphere((0.5, 0.5, 0.5), 0.1, cs.Linear((0.3, 0.0, 0.0)))
     scene = cs.Scene(cs.Cloth(pins=()), sphere)
     pixels = cs.picture(scene, t=1.0, camera=ABOVE, width=220).pixels.astype(int)
     grey = np.abs(pixels[..., 0] - pixels[..., 2]) < 12
