@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any
 
@@ -161,6 +162,13 @@ class RunInterrupted(KeyboardInterrupt):
         return type(self), (self.run,)
 
 
+def _reduced(self: ContactError | UnstableError) -> tuple[Any, ...]:
+    """How an error whose arguments are all keyword-only is pickled."""
+    values = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+    return partial(type(self), **values), (), self.__dict__
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
 class ContactError(ArithmeticError):
     """Spheres with response "continuous" have closed on a mass point and left it no place.
 
@@ -194,40 +202,29 @@ class ContactError(ArithmeticError):
 between a sphere and pinned points; keep them further apart, or make the spheres smaller
     """
 
-    run: Any = None
+    step: int
+    time: float
+    point: tuple[int, int]
+    x: np.ndarray | None
+    v: np.ndarray | None
+    member: int | None = None
+    energy: float = 0.0
+    run: Any = field(default=None, init=False)
 
-    def __init__(
-        self,
-        *,
-        step: int,
-        time: float,
-        point: tuple[int, int],
-        x: np.ndarray | None,
-        v: np.ndarray | None,
-        member: int | None = None,
-        energy: float = 0.0,
-    ) -> None:
-        self.step = step
-        self.time = time
-        self.point = point
-        self.x = x
-        self.v = v
-        self.member = member
-        self.energy = energy
-        which = "" if member is None else f" of batch member {member}"
+    def __post_init__(self) -> None:
+        which = "" if self.member is None else f" of batch member {self.member}"
+        when, where = f"at step {self.step} (t = {self.time:g} s)", f"mass point {self.point}{which}"
         super().__init__(
-            f"contact made {energy:.3g} J too much at step {step} (t = {time:g} s), most at mass point {point}{which}; "
-            "take a smaller dt, or slower spheres"
-            if energy
-            else f"no place left at step {step} (t = {time:g} s): mass point {point}{which} is trapped between spheres, "
-            "or between a sphere and pinned points; keep them further apart, or make the spheres smaller"
+            f"contact made {self.energy:.3g} J too much {when}, most at {where}; take a smaller dt, or slower spheres"
+            if self.energy
+            else f"no place left {when}: {where} is trapped between spheres, or between a sphere and pinned points; "
+            "keep them further apart, or make the spheres smaller"
         )
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        names = ("step", "time", "point", "x", "v", "member", "energy")
-        return partial(type(self), **{name: getattr(self, name) for name in names}), (), self.__dict__
+    __reduce__ = _reduced
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class UnstableError(ArithmeticError):
     """The state of the cloth stopped being finite or grew beyond bounds.
 
@@ -271,30 +268,18 @@ above the stability limit, about 0.0016 s; take a dt below it, or less stiffness
 more mass
     """
 
-    run: Any = None
+    step: int
+    time: float
+    point: tuple[int, int] | None = None
+    dt: float
+    max_stable_dt: float | None = None
+    term: str | None = None
+    x: np.ndarray | None = None
+    v: np.ndarray | None = None
+    member: int | None = None
+    run: Any = field(default=None, init=False)
 
-    def __init__(
-        self,
-        *,
-        step: int,
-        time: float,
-        point: tuple[int, int] | None = None,
-        dt: float,
-        max_stable_dt: float | None = None,
-        term: str | None = None,
-        x: np.ndarray | None = None,
-        v: np.ndarray | None = None,
-        member: int | None = None,
-    ) -> None:
-        self.step = step
-        self.time = time
-        self.point = point
-        self.dt = dt
-        self.max_stable_dt = max_stable_dt
-        self.term = term
-        self.x = x
-        self.v = v
-        self.member = member
+    def __post_init__(self) -> None:
         super().__init__(self._message())
 
     def _message(self) -> str:
@@ -317,7 +302,4 @@ more mass
             remedy = "look for points that coincide or values too large in the initial state, else take a smaller dt"
         return f"unstable at step {self.step} (t = {self.time:g} s){where}{which}: {cause}; {remedy}"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        names = ("step", "time", "point", "dt", "max_stable_dt", "term", "x", "v", "member")
-        values = {name: getattr(self, name) for name in names}
-        return partial(type(self), **values), (), self.__dict__
+    __reduce__ = _reduced
