@@ -1,8 +1,11 @@
 """`sweep`: what it computes, and how it is labelled."""
 
+from unittest import mock
+
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.engine.stepper import SilentStepper
 from clothsim.sweeps.member import Member, SweepOptions
 from clothsim.sweeps.metrics import solve
 from clothsim.sweeps.task import Batch
@@ -100,6 +103,14 @@ def test_a_point_that_spheres_trapped_harms_its_member_alone(trap):
     assert float(result.unstable_time[1]) == caught.value.time
     assert str(result.message.values[1]) == str(caught.value)
     assert np.isfinite(result.energy_drift[0]) and np.isnan(result.energy_drift[1])
+
+
+def test_a_contact_that_made_energy_has_the_message_of_the_member_alone(monkeypatch):
+    given = {"step": 1, "time": 1e-3, "point": (0, 0), "x": None, "v": None, "energy": 0.5}
+    fails = mock.Mock(side_effect=cs.ContactError(**given, member=0))
+    monkeypatch.setattr(SilentStepper, "advance", fails)
+    result = sweep(BALL, {"sphere_radius": [0.1]}, duration=0.3, dt=1e-3, metrics=["stable"])
+    assert str(result.message.values[0]) == str(cs.ContactError(**given))
 
 
 # Metrics

@@ -28,7 +28,6 @@ _LARGEST_BATCH = 64
 
 _SECONDS_BETWEEN_PAUSES = 0.1
 _FIRST_STEPS = 64
-_OF_ERRORS = ("time", "point", "x", "v")
 
 
 @dataclass(frozen=True)
@@ -211,8 +210,7 @@ class Batch:
         self.stepper.freeze(error.member)
         outcome = self.live.pop(error.member)
         # As the member alone would have raised it: of a run, not of a call or a batch.
-        names = _OF_ERRORS + (("dt", "max_stable_dt", "term") if isinstance(error, UnstableError) else ())
-        outcome.error = type(error)(step=self.total + 1, **{name: getattr(error, name) for name in names})
+        outcome.error = dataclasses.replace(error, step=self.total + 1, member=None)
 
     def arrays_now(self) -> tuple[Any, Any]:
         """Positions and velocities of all members."""
