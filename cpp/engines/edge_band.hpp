@@ -6,7 +6,7 @@
 //
 //     make rows --> hand: copy into the neighbour's HaloSlot --> signal the stage
 //                                                                   |
-//     neighbour: prefetch lines to write, lines to read, wait for the stage, sum springs
+//     neighbour: wait for the stage, sum springs
 #pragma once
 
 #include "engines/edge_engine.hpp"
@@ -16,7 +16,7 @@ namespace clothsim {
 
 // Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row at the
 // border and, for bend springs, the row behind it. Without damping only positions are exchanged. Two slots
-// would be correct, but then a band would prefetch lines to write that its neighbour may still be reading.
+// would be correct too.
 template <class Real>
 struct HaloSlot {
     static constexpr int slots = 4;
@@ -43,15 +43,6 @@ struct HaloSlot {
                 std::copy_n((which == 0 ? border : second) + at, seen, row(stage, which) + at);
             }
     }
-    // `ask(line)` for the lines of vectors [begin, end) of a row; of all rows.
-    template <class Ask>
-    void each_line(std::int64_t stage, int which, int begin, int end, const Ask& ask) {
-        for (int k = begin; k < end; ++k) for_each_line(row(stage, which) + k * stride(stage), seen, ask);
-    }
-    template <class Ask>
-    void each_line(std::int64_t stage, const Ask& ask) {
-        for (int which = 0; which < row_count; ++which) each_line(stage, which, 0, vectors, ask);
-    }
 };
 
 // Work memory of a thread: rings of rows, and the rows that each of four stages passes on. All strips of a
@@ -67,14 +58,6 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     int strip;
     HaloSlot<Real> from_near, from_far;
     std::shared_ptr<Workspace<Real>> workspace;
-    // Many lines that another processor has had, asked for at once, keep other loads waiting. So those of the
-    // near halo slots are asked for in parts, each before a row of the sweep.
-    struct Part {
-        int before_row;
-        bool to_write;
-        int which, begin, end;  // vectors of a row
-    };
-    std::vector<Part> parts;
     std::vector<EdgeRowPointers<Real>>
         rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
@@ -84,25 +67,6 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     // The number of a step's stage, counted over all steps.
     std::int64_t number_of(int stage) const { return 4 * step + stage; }
     bool finite = true;  // the rows inspected in this call
-
-    // Rows to be written are claimed in the first half of the rows from `first` on. Rows to be read are
-    // fetched in the last quarter. To stop a sweep for a part takes up to 0.6 of the time of a row. So the
-    // first claim and the last fetch come where the sweep stops anyway: at `first`, and before the last two
-    // rows. Parts before rows that are done are fetched at once.
-    void plan_parts(int first) {
-        constexpr int vectors_at_once = 2;  // of a part; smaller parts stop the sweep more often
-        const int vectors = from_near.vectors, in_row = (vectors + vectors_at_once - 1) / vectors_at_once;
-        const int count = from_near.row_count * in_row, last = std::max(first, size() - 2),
-                  all_rows = last - first;
-        const auto add = [&](int before_row, bool to_write, int i) {
-            const int begin = i % in_row * vectors_at_once;
-            parts.push_back(
-                {before_row, to_write, i / in_row, begin, std::min(begin + vectors_at_once, vectors)});
-        };
-        for (int i = 0; i < count; ++i) add(first + all_rows * i / (2 * count), true, i);
-        const int apart = std::max(1, all_rows / (4 * count));
-        for (int i = 0; i < count; ++i) add(last - (count - 1 - i) * apart, false, i);
-    }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {

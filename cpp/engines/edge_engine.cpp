@@ -126,7 +126,6 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->engine = this;
         band->from_near.prepare(layout_, plan_.features());
         band->from_far.prepare(layout_, plan_.features());
-        band->plan_parts(rows_to_hand);
 
         const int n = band->size();
         const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
@@ -178,26 +177,10 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
         edge_.rows(band.stages[s], begin, row);
         begin = row;
     };
-    if (begin == 0 && band.far) {
-        if (band.far->at_far.reached(band.version(number))) band.from_far.each_line(number, prefetch_to_read);
-        band.neighbour(band.far).from_far.each_line(number + 1, prefetch_to_write);
-    }
     if (begin == 0 && band.near) begin_stage(band, s);
     if (band.near && begin < rows_to_hand) {
         run_to(std::min(end, rows_to_hand));
         if (begin == rows_to_hand && hands_on(s)) band.hand_near(number + 1);
-    }
-    if (band.near && end == n) {
-        for (const auto& part : band.parts) {
-            run_to(std::min(part.before_row, end_inner));
-            if (part.to_write) {
-                prefetch_to_read(&band.near->at_near);  // for the check before the rows are read
-                band.neighbour(band.near).from_near.each_line(number + 2, part.which, part.begin, part.end,
-                                                              prefetch_to_write);
-            } else if (band.near->at_near.reached(band.version(number + 1))) {
-                band.from_near.each_line(number + 1, part.which, part.begin, part.end, prefetch_to_read);
-            }
-        }
     }
     run_to(end_inner);
     if (end > end_inner) run_last_rows(band, s, std::max(begin, end_inner), end);
