@@ -30,6 +30,7 @@
 #include "contact/exact.hpp"
 #include "contact/face_pass.hpp"
 #include "contact/large_cells.hpp"
+#include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/contact/contact_marks.hpp"
 #include "kernels/dispatch.hpp"
@@ -47,6 +48,7 @@ public:
     ContactPass(const Plan& plan, const Layout& layout, Impulses& impulses)
         : plan_(plan),
           layout_(layout),
+          points_(layout_, plan.cloth.columns),
           impulses_(impulses),
           kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
         std::vector<bool> faces;
@@ -62,7 +64,7 @@ public:
         if (spheres_.empty()) return;
         if (faces_) {
             face_pass_ = make_face_pass(plan, faces, face_kernels(plan.kernels->set));
-            for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(place(i, 0));
+            for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(points_.place(i, 0));
         }
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
         geometry_ = layout.geometry(lanes);
@@ -137,18 +139,9 @@ public:
     }
 
     // Energies that contact/exact.hpp needs.
-    PointState before(int i) const { return read(before_, i); }
-    PointState now(int i) const { return read(*memory_, i); }
-    void set(int i, const PointState& state) {
-        for (int k = 0; k < 6; ++k) {
-            const double value = k < 3 ? state.position[k] : state.velocity[k - 3];
-            const std::ptrdiff_t at = place(i, k);
-            (*memory_)[std::size_t(at)] = Real(value);
-            if constexpr (compensated)
-                (*memory_)[std::size_t(at + layout_.compensation())] =
-                    Real(value - double((*memory_)[std::size_t(at)]));
-        }
-    }
+    PointState before(int i) const { return points_.get(before_, i); }
+    PointState now(int i) const { return points_.get(*memory_, i); }
+    void set(int i, const PointState& state) { points_.set(*memory_, i, state); }
     // A radius that grows moves points and gives no velocity.
     void give(int i, const SweptSphere& s, const Vec3& change) {
         if (raising_) return;
@@ -169,10 +162,10 @@ public:
         surface.innermost = before.innermost;
         return surface;
     }
-    Vec3 position(int i) const { return {read(*memory_, i, 0), read(*memory_, i, 1), read(*memory_, i, 2)}; }
+    Vec3 position(int i) const { return points_.position(*memory_, i); }
 
 private:
-    static constexpr bool compensated = sizeof(Real) == 4;
+    using Points = StatePoints<Real, Layout>;
     // Rounds in which points are moved outwards as rho grows. Each leaves at most 0.71 of the last, so that
     // twice as many change nothing; half leave 3e-8 of the first move.
     static constexpr int most_raises = 100;
@@ -181,23 +174,6 @@ private:
 
     std::size_t index(int row, int vector) const {
         return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
-    }
-    std::ptrdiff_t place(int i, int k) const {
-        return layout_.at(i / plan_.cloth.columns, i % plan_.cloth.columns, k);
-    }
-    double read(const AlignedVector<Real>& from, std::ptrdiff_t at) const {
-        if constexpr (compensated)
-            return double(from[std::size_t(at)]) + double(from[std::size_t(at + layout_.compensation())]);
-        else return from[std::size_t(at)];
-    }
-    double read(const AlignedVector<Real>& from, int i, int k) const { return read(from, place(i, k)); }
-    PointState read(const AlignedVector<Real>& from, int i) const {
-        PointState s;
-        for (int k = 0; k < 3; ++k) {
-            s.position[k] = read(from, i, k);
-            s.velocity[k] = read(from, i, k + 3);
-        }
-        return s;
     }
 
     void respond_to_points(int threads) {
@@ -214,7 +190,7 @@ private:
         const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
             for (std::size_t i = 0; i < places_.size(); ++i)
                 for (int k = 0; k < 3; ++k)
-                    to[i][k] = read(from, places_[i] + (first + k) * geometry_.component);
+                    to[i][k] = points_.value(from, places_[i] + (first + k) * geometry_.component);
         };
         if (kept_) {
             pass.x0.swap(pass.x);
@@ -231,7 +207,7 @@ private:
             if (!pass.changed[i]) continue;
             report_.changed = true;
             set(int(i), {pass.x[i], pass.v[i]});
-            if constexpr (!compensated) continue;
+            if constexpr (!Points::compensated) continue;
             const PointState rounded = now(int(i));
             pass.x[i] = rounded.position;
             pass.v[i] = rounded.velocity;
@@ -376,7 +352,7 @@ private:
 
     void copy(int row, int vector) {
         const std::ptrdiff_t at = layout_.first() + row * geometry_.row + vector * geometry_.vector;
-        for (int part = 0; part < (compensated ? 2 : 1); ++part)
+        for (int part = 0; part < (Points::compensated ? 2 : 1); ++part)
             for (int k = 0; k < 6; ++k) {
                 const std::ptrdiff_t from = at + k * geometry_.component + part * geometry_.compensation;
                 std::copy_n(memory_->data() + from, lanes_, before_.data() + from);
@@ -385,6 +361,7 @@ private:
 
     const Plan& plan_;
     Layout layout_;
+    Points points_;
     Impulses& impulses_;
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;

@@ -159,27 +159,24 @@ public:
             const Vec3 travel = (sphere.center_at(t + h) - center) / h;
             const double sphere_speed = std::max(
                 {(sphere.velocity_at(t) - travel).norm(), (sphere.velocity_at(t + h) - travel).norm()});
-            for (int r = 0; r < this->rows(); ++r)
-                for (int c = 0; c < this->columns(); ++c) {
-                    if (this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)]) continue;
-                    const PointState point = this->point_state(r, c);
-                    double speed = (point.velocity - travel).norm();
-                    if (tried) speed = std::max(speed, (vector_in(result_, r, c, 3) - travel).norm());
-                    const double gap = (point.position - center).norm() - sphere.contact_radius;
-                    const double way = (speed + sphere_speed) * allowed;
-                    if (way > std::max(gap, least_gap)) allowed *= std::max(gap, least_gap) / way;
-                }
+            for (int i = 0; i < this->plan_.cloth.points(); ++i) {
+                if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
+                const PointState point = this->points_.get(this->memory_, i);
+                double speed = (point.velocity - travel).norm();
+                if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
+                const double gap = (point.position - center).norm() - sphere.contact_radius;
+                const double way = (speed + sphere_speed) * allowed;
+                if (way > std::max(gap, least_gap)) allowed *= std::max(gap, least_gap) / way;
+            }
         }
         return allowed;
     }
 
     bool step_touches(double t) override {
         for (const Contact& contact : this->contacts(t))
-            for (int r = 0; r < this->rows(); ++r)
-                for (int c = 0; c < this->columns(); ++c)
-                    if (!this->plan_.cloth.pinned[std::size_t(r * this->columns() + c)] &&
-                        touches(contact, vector_in(result_, r, c, 0)))
-                        return true;
+            for (int i = 0; i < this->plan_.cloth.points(); ++i)
+                if (!this->plan_.cloth.pinned[std::size_t(i)] && touches(contact, vector_in(result_, i, 0)))
+                    return true;
         return false;
     }
 
@@ -199,12 +196,10 @@ public:
             else finish(band.begin, band.end);
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
-        for (int r = 0; r < this->rows(); ++r)
-            for (int c = 0; c < this->columns(); ++c)
-                for (int k = 0; k < 3; ++k) {
-                    *x++ = double(result_[std::size_t(this->layout_.at(r, c, k))]);
-                    *v++ = double(result_[std::size_t(this->layout_.at(r, c, 3 + k))]);
-                }
+        for (int i = 0; i < this->plan_.cloth.points(); ++i) {
+            Eigen::Map<Vec3>(x + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 0);
+            Eigen::Map<Vec3>(v + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 3);
+        }
     }
 
 private:
@@ -353,10 +348,9 @@ private:
     }
 
     // Components from `first` on: 0, the position, or 3, the velocity.
-    Vec3 vector_in(const AlignedVector<Real>& state, int r, int c, int first) const {
-        Vec3 value;
-        for (int k = 0; k < 3; ++k) value[k] = double(state[std::size_t(this->layout_.at(r, c, first + k))]);
-        return value;
+    Vec3 vector_in(const AlignedVector<Real>& state, int i, int first) const {
+        const auto at = [&](int k) { return double(state[std::size_t(this->points_.place(i, first + k))]); };
+        return {at(0), at(1), at(2)};
     }
 
     // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short row costs

@@ -1,65 +1,29 @@
-// Common parts of the engines, for any layout: moving the state in and out, inspecting it, and responding to
-// contacts.
-//
-// A Layout says where component k (x, y, z, vx, vy, vz) of the mass point (row, column) lies:
-// `at(row, column, k)`; compensation lies `compensation()` elements further.
+// Common parts of the engines, for any layout, on top of the state in memory: the responses of the spheres,
+// what is watched, and checkpoints.
 #pragma once
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <type_traits>
 #include <utility>
 
 #include "contact/contact_pass.hpp"
 #include "contact/near_spheres.hpp"
 #include "contact/response.hpp"
 #include "contact/separating_planes.hpp"
-#include "engines/coefficients.hpp"
-#include "engines/engine.hpp"
+#include "engines/state_memory.hpp"
 #include "measure/depth.hpp"
-#include "memory/aligned_vector.hpp"
-#include "memory/caches.hpp"
-#include "memory/finite.hpp"
-#include "memory/parts.hpp"
-#include "memory/row_band.hpp"
-#include "memory/row_copies.hpp"
 
 namespace clothsim {
 
-// Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
-inline constexpr double far_away = 1e15;
-
 template <class Real, class Layout>
-class StateEngine : public Engine {
+class StateEngine : public StateMemory<Real, Layout> {
+    using Memory = StateMemory<Real, Layout>;
+
 public:
-    bool load(const float* x, const float* v) final { return load_any(x, v); }
-    bool load(const double* x, const double* v) final { return load_any(x, v); }
-    void store(float* x, float* v) const final { store_any(x, v); }
-    void store(double* x, double* v) const final { store_any(x, v); }
+    using Memory::contact_energy, Memory::contact_responses, Memory::impulses, Memory::watched;
 
-    std::int64_t first_bad_point(double speed_limit) const final {
-        constexpr Real largest = std::numeric_limits<Real>::max();
-        const Real limit = Real(std::min(speed_limit, double(largest)));
-        if (limit == largest && finite()) return -1;  // the usual case, fast
-        const Vec3 mean = limit < largest ? mean_velocity() : Vec3(Vec3::Zero());
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c)
-                for (int k = 0; k < 6; ++k) {
-                    const double value = memory_[layout_.at(r, c, k)];
-                    const bool good =
-                        k < 3 ? std::abs(value) <= largest : std::abs(value - mean[k - 3]) <= limit;
-                    if (!good) return std::int64_t(r) * columns() + c;
-                }
-        return -1;
-    }
-
-    void place_pins(double t) final {
-        if (!plan_.has_driven_pins()) return;
-        place_pins(PinTime::at_rest(t), 0, rows(), memory_);
-        state_changed();
-    }
     void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
         plan_.spheres[sphere].center = center;
         plan_.spheres[sphere].motion = motion;
@@ -68,27 +32,19 @@ public:
     void set_force(const double* force) final {
         plan_.force = PointsView(force, plan_.cloth.points(), 3);
         apply_force();
-        state_known_ = false;
+        this->state_known_ = false;
     }
 
     SavedState saved_state() const final {
         SavedState state;
-        for (const SavedPart& part : saved_parts(compensated))
-            for_each_place(part, [&](std::ptrdiff_t at) { (state.*part.values).push_back(memory_[at]); });
-        state.origin = origin_;
+        this->save_values(state);
         state.contact_energy = contact_energy;
         state.contacts = contact_pass_.persistent();
         state.impulses = impulses.sums();
         return state;
     }
     void set_saved_state(const SavedState& state) final {
-        for (const SavedPart& part : saved_parts(compensated)) {
-            auto next = (state.*part.values).begin();
-            for_each_place(part, [&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
-        }
-        stop_pinned_points();
-        set_origin(state.origin);
-        state_replaced();
+        this->set_values(state);
         contact_energy = state.contact_energy;
         contact_pass_.set_persistent(state.contacts);
         impulses.go_on(state.impulses);
@@ -96,9 +52,10 @@ public:
 
     void save_checkpoint() final {
         checkpoint_.resize(memory_.size());
-        in_parts(std::ptrdiff_t(memory_.size()), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
-            std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
-        });
+        in_parts(std::ptrdiff_t(memory_.size()), this->parts(),
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+                     std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
+                 });
         energy_at_checkpoint_ = contact_energy;
         responses_at_checkpoint_ = contact_responses;
         watched_at_checkpoint_ = watched;
@@ -121,39 +78,17 @@ public:
     bool has_continuous() const final { return contact_pass_.needed(); }
 
 protected:
-    // 0 where it is not finite.
-    Vec3 mean_velocity() const {
-        Vec3 sum = Vec3::Zero();
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c)
-                for (int k = 0; k < 3; ++k) sum[k] += memory_[layout_.at(r, c, k + 3)];
-        return sum.allFinite() ? Vec3(sum / plan_.cloth.points()) : Vec3(Vec3::Zero());
-    }
-
-    static constexpr bool compensated = sizeof(Real) == 4;
+    using Memory::columns, Memory::depths_watched_, Memory::kernels, Memory::layout_, Memory::memory_,
+        Memory::plan_, Memory::points_, Memory::rows, Memory::state_changed, Memory::track_contact_energy;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : plan_(plan),
-          layout_(layout),
-          memory_(std::size_t(size), Real(0)),
+        : Memory(plan, layout, size),
           contact_pass_(plan_, layout_, impulses),
           planes_(kernels()),
           touched_rows_(std::size_t(plan.cloth.rows), false) {
         impulses = Impulses(plan_);
-        for (int i = 0; i < plan_.cloth.points(); ++i)
-            if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
     }
 
-    // Of rows [begin, end) of a state that is laid out like memory.
-    void place_pins(const PinTime& time, int begin, int end, AlignedVector<Real>& state) const {
-        plan_.each_driven_pin(time, begin * columns(), end * columns(),
-                              [&](int point, const Vec3& place, const Vec3& velocity) {
-                                  const Vec3 here = place - origin_;
-                                  for (int k = 0; k < 6; ++k)
-                                      set_value(layout_.at(point / columns(), point % columns(), k),
-                                                k < 3 ? here[k] : velocity[k - 3], state);
-                              });
-    }
     // Bring the plan's force into the form of the kernel.
     virtual void apply_force() = 0;
     Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
@@ -188,14 +123,12 @@ protected:
     void note_depths(double t) final { note_depths(0, rows(), t, 0, columns()); }
     double total_energy() const final {
         Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
-        store_any(x.data(), v.data());
+        this->store(x.data(), v.data());
         const PointsView xs(x.data(), x.rows(), 3), vs(v.data(), v.rows(), 3);
         return energy(plan_, xs, vs).total();
     }
 
-    void state_changed() { state_known_ = known_finite_ = false; }
-    // By another one, not by what a step or a contact makes of it.
-    void state_replaced() {
+    void state_replaced() final {
         state_changed();
         contact_pass_.forget();
         planes_.drop();
@@ -206,37 +139,13 @@ protected:
         return {memory_.data() + layout_.first() + begin * g.row + k * g.component, g.row, g.vector,
                 end - begin, g.vectors};
     }
-    const RealKernels<Real>& kernels() const { return kernels_of<Real>(*plan_.kernels); }
-    int rows() const { return plan_.cloth.rows; }
-    int columns() const { return plan_.cloth.columns; }
-    // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some
-    // would end.
-    int parts() const {
-        constexpr std::int64_t least_points_per_thread = 2'000;  // half or twice: not measured
-        const int team = track_contact_energy ? 1 : RowBand::team(rows(), threads);
-        return plan_.cloth.points() >= least_points_per_thread * team ? team : 1;
-    }
-    double value(std::ptrdiff_t place) const {
-        if constexpr (compensated)
-            return double(memory_[place]) + double(memory_[place + layout_.compensation()]);
-        else return memory_[place];
-    }
-    template <class T>
-    void set_value(std::ptrdiff_t place, T v, AlignedVector<Real>& state) const {
-        state[place] = Real(v);
-        if constexpr (compensated) state[place + layout_.compensation()] = Real(v - T(state[place]));
-    }
-    template <class T>
-    void set_value(std::ptrdiff_t place, T v) {
-        set_value(place, v, memory_);
-    }
-
     // The spheres at the end of a step; continuous spheres have their own pass.
     void contacts(double t, std::vector<Contact>& result) const {
         result.clear();
         for (const Sphere& sphere : plan_.spheres)
             if (sphere.response != Response::continuous)
-                result.emplace_back(sphere, t, 2 * double(Real(step_size / 2)));  // as the shader has it
+                result.emplace_back(sphere, t,
+                                    2 * double(Real(this->step_size / 2)));  // as the shader has it
     }
     std::vector<Contact> contacts(double t) const {
         std::vector<Contact> result;
@@ -255,34 +164,29 @@ protected:
         return false;
     }
 
-    PointState point_state(int row, int column) const {
-        const auto component = [&](int k) { return value(layout_.at(row, column, k)); };
-        return {{component(0), component(1), component(2)}, {component(3), component(4), component(5)}};
-    }
-
     // The response of one point that a kernel's test has found.
     void respond_at(const Contact& contact, int row, int column) {
         if (column >= columns()) return;
         if (depths_watched_)
             std::atomic_ref(touched_rows_[std::size_t(row)]).store(true, std::memory_order_relaxed);
-        if (plan_.cloth.pinned[row * columns() + column]) return;
-        const PointState before = point_state(row, column);
+        const int point = row * columns() + column;
+        if (plan_.cloth.pinned[point]) return;
+        const PointState before = points_.get(memory_, point);
         if (!touches(contact, before.position)) return;
         const PointState after = respond(contact, before);
         contact_responses.fetch_add(1, std::memory_order_relaxed);
         if (after.position != before.position || after.velocity != before.velocity)
             lower(watched.first_contact, contact.time);
-        const double mass = plan_.cloth.mass[row * columns() + column];
+        const double mass = plan_.cloth.mass[point];
         impulses.give(std::size_t(&contact.sphere - plan_.spheres.data()), row, column,
                       mass*(after.velocity - before.velocity));
-        const double springs_before = track_contact_energy ? spring_energy(row, column) : 0;
-        for (int k = 0; k < 6; ++k)
-            set_value(layout_.at(row, column, k), k < 3 ? after.position[k] : after.velocity[k - 3]);
+        const double springs_before = track_contact_energy ? spring_energy(point) : 0;
+        points_.set(memory_, point, after);
         if (track_contact_energy) {
-            contact_energy += spring_energy(row, column) - springs_before +
+            contact_energy += spring_energy(point) - springs_before +
                 mass *
                     ((after.velocity.squaredNorm() - before.velocity.squaredNorm()) / 2 -
-                     plan_.field_at(row * columns() + column).dot(after.position - before.position));
+                     plan_.field_at(point).dot(after.position - before.position));
         }
     }
 
@@ -294,112 +198,10 @@ protected:
         if (depths_watched_ && (planes_.up() || !has_continuous())) note_depths(t);
     }
 
-    Plan plan_;
-    Layout layout_;
-    AlignedVector<Real> memory_;
-    // Data of the state that an engine keeps in memory still holds; false after every change from elsewhere.
-    bool state_known_ = false;
-    // The newest steps have found the state finite, and have left it as it is.
-    bool known_finite_ = false;
     ContactPass<Real, Layout> contact_pass_;
     SeparatingPlanes<Real> planes_;
 
 private:
-    RowShift row_shift(const Vec3& shift) const {
-        RowShift row;
-        for (int k = 0; k < 3; ++k)
-            if (shift[k] != 0) row.of[k] = row.of[k + 3] = shift[k];
-        return row;
-    }
-    template <class Outside>
-    const RowKernels<Real, Outside>& row_kernels() const {
-        return state_row_kernels(plan_.kernels->set).template of<Real, Outside>();
-    }
-
-    template <class In>
-    bool load_any(const In* x, const In* v) {
-        set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
-        state_replaced();
-        const RowKernels<Real, In>& kernels = row_kernels<In>();
-        const RowShift shift = row_shift(-origin_);
-        std::atomic<bool> finite{true};
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
-            bool all = true;
-            for (std::ptrdiff_t r = begin; r < end; ++r) {
-                all &= layout_.put_row(kernels, x + r * 3 * columns(), shift,
-                                       memory_.data() + layout_.at(int(r), 0, 0));
-                all &= layout_.put_row(kernels, v + r * 3 * columns(), {},
-                                       memory_.data() + layout_.at(int(r), 0, 3));
-            }
-            if (!all) finite.store(false, std::memory_order_relaxed);
-        });
-        stop_pinned_points();
-        return finite;
-    }
-    void stop_pinned_points() {
-        for (const int point : pinned_points_)
-            for (int k = 3; k < 6; ++k) set_value(layout_.at(point / columns(), point % columns(), k), 0.0);
-    }
-    template <class Out>
-    void store_any(Out* x, Out* v) const {
-        if (x) store_part(0, origin_, x);
-        if (v) store_part(3, Vec3::Zero(), v);
-    }
-    // Three components of all points, from the first on.
-    template <class Out>
-    void store_part(int first, const Vec3& origin, Out* to) const {
-        const RowKernels<Real, Out>& kernels = row_kernels<Out>();
-        const RowShift shift = row_shift(origin);
-        const int count = 3 * columns();
-        const std::ptrdiff_t bytes = count * std::ptrdiff_t(sizeof(Out));
-        const bool large = rows() * bytes > bytes_in_shared_cache;
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
-            AlignedVector<Out> outside(std::size_t(large ? count : 0)),
-                part(std::size_t(layout_.in_one_strip() ? 0 : count));
-            for (std::ptrdiff_t r = begin; r < end; ++r) {
-                Out* const place = to + r * count;
-                Out* const out = large ? outside.data() : place;
-                layout_.take_row(kernels, memory_.data() + layout_.at(int(r), 0, first), shift, out, part);
-                if (large) copy_past_caches(out, place, std::size_t(bytes));
-            }
-        });
-    }
-    // Whether the state is; padding is.
-    bool finite() const {
-        if (known_finite_) return true;
-        const Blocks all = layout_.state_blocks();
-        std::atomic<bool> is{true};
-        in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
-                     const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
-                     if (!all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
-                 });
-        return is;
-    }
-    template <class Visit>
-    void for_each_place(const SavedPart& part, Visit visit) const {
-        const std::ptrdiff_t low = part.low ? layout_.compensation() : 0;
-        for (int r = 0; r < rows(); ++r)
-            for (int c = 0; c < columns(); ++c)
-                for (int k = 0; k < 3; ++k) visit(layout_.at(r, c, part.first + k) + low);
-    }
-
-    // float32 resolves points of a cloth far from 0 no better than by 6e-8 of that distance. So in single
-    // memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
-    template <class In>
-    Vec3 far_origin(const In* x) const {
-        double least[3], most[3];
-        row_kernels<In>().extent(x, plan_.cloth.points(), least, most);
-        const Vec3 low(least[0], least[1], least[2]), high(most[0], most[1], most[2]);
-        const Vec3 middle = low / 2 + high / 2;
-        const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
-        return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
-    }
-    void set_origin(const Vec3& origin) {
-        origin_ = origin;
-        for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
-    }
-
     // Of rows in which a sphere has found a mass point since the last pass. No other can have one inside: the
     // test of the responses takes in the contact radius, pinned points too, and nothing moves points after
     // it.
@@ -421,17 +223,15 @@ private:
         }
         double least = std::numeric_limits<double>::infinity();
         for (int c = first_column; c < end_column; ++c)
-            least = std::min(least, (point_state(row, c).position - center).squaredNorm());
+            least = std::min(least, (points_.position(memory_, row * columns() + c) - center).squaredNorm());
         return least;
     }
 
-    double spring_energy(int row, int column) const {
-        return clothsim::spring_energy(
-            plan_.cloth, row * columns() + column, point_state(row, column).position,
-            [this](int j) { return point_state(j / columns(), j % columns()).position; });
+    double spring_energy(int point) const {
+        const auto position = [this](int i) { return points_.position(memory_, i); };
+        return clothsim::spring_energy(plan_.cloth, point, position(point), position);
     }
 
-    std::vector<int> pinned_points_;
     AlignedVector<Real> checkpoint_;
     double energy_at_checkpoint_ = 0;
     std::int64_t responses_at_checkpoint_ = 0;
@@ -439,7 +239,6 @@ private:
     std::vector<FacePass::PersistentContact> persistent_at_checkpoint_;
     Impulses impulses_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
-    Vec3 origin_ = Vec3::Zero();
 };
 
 }  // namespace clothsim
