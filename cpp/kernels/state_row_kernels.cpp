@@ -1,15 +1,12 @@
 // CMake compiles this file for each instruction set.
 #include "kernels/state_row_kernels.hpp"
 
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <type_traits>
 
+#include "kernels/four.hpp"
 #include "kernels/this_instruction_set.hpp"
 
 namespace clothsim {
@@ -17,142 +14,15 @@ namespace {
 
 using std::ptrdiff_t;
 
-// Four doubles, in two registers where there are no longer ones.
-#if !defined(__x86_64__)
-// Vectors of the compiler's own, for every processor that g++ and clang know.
-using Four [[gnu::vector_size(32)]] = double;
-using FourSingles [[gnu::vector_size(16)]] = float;
-template <class V, class T>
-CLOTHSIM_INLINE V loaded(const T* p, std::size_t bytes = sizeof(V)) {
-    V a{};
-    std::memcpy(&a, p, bytes);
-    return a;
-}
-CLOTHSIM_INLINE Four four(const double* p) { return loaded<Four>(p); }
-CLOTHSIM_INLINE Four four(FourSingles a) { return __builtin_convertvector(a, Four); }
-CLOTHSIM_INLINE Four four(const float* p) { return four(loaded<FourSingles>(p)); }
-CLOTHSIM_INLINE Four four_of(double a) { return Four{a, a, a, a}; }
-CLOTHSIM_INLINE Four two(const double* p) { return loaded<Four>(p, 16); }
-CLOTHSIM_INLINE Four least(Four a, Four b) { return a < b ? a : b; }
-CLOTHSIM_INLINE Four most(Four a, Four b) { return a > b ? a : b; }
-CLOTHSIM_INLINE FourSingles rounded(Four a) { return __builtin_convertvector(a, FourSingles); }
-CLOTHSIM_INLINE void put(double* p, Four a) { std::memcpy(p, &a, sizeof a); }
-CLOTHSIM_INLINE void put(float* p, FourSingles a) { std::memcpy(p, &a, sizeof a); }
-CLOTHSIM_INLINE void put_two(double* p, Four a) { std::memcpy(p, &a, 16); }
-CLOTHSIM_INLINE Four sum(Four a, Four b) { return a + b; }
-CLOTHSIM_INLINE Four difference(Four a, Four b) { return a - b; }
-template <class V>
-CLOTHSIM_INLINE V times_zero(V a) {
-    return a * V{};
-}
-// Zeros of either sign and what is no number: their sum is a zero or no number, as the bits of both are.
-template <class V>
-CLOTHSIM_INLINE V bits_of_both(V a, V b) {
-    return a + b;
-}
-template <class V>
-CLOTHSIM_INLINE bool all_numbers(V a) {
-    const auto equal = a == a;
-    bool all = true;
-    for (std::size_t i = 0; i < sizeof equal / sizeof equal[0]; ++i) all &= equal[i] != 0;
-    return all;
-}
-CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
-    const Four a = r[0], b = r[1], c = r[2], d = r[3];
-    for (int i = 0; i < 4; ++i) r[i] = Four{a[i], b[i], c[i], d[i]};
-}
-#elif defined(__AVX2__)
-using FourSingles = __m128;
-using Four = __m256d;
-CLOTHSIM_INLINE Four four(const double* p) { return _mm256_loadu_pd(p); }
-CLOTHSIM_INLINE Four four(const float* p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
-CLOTHSIM_INLINE Four four(__m128 a) { return _mm256_cvtps_pd(a); }
-CLOTHSIM_INLINE Four four_of(double a) { return _mm256_set1_pd(a); }
-CLOTHSIM_INLINE Four two(const double* p) { return _mm256_castpd128_pd256(_mm_loadu_pd(p)); }
-CLOTHSIM_INLINE Four least(Four a, Four b) { return _mm256_min_pd(a, b); }  // b where a is no number
-CLOTHSIM_INLINE Four most(Four a, Four b) { return _mm256_max_pd(a, b); }
-CLOTHSIM_INLINE __m128 rounded(Four a) { return _mm256_cvtpd_ps(a); }
-CLOTHSIM_INLINE void put(double* p, Four a) { _mm256_storeu_pd(p, a); }
-CLOTHSIM_INLINE void put_two(double* p, Four a) { _mm_storeu_pd(p, _mm256_castpd256_pd128(a)); }
-CLOTHSIM_INLINE Four sum(Four a, Four b) { return _mm256_add_pd(a, b); }
-CLOTHSIM_INLINE Four difference(Four a, Four b) { return _mm256_sub_pd(a, b); }
-CLOTHSIM_INLINE Four times_zero(Four a) { return _mm256_mul_pd(a, _mm256_setzero_pd()); }
-CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) { return _mm256_or_pd(a, b); }
-CLOTHSIM_INLINE bool all_numbers(Four a) {
-    return _mm256_movemask_pd(_mm256_cmp_pd(a, a, _CMP_UNORD_Q)) == 0;
-}
-CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
-    const Four a = _mm256_unpacklo_pd(r[0], r[1]), b = _mm256_unpackhi_pd(r[0], r[1]);
-    const Four c = _mm256_unpacklo_pd(r[2], r[3]), d = _mm256_unpackhi_pd(r[2], r[3]);
-    r[0] = _mm256_permute2f128_pd(a, c, 0x20);
-    r[1] = _mm256_permute2f128_pd(b, d, 0x20);
-    r[2] = _mm256_permute2f128_pd(a, c, 0x31);
-    r[3] = _mm256_permute2f128_pd(b, d, 0x31);
-}
-#else
-using FourSingles = __m128;
-struct Four {
-    __m128d low, high;
-};
-CLOTHSIM_INLINE Four four(const double* p) { return {_mm_loadu_pd(p), _mm_loadu_pd(p + 2)}; }
-CLOTHSIM_INLINE Four four(__m128 a) { return {_mm_cvtps_pd(a), _mm_cvtps_pd(_mm_movehl_ps(a, a))}; }
-CLOTHSIM_INLINE Four four(const float* p) { return four(_mm_loadu_ps(p)); }
-CLOTHSIM_INLINE Four four_of(double a) { return {_mm_set1_pd(a), _mm_set1_pd(a)}; }
-CLOTHSIM_INLINE Four two(const double* p) { return {_mm_loadu_pd(p), _mm_setzero_pd()}; }
-CLOTHSIM_INLINE Four least(Four a, Four b) { return {_mm_min_pd(a.low, b.low), _mm_min_pd(a.high, b.high)}; }
-CLOTHSIM_INLINE Four most(Four a, Four b) { return {_mm_max_pd(a.low, b.low), _mm_max_pd(a.high, b.high)}; }
-CLOTHSIM_INLINE __m128 rounded(Four a) { return _mm_movelh_ps(_mm_cvtpd_ps(a.low), _mm_cvtpd_ps(a.high)); }
-CLOTHSIM_INLINE void put(double* p, Four a) {
-    _mm_storeu_pd(p, a.low);
-    _mm_storeu_pd(p + 2, a.high);
-}
-CLOTHSIM_INLINE void put_two(double* p, Four a) { _mm_storeu_pd(p, a.low); }
-CLOTHSIM_INLINE Four sum(Four a, Four b) { return {_mm_add_pd(a.low, b.low), _mm_add_pd(a.high, b.high)}; }
-CLOTHSIM_INLINE Four difference(Four a, Four b) {
-    return {_mm_sub_pd(a.low, b.low), _mm_sub_pd(a.high, b.high)};
-}
-CLOTHSIM_INLINE Four times_zero(Four a) {
-    return {_mm_mul_pd(a.low, _mm_setzero_pd()), _mm_mul_pd(a.high, _mm_setzero_pd())};
-}
-CLOTHSIM_INLINE Four bits_of_both(Four a, Four b) {
-    return {_mm_or_pd(a.low, b.low), _mm_or_pd(a.high, b.high)};
-}
-CLOTHSIM_INLINE bool all_numbers(Four a) {
-    return _mm_movemask_pd(_mm_or_pd(_mm_cmpunord_pd(a.low, a.low), _mm_cmpunord_pd(a.high, a.high))) == 0;
-}
-CLOTHSIM_INLINE void transpose(Four (&r)[4]) {
-    const Four a = r[0], b = r[1], c = r[2], d = r[3];
-    r[0] = {_mm_unpacklo_pd(a.low, b.low), _mm_unpacklo_pd(c.low, d.low)};
-    r[1] = {_mm_unpackhi_pd(a.low, b.low), _mm_unpackhi_pd(c.low, d.low)};
-    r[2] = {_mm_unpacklo_pd(a.high, b.high), _mm_unpacklo_pd(c.high, d.high)};
-    r[3] = {_mm_unpackhi_pd(a.high, b.high), _mm_unpackhi_pd(c.high, d.high)};
-}
-#endif
-#if defined(__x86_64__)
-CLOTHSIM_INLINE void put(float* p, FourSingles a) { _mm_storeu_ps(p, a); }
-CLOTHSIM_INLINE bool all_numbers(__m128 a) { return _mm_movemask_ps(_mm_cmpunord_ps(a, a)) == 0; }
-#endif
-CLOTHSIM_INLINE void put(float* p, Four a) { put(p, rounded(a)); }
-
-// Whether all numbers are finite in the layout. Of four at a time, so that none waits for the last.
+// Whether all numbers are finite in the layout. Of four at a time, so that none waits for the last. Finite
+// ones times 0 are 0. The rounding of a number to single is infinite or NaN where the number has become so,
+// else so small that the sum is finite.
 template <class Real>
 struct NotFinite {
-    Four bits[4] = {};
-    // Finite ones times 0 are 0.
-    CLOTHSIM_INLINE void note(int i, Four a) { bits[i] = bits_of_both(bits[i], times_zero(a)); }
-    CLOTHSIM_INLINE bool none() const {
-        return all_numbers(bits_of_both(bits_of_both(bits[0], bits[1]), bits_of_both(bits[2], bits[3])));
-    }
-};
-template <>
-struct NotFinite<float> {
-    FourSingles sum[4] = {};
-    // The rounding of a number is infinite or NaN where the number has become so, else so small that the sum
-    // is finite.
-    CLOTHSIM_INLINE void note(int i, FourSingles lost) { sum[i] = sum[i] + lost; }
-    CLOTHSIM_INLINE bool none() const {
-        return all_numbers(((sum[0] + sum[1]) + (sum[2] + sum[3])) * FourSingles{});
-    }
+    using V = std::conditional_t<sizeof(Real) == 4, FourSingles, Four>;
+    V sum[4] = {};
+    CLOTHSIM_INLINE void note(int i, V a) { sum[i] += sizeof(Real) == 4 ? a : a * V{}; }
+    CLOTHSIM_INLINE bool none() const { return all_zero(((sum[0] + sum[1]) + (sum[2] + sum[3])) * V{}); }
 };
 
 // A square: element i of lane l is at outside[l * stride + i], and in the layout at inside[place(i) + l]. The
@@ -167,8 +37,8 @@ CLOTHSIM_INLINE void put_square(const Outside* outside, ptrdiff_t stride, const 
     for (int i = 0; i < kept; ++i) {
         Real* const to = inside + place(i);
         if constexpr (sizeof(Real) == 4) {
-            const Four value = shifted ? sum(row[i], four_of(shift[i])) : row[i];
-            const FourSingles high = rounded(value), lost = rounded(difference(value, four(high)));
+            const Four value = shifted ? row[i] + four_of(shift[i]) : row[i];
+            const FourSingles high = rounded(value), lost = rounded(value - four(high));
             bad.note(i, lost);
             put(to, high);
             put(to + compensation, lost);
@@ -187,8 +57,8 @@ CLOTHSIM_INLINE void take_square(const Real* inside, ptrdiff_t compensation, Pla
         const Real* const from = inside + place(std::min(i, kept - 1));
         if constexpr (lanes == 4) row[i] = four(from);
         else row[i] = two(from);
-        if constexpr (compensated) row[i] = sum(row[i], four(from + compensation));
-        if constexpr (shifted) row[i] = sum(row[i], four_of(shift[i]));
+        if constexpr (compensated) row[i] += four(from + compensation);
+        if constexpr (shifted) row[i] += four_of(shift[i]);
     }
     transpose(row);
     for (int l = 0; l < lanes; ++l) put(outside + l * stride, row[l]);
