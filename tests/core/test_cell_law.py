@@ -1,11 +1,8 @@
-"""Law of offset "cell": bits, energy, rest, friction and symmetry, as for points."""
-
-import math
+"""Law of offset "cell": bits, drapes and symmetry. Energy, rest and friction are those of test_continuous.py."""
 
 import clothsim as cs
 import numpy as np
 import pytest
-from contact import cone, drop, resting, under_whole_cloth
 from contact.drape_cost import SCENES
 
 
@@ -42,29 +39,6 @@ def test_no_triangle_is_inside_at_any_step_of_a_drape(name):
         report = cs.simulate(scene, duration, dt=dt, precision=precision).report
         assert report["penetration"]["points"] == report["penetration"]["triangles"] == 0
         assert np.isfinite(report["first_contact"]["time"])
-
-
-def test_growth_of_rho_makes_little_energy():
-    """A radius that grows moves points against their springs: 6e-6 of m g h."""
-    for dt in (1e-4, 2e-5):
-        result = drop(dt, offset="cell")
-        assert result["elastic_afterwards"] > 100
-        assert abs(result["part"]) < 1e-5
-    assert abs(under_whole_cloth(offset="cell")["part"]) < 2e-9
-
-
-def test_a_cloth_at_rest_stays_at_rest(precision):
-    result = resting(20_000, precision=precision, offset="cell")
-    assert result["touching"] == 64
-    assert result["depth"] == result["normal_jitter"] == result["jitter"] == 0
-
-
-def test_friction_holds_below_the_slope_and_slides_by_the_formula_above():
-    tangent = math.tan(0.35)
-    held, slides = (cone(part * tangent, offset="cell") for part in (1.03, 0.97))
-    assert abs(held["slip"]) < 1e-10
-    assert slides["slip"] == pytest.approx(slides["expected"], rel=0.02)
-    assert cone(0.0, offset="cell")["slip"] == pytest.approx(cone(0.0)["slip"], rel=1e-6)
 
 
 def test_a_mirrored_scene_stays_mirrored():
