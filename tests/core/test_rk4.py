@@ -5,16 +5,13 @@ import math
 
 import clothsim as cs
 import numpy as np
+from random_cloths import rms
 
 DURATION = 0.05  # of the swing [s]
 
 
 def fitted_order(steps, errors):
     return np.polyfit(np.log(steps), np.log(errors), 1)[0]
-
-
-def rms(difference):
-    return np.sqrt((difference**2).sum(axis=-1).mean())
 
 
 @functools.cache

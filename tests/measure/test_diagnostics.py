@@ -3,6 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from contact_fuzz.exact import distance
 
 
 def test_energy_is_that_of_the_spring_table(crumpled):
@@ -53,33 +54,11 @@ def test_energy_of_a_batch(crumpled):
             assert batch[name].shape == (2,) and batch[name][k] == value
 
 
-def nearest_on_triangles(p, corners):
-    """Distances to triangles (n, 3, 3): of the projection where it is inside, else of an edge."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    best = np.full(len(corners), np.inf)
-    for start, end in ((a, b), (b, c), (c, a)):
-        d = end - start
-        length = (d**2).sum(axis=1)
-        s = np.clip(((p - start) * d).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
-        best = np.minimum(best, np.linalg.norm(p - start - s[:, None] * d, axis=1))
-    e, f = b - a, c - a
-    gram = np.array([[(e * e).sum(1), (e * f).sum(1)], [(e * f).sum(1), (f * f).sum(1)]])
-    det = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
-    flat = det <= 1e-14 * gram[0, 0] * gram[1, 1]
-    det = np.where(flat, 1, det)
-    r = np.array([((p - a) * e).sum(1), ((p - a) * f).sum(1)])
-    s = (gram[1, 1] * r[0] - gram[0, 1] * r[1]) / det
-    t = (gram[0, 0] * r[1] - gram[0, 1] * r[0]) / det
-    inside = ~flat & (s >= 0) & (t >= 0) & (s + t <= 1)
-    height = np.linalg.norm(p - a - s[:, None] * e - t[:, None] * f, axis=1)
-    return np.where(inside, height, best)
-
-
 def depths(x, sphere, t=0.0):
     center = sphere.center_at(t)
     points = sphere.radius - np.linalg.norm(x - center, axis=-1).min()
     corners = x.reshape(-1, 3)[cs.triangles(x.shape[:2])]
-    triangles = sphere.radius - nearest_on_triangles(center, corners).min()
+    triangles = sphere.radius - distance(corners - center).min()
     return max(points, 0.0), max(triangles, 0.0)
 
 

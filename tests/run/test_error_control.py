@@ -5,19 +5,15 @@ import json
 import math
 import os
 import signal
-import sys
 import threading
 import time
 import warnings
-from pathlib import Path
 
 import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.fixed_steps import RunOptions, integrate
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from random_cloths import Model, draw, truth
+from random_cloths import Model, draw, rms, truth
 from tables import each
 
 DURATIONS = {"swing": 0.5, "swing with bend": 0.5, "hanging": 1.0, "oscillator": 1.0, "damped": 1.0}
@@ -40,10 +36,6 @@ def exact(name):
     scene, duration = scene_of(name), DURATIONS[name]
     steps = 1000 if "swing" in name else 300
     return cs.step(scene, scene.initial_position, scene.initial_velocity, duration / steps, steps, integrator="dop853")[0]
-
-
-def rms(difference):
-    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
 def true_within(run, error, least=0.5, most=3.0):

@@ -4,16 +4,11 @@ The true solution is a run of dop853 at a thousandth of the smallest error that 
 """
 
 import functools
-import sys
-from pathlib import Path
 
 import clothsim as cs
-import numpy as np
 import pytest
 from clothsim.run.fixed_steps import RunOptions, integrate
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from random_cloths import draw, truth
+from random_cloths import draw, rms, truth
 
 
 @functools.cache
@@ -26,10 +21,6 @@ def exact(number):
     case = case_of(number)
     tolerance = 1e-13 * max(case.scene.cloth.size)
     return integrate(case.scene, case.duration, tolerance, RunOptions("dop853", "double", 1, "auto", False)).x[-1]
-
-
-def rms(difference):
-    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,11 @@
 """`max_stable_dt` at a state against dense step matrices that are assembled here, spring by spring."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import clothsim as cs
 import numpy as np
 import pytest
-
-_path = Path(__file__).parents[2] / "benchmarks" / "stable_step.py"
-_spec = importlib.util.spec_from_file_location("stable_step", _path)
-bench = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(bench)
+import stable_step as bench
 
 
 def ratio(scene, method, x, v):
