@@ -6,7 +6,8 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import CLASSES, NAMED_KERNELS
+from pairwise import pairwise
+from variants import CLASSES, NAMED_KERNELS, PRECISIONS
 
 SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=3.0)
 
@@ -42,25 +43,26 @@ def forced(crumpled, place):
 
 
 def cases():
-    for integrator, kernel in itertools.product(cs.integrators(), NAMED_KERNELS):
-        yield touching, {"integrator": integrator, "kernel": kernel}
-    for integrator in ("rk4", "velocity_verlet", "pefrl", "dopri5"):
-        yield driven, {"integrator": integrator}
+    for integrator, kernel, precision in pairwise(list(cs.integrators()), NAMED_KERNELS, PRECISIONS):
+        yield touching, {"integrator": integrator, "kernel": kernel, "precision": precision}
+    for integrator, precision in itertools.product(("rk4", "velocity_verlet", "pefrl", "dopri5"), PRECISIONS):
+        yield driven, {"integrator": integrator, "precision": precision}
     contacts = [("reflect", "edge"), ("ray", "none"), *(("continuous", o) for o in ("none", 0.01, "edge", "cell", "face"))]
-    for (response, offset), (kernel, strict) in itertools.product(contacts, CLASSES):
-        yield functools.partial(hit, response=response, offset=offset), {"kernel": kernel, "strict": strict}
-    for place, kernel in itertools.product([(0, 0, 0), (1e6, -1e5, 0)], NAMED_KERNELS):
-        yield functools.partial(forced, place=place), {"kernel": kernel}
+    for (response, offset), (kernel, strict), precision in pairwise(contacts, CLASSES, PRECISIONS):
+        make = functools.partial(hit, response=response, offset=offset)
+        yield make, {"kernel": kernel, "strict": strict, "precision": precision}
+    for place, kernel, precision in pairwise([(0, 0, 0), (1e6, -1e5, 0)], NAMED_KERNELS, PRECISIONS):
+        yield functools.partial(forced, place=place), {"kernel": kernel, "precision": precision}
 
 
 @pytest.mark.parametrize("make, options", cases())
-def test_one_set_of_bits(make, options, precision, crumpled, same_bits, tmp_path):
+def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
     scene, dt, steps = make(crumpled)
     if options.get("integrator") == "implicit_midpoint":  # at the price of its steps
         steps = 2
 
     def stepped(scenes, cuts=(steps,), threads=1):
-        stepper = cs.Stepper(scenes, precision=precision, threads=threads, **options)
+        stepper = cs.Stepper(scenes, threads=threads, **options)
         for k, count in enumerate(cuts):
             if k > 0:
                 stepper = cs.Stepper.restore(cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state")))
