@@ -1,4 +1,8 @@
-"""Commands as a user runs them, in the process of the test."""
+"""Commands as a user runs them, in the process of the test, and code in an interpreter of its own."""
+
+import os
+import subprocess
+import sys
 
 from clothsim.cli import main
 
@@ -12,3 +16,9 @@ def run(capsys, *arguments):
         code = stop.code
     captured = capsys.readouterr()
     return code, captured.out, captured.err
+
+
+def python(code, *arguments, timeout=120, **environment):
+    """The exit code and both streams of a new interpreter with further variables in its environment."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, env={**os.environ, **environment})

@@ -1,12 +1,12 @@
 """Packages beyond NumPy: missed before any work is done, and the xarray accessor."""
 
 import importlib
-import subprocess
 import sys
 
 import clothsim as cs
 import pytest
 import xarray
+from commands import python
 
 SCENE = cs.scenes.oscillator()
 RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every="step")
@@ -74,7 +74,8 @@ assert callable(xarray.Dataset().clothsim.plot.heatmap)
 assert "matplotlib" not in sys.modules
 assert not any(type(finder).__name__ == "_AfterXarray" for finder in sys.meta_path)
 """
-    subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
+    done = python(program, PYTHONWARNINGS="error")
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_missing_xarray_is_missed_as_ever():
@@ -88,7 +89,8 @@ except ModuleNotFoundError as error:
 else:
     raise AssertionError
 """
-    subprocess.run([sys.executable, "-c", program], check=True)
+    done = python(program)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_dataset_of_no_sweep_says_so():

@@ -9,16 +9,13 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim import _core
+from commands import python
 
 EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "viser", "PIL", "pandas", "pxr", "h5py")
 
 
-def python(code, **environment):
-    import os
-
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ, **environment}
-    )
+def printed(code, **environment):
+    run = python(code, **environment)
     assert run.returncode == 0, run.stderr
     return run.stdout
 
@@ -26,7 +23,7 @@ def python(code, **environment):
 def loaded_beside_numpy():
     """The modules that `import clothsim` loads, less those of `import numpy`."""
     code = "import sys, numpy; before = set(sys.modules); import clothsim; print(*sorted(set(sys.modules) - before))"
-    return python(code).split()
+    return printed(code).split()
 
 
 def test_import_loads_the_rooms_of_a_simulation_alone():
@@ -66,7 +63,7 @@ import clothsim
 print(callable(clothsim.reference), callable(clothsim.stability_map), "reference" in dir(clothsim))
 print(hasattr(clothsim, "no_such_name"))
 """
-    assert python(code).splitlines() == ["True True True", "False"]
+    assert printed(code).splitlines() == ["True True True", "False"]
 
 
 def test_stepping_needs_numpy_alone():
@@ -79,13 +76,13 @@ run = cs.simulate(cs.scenes.paper_static(), 0.01, dt=1e-3, every=2)
 cs.Stepper(cs.scenes.paper_moving()).advance(5, 1e-4)
 print(run.report["steps"])
 """
-    assert python(code) == "10\n"
+    assert printed(code) == "10\n"
 
 
 def test_importing_does_not_set_flush_to_zero():
     """-ffast-math would, for the whole process."""
     code = "import clothsim; print(5e-324 * 1.0 > 0, 2.0**-1074 + 2.0**-1074 == 2.0**-1073)"
-    assert python(code) == "True True\n"
+    assert printed(code) == "True True\n"
 
 
 def test_build_config():
@@ -183,5 +180,5 @@ def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
     shutil.copytree(package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__"))
     for environment in ({}, {"OMP_WAIT_POLICY": "passive"}):
         code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
-        said = python(code, PYTHONPATH=str(tmp_path), **environment)
+        said = printed(code, PYTHONPATH=str(tmp_path), **environment)
         assert said.startswith("the core of clothsim is not built here: run `pip install .` in the clone")

@@ -1,10 +1,10 @@
 """Processes with few threads, and processes that end while the core works."""
 
 import os
-import subprocess
 import sys
 
 import pytest
+from commands import python
 
 _BEGIN = """
 import os, resource, sys, threading, time, warnings
@@ -60,19 +60,9 @@ for warning in given:
 """
 
 
-def _python(code, *arguments, **environment):
-    return subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", _BEGIN + code, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env={**os.environ, **environment},
-    )
-
-
 @pytest.mark.parametrize("call", ["advance", "simulate", "step", "acceleration", "reference"])
 def test_a_process_ends_with_its_own_code_while_daemon_threads_are_in_the_core(call):
-    run = _python(_DAEMONS, call)
+    run = python(_BEGIN + _DAEMONS, call)
     assert run.returncode == 7, (run.returncode, run.stderr)
 
 
@@ -81,7 +71,7 @@ def test_a_process_ends_with_its_own_code_while_daemon_threads_are_in_the_core(c
     "arguments, environment", [(["limited"], {}), ([], {"OMP_STACKSIZE": "100G"}), ([], {"OMP_STACKSIZE": " 104857600 m "})]
 )
 def test_calls_go_on_with_the_threads_that_can_start(arguments, environment):
-    run = _python(_LIMITED, *arguments, **environment)
+    run = python(_BEGIN + _LIMITED, *arguments, **environment)
     assert run.returncode == 0, run.stderr
     warnings = run.stdout.splitlines()
     if os.cpu_count() > 1:
@@ -89,5 +79,5 @@ def test_calls_go_on_with_the_threads_that_can_start(arguments, environment):
 
 
 def test_a_stack_size_that_fits_is_no_limit():
-    run = _python(_LIMITED, OMP_STACKSIZE="512k")
+    run = python(_BEGIN + _LIMITED, OMP_STACKSIZE="512k")
     assert run.returncode == 0 and run.stdout == "", run.stdout + run.stderr

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -11,6 +10,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.engine.options import Options
+from commands import python
 from tables import each
 from variants import NAMED_KERNELS, cases, pairs
 
@@ -142,9 +142,7 @@ print("30 forks")
 
 
 def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
-    run = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", _FORK.format(kernel=kernel)], capture_output=True, text=True, timeout=120
-    )
+    run = python(_FORK.format(kernel=kernel))
     assert run.stdout == "30 forks\n", run.stderr
 
 
@@ -166,9 +164,7 @@ for kernel in {NAMED_KERNELS}:
         assert (x == one[0]).all() and (v == one[1]).all(), (kernel, threads)
 print("same")
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ, **limit}
-    )
+    run = python(code, **limit)
     assert run.stdout == "same\n", run.stderr
 
 
@@ -204,9 +200,7 @@ print("same")
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for processors")
 def test_threads_keep_their_allowed_processors(kernel):
     """A team spreads over the processors; which ones its threads may use stays as it was, one for all of them included."""
-    run = subprocess.run(
-        [sys.executable, "-c", _PROCESSORS.format(kernel=kernel)], capture_output=True, text=True, timeout=60
-    )
+    run = python(_PROCESSORS.format(kernel=kernel))
     assert run.stdout == "same\n", run.stderr
 
 

@@ -1,13 +1,12 @@
 """`backend="gpu"` is `backend="cpu"` in all but where it computes."""
 
 import pickle
-import subprocess
-import sys
 
 import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.gpu import device as devices
+from commands import python
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 GPU = {"backend": "gpu", "precision": "single"}
@@ -239,7 +238,7 @@ try:
 except ImportError as error:
     print(error)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    run = python(code)
     assert "pip install '.[gpu]'" in run.stdout, run.stderr
 
 

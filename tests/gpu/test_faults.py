@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -17,6 +16,7 @@ from clothsim.gpu.block import MOST_STEPS_UNCHECKED
 from clothsim.gpu.device import Device
 from clothsim.gpu.parameters import CONTACT_SIZE
 from clothsim.gpu.simulation import Simulation
+from commands import python
 
 GPU = {"backend": "gpu", "precision": "single"}
 quiet = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
@@ -293,6 +293,6 @@ except MemoryError as error:
 stepper.advance(2, 1e-4)
 print(round(stepper.time, 12))
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    run = python(code)
     assert "is out of memory" in run.stdout, run.stdout + run.stderr
     assert run.stdout.endswith("0.0004\n")

@@ -1,7 +1,6 @@
 """A method that docs/howto/add-an-integrator.md adds: everything is computed from its drifts and kicks."""
 
-import subprocess
-import sys
+from commands import python
 
 FOREST_RUTH = """
 import math
@@ -42,5 +41,5 @@ assert run.report["integrator"] == "forest_ruth" and run.report["force_evaluatio
 
 def test_a_splitting_of_a_user_is_data_alone():
     """In a process of its own, because the method stays in the core."""
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", FOREST_RUTH], capture_output=True, text=True)
+    done = python(FOREST_RUTH)
     assert done.returncode == 0, done.stderr

@@ -1,8 +1,6 @@
 """Odd uses of public objects: pickles, copies, callbacks that fail, imports without memory, odd environments."""
 
 import copy
-import os
-import subprocess
 import sys
 
 import clothsim as cs
@@ -10,15 +8,14 @@ import numpy as np
 import pytest
 from clothsim import _core
 from clothsim.base.extras import needed
+from commands import python
 
 SCENE = cs.scenes.paper_moving()
 
 
-def python(code, **environment):
-    """The last line that a new interpreter writes to either stream; it must not be killed."""
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ, **environment}
-    )
+def last_line(code, **environment):
+    """That a new interpreter writes to either stream; it must not be killed."""
+    run = python(code, **environment)
     assert run.returncode in (0, 1), run.stderr
     return (run.stdout + run.stderr).rstrip().rpartition("\n")[2]
 
@@ -42,7 +39,7 @@ for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
     assert cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot(), protocol))).time == 0.0
 print("all refused")
 """
-    assert python(code) == "all refused"
+    assert last_line(code) == "all refused"
     kinds = [value for value in vars(_core).values() if isinstance(value, type)]
     assert len(kinds) > 5 and all("__reduce_ex__" in vars(kind) for kind in kinds)
 
@@ -143,6 +140,7 @@ def test_too_little_memory_for_a_package_is_said():
     limited = """
 import resource, clothsim as cs
 from clothsim.base.extras import needed
+from commands import python
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + {} * 2**20,) * 2)
 try:
@@ -152,7 +150,7 @@ except (ImportError, MemoryError) as error:
 else:
     print("loaded")
 """
-    said = {python(limited.format(megabytes)) for megabytes in (2, 8)}
+    said = {last_line(limited.format(megabytes)) for megabytes in (2, 8)}
     assert said != {"loaded"} and not any("pip install" in one for one in said)
 
 
@@ -163,7 +161,7 @@ else:
     ("name", "shown"), [("garbage", "'garbage'"), ("x" * 100_000, f"'{'x' * 40}...'"), ("\udcff\x01a", "'??a'")]
 )
 def test_a_wrong_name_in_the_environment_is_shown_short(name, shown):
-    last = python("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", CLOTHSIM_ISA=name)
+    last = last_line("import clothsim as cs; cs.Stepper(cs.scenes.paper_swing()).advance(1, 1e-4)", CLOTHSIM_ISA=name)
     assert last.startswith(f"ValueError: CLOTHSIM_ISA is {shown}; ") and len(last) < 150
 
 
@@ -172,5 +170,5 @@ def test_explain_names_the_fused_operations():
     code = "import clothsim as cs; print(cs.scenes.paper_static().explain(strict={})['arithmetic'])"
     for name in config["instruction_sets_supported"]:
         fuses = "-mfma" in config["kernel_flags"][name] or name not in ("avx512", "avx2", "sse2")
-        assert python(code.format(False), CLOTHSIM_ISA=name) == ("fused" if fuses else "not fused")
-    assert python(code.format(True)) == "strict"
+        assert last_line(code.format(False), CLOTHSIM_ISA=name) == ("fused" if fuses else "not fused")
+    assert last_line(code.format(True)) == "strict"

@@ -3,7 +3,6 @@
 import os
 import random
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -12,6 +11,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
+from commands import python
 
 ROUNDS = int(os.environ.get("CLOTHSIM_TEST_ROUNDS", "1"))
 SEED = int(os.environ.get("CLOTHSIM_TEST_SEED", "0"))
@@ -60,9 +60,7 @@ print(ended)
 def test_too_little_memory_is_a_memory_error():
     rng = random.Random(SEED)
     sizes = [int(10 ** rng.uniform(4, 8.3)) for _ in range(5 * ROUNDS)] + [2**40]
-    run = subprocess.run(
-        [sys.executable, "-c", _MEMORY, *map(str, sizes)], capture_output=True, text=True, timeout=30 + 20 * ROUNDS
-    )
+    run = python(_MEMORY, *sizes, timeout=30 + 20 * ROUNDS)
     assert run.returncode == 0, f"seed {SEED}: {run.stderr}"
     ended = eval(run.stdout)
     assert ended["whole"] > 0 and ended["MemoryError"] > 0, ended

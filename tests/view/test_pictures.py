@@ -12,6 +12,7 @@ import pytest
 from clothsim.viewing import camera, png, raster
 from clothsim.viewing.animation import shown_frames
 from colors import distance
+from commands import python
 
 ABOVE = cs.Camera((0.0, 1.0, 0.0), (0.5, 0.0, 0.5), 1.1, 1.1)
 
@@ -265,8 +266,8 @@ before = peak()
 run.animate({str(tmp_path / "b")!r} + ".{suffix}", fps=50, speed=0.05, width=800)
 print(peak() - before)
 """
-    grown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert float(grown) < 60  # MB; 201 pictures of 800 x 600 take 290
+    grown = python(code)
+    assert float(grown.stdout) < 60  # MB; 201 pictures of 800 x 600 take 290
 
 
 def test_films_that_cannot_be(run, tmp_path, monkeypatch):
