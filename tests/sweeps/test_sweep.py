@@ -213,10 +213,10 @@ def test_with_tolerances_too():
 
 
 def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
-    from clothsim.sweeps import metrics
+    from clothsim.sweeps import metrics, task
 
     solved = []
-    monkeypatch.setattr(metrics, "_kept", metrics._Kept())
+    monkeypatch.setattr(task, "references", metrics.References())
     monkeypatch.setattr(metrics, "solve", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args))
     over = {"stiffness": [100.0, 200.0], "dt": [1e-3, 2e-3], "precision": ["single", "double"]}
     assert BALL.cloth.stiffness == 200.0

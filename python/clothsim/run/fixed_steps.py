@@ -90,14 +90,18 @@ class Resumed:
         return state
 
 
+def _begun(scene: Scene, options: RunOptions, resumed: Resumed | None) -> tuple[State, Continuation]:
+    """The state at the start of a run, and the settings of the run before."""
+    if resumed is None:
+        return options.state(scene), Continuation(options.start)
+    return resumed.state(scene, options), resumed.continuation
+
+
 def beginning(
     scene: Scene, options: RunOptions, dt: float | None, frames: Schedule, resumed: Resumed | None = None
 ) -> Recording:
     """A run with its first frame alone."""
-    if resumed is None:
-        state, earlier = options.state(scene), Continuation(options.start)
-    else:
-        state, earlier = resumed.state(scene, options), resumed.continuation
+    state, earlier = _begun(scene, options, resumed)
     return Recording(state, options, Watch(), dt, frames if dt is None else frames.in_seconds(dt), earlier)
 
 
@@ -171,15 +175,13 @@ def integrate(
     most force evaluations; the run ends early where they do not suffice.
     """
     controller = _core.StepController()
-    if resumed is None:
-        state = options.state(scene)
-        earlier, longest = Continuation(options.start), duration
+    state, earlier = _begun(scene, options, resumed)
+    if earlier.control is None:
+        longest = duration
         stiffness, _ = core_cloth(scene.cloth).mode_bounds
         rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
         controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene.cloth), options.integrator))
     else:
-        state, earlier = resumed.state(scene, options), resumed.continuation
-        assert earlier.control is not None
         tolerance, rate, longest, controller.state = earlier.control
     state.judge.warned_of_growth = True  # the steps are the method's own
     state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
@@ -234,10 +236,7 @@ def run_fixed(
     `own_step`: the step is not the caller's, so no warning names it. `resumed`: the run to go on
     from.
     """
-    if resumed is None:
-        state, earlier = options.state(scene), Continuation(options.start)
-    else:
-        state, earlier = resumed.state(scene, options), resumed.continuation
+    state, earlier = _begun(scene, options, resumed)
     state.judge.warned_of_dt = state.judge.warned_of_growth = own_step
     state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
     frames = (frames or Schedule()).in_seconds(dt)

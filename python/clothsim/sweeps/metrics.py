@@ -64,7 +64,7 @@ def solve(scene: Scene, duration: float, threads: int | None = 1, pause: Pause =
     return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.contact)
 
 
-class _Kept:
+class References:
     """The references that this process has, the last used last; thread-safe."""
 
     def __init__(self) -> None:
@@ -72,12 +72,13 @@ class _Kept:
         self._making: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
         self._references: dict[str, Reference] = {}
 
-    def get(self, scene: Scene, duration: float, threads: int | None, pause: Pause) -> Reference:
-        key = digest([scene, duration])
+    def of(self, member: Member, threads: int | None = 1, pause: Pause = never) -> Reference:
+        """The reference of a member; a Stopped that `pause` raises passes through."""
+        key = digest([member.scene, member.duration])
         with self._lock:
             making = self._making[key]
         with making:  # the second thread waits for the first, which does the same work
-            reference = self._references.get(key) or solve(scene, duration, threads, pause)
+            reference = self._references.get(key) or solve(member.scene, member.duration, threads, pause)
             with self._lock:
                 self._references.pop(key, None)
                 self._references[key] = reference
@@ -87,12 +88,7 @@ class _Kept:
             return reference
 
 
-_kept = _Kept()
-
-
-def reference_of(member: Member, threads: int | None = 1, pause: Pause = never) -> Reference:
-    """The reference of a member; a Stopped that `pause` raises passes through."""
-    return _kept.get(member.scene, member.duration, threads, pause)
+references = References()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from ..run.frames import Schedule, as_every
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
-from .metrics import incomparable, reference_of
+from .metrics import incomparable, references
 
 # Members of a call; more save nothing, and all of their states are held at once.
 _LARGEST_BATCH = 64
@@ -91,10 +91,9 @@ def _outcomes(task: Task, pause: Pause, failed: list[Record]) -> Iterator[Outcom
 
 def _compared(outcomes: list[Outcome], task: Task, pause: Pause) -> list[Outcome]:
     """The outcomes. Members that reached their end get a reference, if a metric needs it."""
-    if "reference" in task.options.needs:
-        for outcome in outcomes:
-            if outcome.error is None:
-                outcome.reference = reference_of(outcome.member, task.threads, pause)
+    for outcome in outcomes:
+        if "reference" in task.options.needs and outcome.error is None:
+            outcome.reference = references.of(outcome.member, task.threads, pause)
     return outcomes
 
 
