@@ -247,6 +247,10 @@ def test_heat_maps(swept):
     assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
     line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
+    corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}
+    framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, frames=True, progress=False)
+    axes = framed.clothsim.plot.heatmap()  # of a metric with one number a member, not of frames
+    assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
 

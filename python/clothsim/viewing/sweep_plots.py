@@ -17,6 +17,7 @@ from ..base.plots import BLACK, BLUE, GREY, LIGHT_GREY, RED, YELLOW, shown_axes,
 from ..stability.map import StabilityMap
 from ..stability.map_report import draw_map
 from ..sweeps.member import STATUS
+from ..sweeps.metrics import RESERVED
 
 KINDS = ("convergence", "stability", "heatmap")
 
@@ -60,7 +61,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     _require(dataset, "error", by)
     others = [d for d in _long(dataset) if d != by]
     along = _other(dataset, along, others)
-    dataset = dataset.squeeze([d for d in dataset.dims if d not in (by, along)]).sortby(by)
+    dataset = dataset.squeeze([d for d in _grid_dimensions(dataset) if d not in (by, along)]).sortby(by)
     (ax,) = shown_axes(ax)
     x = dataset[by].values
     lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
@@ -111,7 +112,7 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     y = _other(dataset, y, [d for d in _long(dataset) if d != "dt"])
     if y is None:
         raise ValueError("y must be a dimension beside dt, this sweep has none")
-    dataset = dataset.squeeze([d for d in dataset.dims if d not in ("dt", y)])
+    dataset = dataset.squeeze([d for d in _grid_dimensions(dataset) if d not in ("dt", y)])
     status = dataset["status"].transpose("dt", y).values
     (ax,) = shown_axes(ax)
     ax.grid(False)
@@ -149,7 +150,7 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
             f"a heat map has two dimensions, this sweep has {free} besides: select a value of "
             f"each, as in ds.isel({free[0]}=0)"
         )
-    data = dataset.squeeze([d for d in dataset.dims if d not in (x, y)])
+    data = dataset.squeeze([d for d in _grid_dimensions(dataset) if d not in (x, y)])
     (ax,) = shown_axes(ax)
     if y is None:
         ax.plot(_places(data[x].values), data[variable].values, "o-", ms=4)
@@ -208,9 +209,9 @@ def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:
 
 
 def _first_metric(dataset: Any) -> str:
-    own = {"status", "max_stable_dt", "unstable_step", "unstable_time", "message"}
-    names = [str(n) for n, v in dataset.data_vars.items() if n not in own and v.dtype.kind == "f"]
-    return names[0] if names else "status"
+    dims = dataset["status"].dims
+    names = (str(n) for n, v in dataset.data_vars.items() if n not in RESERVED and v.dtype.kind == "f" and v.dims == dims)
+    return next(names, "status")
 
 
 def _logarithmic(values: np.ndarray) -> bool:
