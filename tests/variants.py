@@ -40,13 +40,7 @@ class Variant:
 CLASSES = [(kernel, strict) for kernel in NAMED_KERNELS for strict in (False, True) if not (kernel == "edge" and strict)]
 
 
-def variants(instruction_sets):
-    rows = itertools.product(instruction_sets, CLASSES, PRECISIONS)
-    return [Variant(name, kernel, precision, strict) for name, (kernel, strict), precision in rows]
-
-
-NATIVE_VARIANTS = variants([NATIVE])
-ALL_VARIANTS = variants(INSTRUCTION_SETS)
+NATIVE_VARIANTS = [Variant(NATIVE, kernel, precision, strict) for (kernel, strict) in CLASSES for precision in PRECISIONS]
 
 
 def _parametrize(names, rows):

@@ -198,7 +198,7 @@ def test_coincident_points_give_no_force(variant, crumpled):
 
 
 @cases(precision=["double"])
-def test_far_from_the_origin(variant, crumpled, relative):
+def test_far_from_the_origin(variant, crumpled):
     """Forces depend on differences of positions only."""
     scene, x, v, _ = crumpled()
     near = cs.acceleration(scene, x, v, **variant.options)

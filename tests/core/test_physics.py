@@ -183,7 +183,7 @@ def test_damping_only_takes_energy(variant, crumpled, model):
 
 
 @pytest.mark.parametrize("model", ["springs", "points", "both"])
-def test_damping_takes_the_power_it_should(double_variant, crumpled, oracle, model):
+def test_damping_takes_the_power_it_should(double_variant, crumpled, model):
     """dE/dt = - sum c ((v_i - v_j) . n)^2, or - sum c v^2."""
     scene, x, v, _ = crumpled(damped_by=model)
     cloth = scene.cloth

@@ -78,7 +78,7 @@ def test_frames_go_on_in_their_grid(same_bits):
     assert same_bits([other.x], [again.x[1:]])
 
 
-def test_a_duration_that_dt_does_not_divide(same_bits):
+def test_a_duration_that_dt_does_not_divide():
     """The first run ends with a shorter step, and the second begins there."""
     first = cs.simulate(SMALL, 0.01537, dt=1e-3)
     rest = first.resume(0.0331 - 0.01537)

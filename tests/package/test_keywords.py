@@ -96,7 +96,7 @@ def test_signature_and_documentation_stay():
     assert inspect.unwrap(cs.step).__name__ == "step" and cs.step.__module__ == "clothsim.engine.stepping"
 
 
-def test_methods_that_take_many_arguments_say_theirs(tmp_path):
+def test_methods_that_take_many_arguments_say_theirs():
     stepper = cs.Stepper(cs.scenes.oscillator())
     run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
     assert "clothsim calls it 'x'" in message_of(stepper.set_state, positions=1)

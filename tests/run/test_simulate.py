@@ -53,7 +53,7 @@ def test_frames_in_steps_do_not_change_the_run(same_bits):
         assert same_bits((many.x[k], many.v[k]), part)
 
 
-def test_the_last_step_is_shorter_where_dt_does_not_divide(same_bits):
+def test_the_last_step_is_shorter_where_dt_does_not_divide():
     run = cs.simulate(SCENE, 0.0105, dt=1e-3)
     state = cs.step(SCENE, run.x[0], run.v[0], 1e-3, 10)
     state = cs.step(SCENE, *state, 5e-4, 1, t=0.01)

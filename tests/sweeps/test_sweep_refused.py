@@ -50,7 +50,7 @@ def sweep(*args, **options):
         ({"store": __file__}, ValueError, "store"),
     ],
 )
-def test_bad_input_is_refused(arguments, error, message, tmp_path):
+def test_bad_input_is_refused(arguments, error, message):
     given = {"duration": 0.01, "progress": False, **arguments}
     with pytest.raises(error, match=message):
         cs.sweep(SMALL, **given)
