@@ -161,10 +161,10 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
 @pytest.mark.parametrize(
     "dt, offset, bound",
     [
-        (2e-5, "none", 1e-9),
+        (2e-5, "edge", 1e-9),
         (1e-4, "cell", 1e-5),
         (2e-5, "cell", 1e-5),
-        pytest.param(5e-6, "none", 1e-6, marks=pytest.mark.slow),
+        pytest.param(5e-6, "edge", 1e-6, marks=pytest.mark.slow),
     ],
 )
 def test_contact_makes_no_energy(dt, offset, bound):
