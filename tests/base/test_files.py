@@ -24,6 +24,7 @@ WRITERS = {
     "run.npz": RUN.save,
     "snapshot.npz": lambda path: cs.Stepper(SCENE).snapshot().save(path),
     "page.html": RUN.to_html,
+    "live.html": cs.Scene(SCENE.cloth).to_live_html,
     "picture.png": lambda path: RUN.picture(path=path),
     "film.gif": RUN.animate,
     "film.mp4": RUN.animate,
@@ -61,6 +62,13 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     if isinstance(caught.value, OSError) and caught.value.errno == errno.EFBIG:
         assert str(path) in str(caught.value)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_missing_folder_is_named_before_any_work(name, tmp_path):
+    with pytest.raises((ValueError, FileNotFoundError), match=f"^path must be in an existing folder, got '.*none/{name}'"):
+        write(name, tmp_path / "none" / name)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -135,7 +143,6 @@ def test_odd_places_are_refused(tmp_path):
     for place, error, words in (
         (tmp_path, ValueError, "which is a folder or device"),
         ("/dev/null", ValueError, "which is a folder or device"),
-        (tmp_path / "none" / "a.toml", FileNotFoundError, "existing folder"),
         (tmp_path / ("a" * 300), OSError, "too long"),
     ):
         with pytest.raises(error, match=words) as caught:

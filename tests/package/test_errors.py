@@ -383,8 +383,6 @@ def test_spheres_have_an_order():
     assert cs.Scene(SCENE.cloth, (one for one in [sphere])).spheres == (sphere,)
 
 
-def test_a_file_is_not_written_into_a_missing_folder(tmp_path):
-    with pytest.raises(FileNotFoundError, match="^path must be in an existing folder, got '.*none/s.npz'"):
-        cs.Stepper(SCENE).snapshot().save(tmp_path / "none" / "s.npz")
+def test_a_path_is_no_snapshot():
     with pytest.raises(TypeError, match=r"^snapshot must be a Snapshot, got 's.npz' \(str\); Snapshot.load reads it"):
         cs.Stepper.restore("s.npz")

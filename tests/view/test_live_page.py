@@ -347,12 +347,7 @@ def test_without_webgpu_it_says_so_and_shows_the_scene(opened, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change, error, told",
-    [
-        ({"dt": 0.0}, ValueError, "^dt must be"),
-        ({"title": "\udc80"}, ValueError, "^title must be"),
-        ({"path": "/no/such/folder/live.html"}, ValueError, "folder"),
-    ],
+    "change, error, told", [({"dt": 0.0}, ValueError, "^dt must be"), ({"title": "\udc80"}, ValueError, "^title must be")]
 )
 def test_bad_arguments_are_named(change, error, told, tmp_path):
     with pytest.raises(error, match=told):

@@ -337,11 +337,6 @@ def test_progress_counts_all_frames(runs):
     assert counted.count(1) == sum(len(run.t) for run in runs.values())  # the longest part, frame by frame
 
 
-def test_a_page_goes_where_there_is_a_folder(runs):
-    with pytest.raises(ValueError, match="existing folder"):
-        runs["method 2"].to_html("/no/such/folder/page.html")
-
-
 def test_a_cloth_that_was_thrown_off_makes_no_other_run_small(tmp_path):
     run = cs.simulate(cs.scenes.paper_static(), 0.2, dt=1e-3, fps=20)
     x = run.x.copy()
