@@ -17,7 +17,6 @@ from tables import each
 
 SCENE = cs.scenes.paper_swing()
 SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))
-MOVING = cs.scenes.paper_moving("ray")
 
 
 def frame(run, k):
@@ -66,18 +65,13 @@ def test_fps_are_frames_a_second(same_bits):
     assert same_bits(frame(dense, -1), frame(plain, -1))
 
 
-@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-4, "integrator": "dopri5"}], ids=str)
-def test_every_step_can_be_stored(options):
-    run = cs.simulate(SMALL, 0.0105, every="step", **options)
-    assert len(run.t) == run.report["steps"] + 1 and (np.diff(run.t) > 0).all()
-
-
 @pytest.mark.parametrize("count", [2, 3])
 def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     """The steps before the first contact are taken one by one."""
     scene = cs.scenes.paper_static().replace(velocity=None)
     each = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every="step")
     assert each.report["outcomes"]["first_contact"]["value"] < 0.28
+    assert len(each.t) == each.report["steps"] + 1 and (np.diff(each.t) > 0).all()
     some = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)
     expected = each.t[::count].tolist()
     assert some.t.tolist() == expected + ([] if expected[-1] == 0.3 else [0.3])
@@ -89,12 +83,10 @@ def test_frames_of_accepted_steps_also_after_a_first_contact(count):
         ({"every": 0.1, "fps": 30}, ValueError, "at most one of .* got every and fps"),
         ({"times": [0.1], "fps": 30}, ValueError, "got times and fps"),
         ({"every": 1}, ValueError, "every='step' .* every=1.0"),
-        ({"every": np.int64(1)}, ValueError, "every='step' .* every=1.0"),
         ({"times": []}, ValueError, "times must be"),
         ({"times": [0.2, 0.1]}, ValueError, "increasing times .*got 0.1 at index \\(1,\\)"),
         ({"times": [0.1, 0.1]}, ValueError, "increasing"),
         ({"times": [0.1, 0.6]}, ValueError, "from 0 to 0.5, got 0.6 at index \\(1,\\)"),
-        ({"times": [-0.1]}, ValueError, "from 0 to 0.5"),
         ({"t": 1.0, "times": [0.5]}, ValueError, "from 1 to 1.5"),
         ({"times": [math.nan]}, ValueError, "times must be"),
         ({"times": 0.1}, ValueError, "one dimension"),
@@ -143,13 +135,6 @@ def test_a_run_starts_at_its_time(options):
     assert abs(ours - theirs) < 1e-7
 
 
-def test_going_on_from_the_last_frame():
-    whole = cs.simulate(MOVING, 0.4, dt=5e-4, times=[0.25])
-    rest = cs.simulate(MOVING.replace(position=whole.x[1], velocity=whole.v[1]), 0.15, dt=5e-4, t=0.25)
-    assert abs(rest.x[-1] - whole.x[-1]).max() < 1e-11
-    assert rest.t.tolist() == [0.25, 0.4]
-
-
 @pytest.mark.parametrize("duration, dt", [(0.3, 0.1), (0.7, 0.1), (1.0, 1 / 3), (0.05, 5e-4)])
 @pytest.mark.parametrize("start", [0.0, 1e6 / 7, -3.3])
 def test_rounding_makes_no_extra_step_at_any_start(duration, dt, start):
@@ -194,11 +179,6 @@ def test_the_callback_stops_the_run(options):
     whole = cs.simulate(SMALL, 0.1, fps=50, **options)
     assert abs(run.x[:4] - whole.x[:4]).max() < 1e-4
     assert 0 < run.report["steps"] < whole.report["steps"]
-
-
-def test_a_callback_can_stop_at_the_start():
-    run = cs.simulate(SMALL, 0.1, dt=1e-3, callback=lambda t, x, v: True)
-    assert run.t.tolist() == [0.0] and run.report["steps"] == 0
 
 
 # Early ends

@@ -151,7 +151,9 @@ def test_a_run_is_six_short_lines(run):
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
     assert "steps of about 0.0" in mean and "dopri5 in double" in mean
-    assert "stopped early (callback)" in repr(cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True))
+    stopped = cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
+    assert "stopped early (callback)" in repr(stopped)
+    assert stopped.t.tolist() == [0.0] and stopped.report["steps"] == 0
 
 
 def test_a_run_with_an_incomplete_report_can_be_shown(run):
