@@ -134,7 +134,7 @@ void bind_build(py::module_& m) {
     m.attr("slop_epsilons") = slop_epsilons;
     m.attr("cell_bands") = py::make_tuple(cell_band<float>, cell_band<double>);
     m.attr("cell_roundings") = py::make_tuple(cell_rounding<float>, cell_rounding<double>);
-    m.attr("cell_excesses") = py::make_tuple(cell_excess<float>, cell_excess<double>);
+    m.attr("cell_excess") = CellBand::excess;
 }
 
 namespace {

@@ -60,6 +60,7 @@ public:
                 faces.push_back(sphere.faces || sphere.cells);  // all one problem, if a sphere has faces
                 faces_ |= sphere.faces;
                 cells |= sphere.cells;
+                bounces_ |= sphere.restitution > 0;
             }
         if (spheres_.empty()) return;
         if (faces_) {
@@ -223,7 +224,7 @@ private:
         a.open = open_.data();
         a.spheres = swept_.data();
         a.sphere_count = int(swept_.size());
-        a.copy = true;
+        a.bounces = bounces_;
         a.mass = mass_.data();
         a.impulses = impulses_.of_row(numbers_[0], 0);
         a.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
@@ -366,7 +367,7 @@ private:
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
     std::vector<std::size_t> numbers_;  // among all spheres
-    bool faces_ = false;
+    bool faces_ = false, bounces_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;
     AlignedVector<Real> before_;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "integrators/methods.hpp"
+#include "kernels/contact/continuous.hpp"
 #include "measure/mode_bounds.hpp"
 
 namespace clothsim {
@@ -70,11 +71,21 @@ bool EnergyWatch::watches_contact(const Watched& watched) const {
         });
 }
 
+double EnergyWatch::lifts() const {
+    double reach = 0, weight = 0;
+    for (const Sphere& sphere : plan_.spheres)
+        if (sphere.cells) reach += sphere.reach();
+    for (int i = 0; i < plan_.cloth.points() && reach > 0; ++i)
+        weight += plan_.cloth.mass[std::size_t(i)] * plan_.field_at(i).norm();
+    const double band = plan_.precision == Precision::single ? cell_band<float> : cell_band<double>;
+    return 2 * band * reach * weight;
+}
+
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
     const bool touched = engine.watched.in_contact();
     if (!started_ || (touched && !watches_contact(engine.watched))) return -1;
     const Energy now = energy_of(engine);
-    const double unsure = work_accuracy * engine.watched.work_size;
+    const double unsure = touched ? work_accuracy * engine.watched.work_size + lifts() : 0;
     const double made = now.total() - start_ - engine.watched.sphere_work - unsure,
                  moving = now.kinetic + now.elastic;
     guaranteed_ = guaranteed_ && swings() && guaranteed();

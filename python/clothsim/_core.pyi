@@ -13,7 +13,7 @@ outer_epsilons: float
 slop_epsilons: float
 cell_bands: tuple[float, float]
 cell_roundings: tuple[float, float]
-cell_excesses: tuple[float, float]
+cell_excess: float
 most_threads: int
 least_points_per_thread: int
 spring_kinds: tuple[tuple[Family, int, int], ...]

@@ -23,15 +23,22 @@ CLOTHSIM_INLINE V squared_distance(const Vector3<V>& a, const Vector3<V>& b) {
 }
 
 // From the squared sides of a cell and its diagonals. Acute triangles count whose circle is larger than the
-// one on the longest of all lines (CellBand::excess).
+// one on the longest of all lines (CellBand::excess): those with w^2 > 2 excess s t. The largest w and the
+// shortest side tell whether a cell can have one.
 template <Arithmetic arithmetic, class V>
 CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const V& left, const V& falling,
                                const V& rising) {
     using Real = typename V::value_type;
     const V zero(Real(0)), four(Real(4));
-    const V most =
-        xsimd::max(xsimd::max(xsimd::max(top, right), xsimd::max(low, left)), xsimd::max(falling, rising));
-    const V quarter = most * V(Real(0.25)), more = quarter * V(Real(1 + cell_excess<Real>));
+    const V longest = xsimd::max(xsimd::max(top, right), xsimd::max(low, left)),
+            shortest = xsimd::min(xsimd::min(top, right), xsimd::min(low, left));
+    const V quarter = xsimd::max(longest, xsimd::max(falling, rising)) * V(Real(0.25));
+    const V excess = xsimd::max(xsimd::max(top + right, low + left) - falling,
+                                xsimd::max(right + low, left + top) - rising);
+    const auto acute_cells =
+        (excess > zero) & (excess * excess > V(Real(2 * CellBand::excess)) * (shortest * shortest));
+    if (!xsimd::any(acute_cells)) return quarter;
+    const V more = quarter * V(Real(1 + CellBand::excess));
     V radius2 = quarter;
     const auto acute = [&](const V& s, const V& t, const V& e) __attribute__((always_inline)) {
         const V w = s + t - e, st = s * t, sine2 = multiply_add<arithmetic>(-w, w, four * st);
@@ -102,18 +109,25 @@ CLOTHSIM_INLINE Lanes<Real, Arch> point_radius2(const CellArguments<Real>& a, in
     return row > 0 ? xsimd::max(of_row(row), of_row(row - 1)) : of_row(row);
 }
 
-// Marks the points of a row that may touch a sphere in the step; whether there are such points.
+// Marks the points of a row that may touch a sphere in the step; whether there are such points. A vector is
+// marked without inspection if all its points were near in the step before and some responded. A point that
+// is marked and not near has no response.
 template <class Arch, class Real>
 CLOTHSIM_INLINE bool find_near(const CellArguments<Real>& a, SphereNear<Lanes<Real, Arch>, Real>& sphere,
                                int row) {
     using V = Lanes<Real, Arch>;
     const ContactArguments<Real>& c = a.contact;
     const VectorGeometry& g = c.geometry;
+    constexpr std::uint64_t all = ~std::uint64_t(0) >> (64 - V::size);
     std::uint64_t* const near = a.near + std::ptrdiff_t(row) * g.vectors;
     std::uint64_t any = 0;
     for (int s = 0; s < c.sphere_count; ++s) {
         if (c.sphere_count > 1) sphere.prepare(c.spheres[s]);
         for (int vector = 0; vector < g.vectors; ++vector) {
+            if (near[vector] == all && c.open[std::ptrdiff_t(row) * g.vectors + vector] == vector_responded) {
+                any = all;
+                continue;
+            }
             const std::ptrdiff_t at = row * g.row + vector * g.vector;
             const std::uint64_t found =
                 sphere.near(load3<V>(c.state + at, g.component), load3<V>(c.before + at, g.component)).mask();
@@ -262,7 +276,7 @@ public:
             const std::ptrdiff_t at = row * g.row + vector * g.vector;
             if (marks && a.near[index] && a.raisable[index] && inspect(a, row, vector, c.state + at))
                 c.open[index] |= vector_responded;
-            copy_vector<V>(c.state + at, c.before + at, g);
+            copy_vector<V>(c.state + at, c.before + at, g, c.bounces);
         }
     }
 

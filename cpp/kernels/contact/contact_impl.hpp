@@ -69,13 +69,15 @@ struct Number<xsimd::batch<double, Arch>> {
 };
 
 template <class V, class Real>
-CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g) {
-    each<6>([&](auto k) __attribute__((always_inline)) {
+CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g, bool velocities) {
+    const auto copy = [&](auto k) __attribute__((always_inline)) {
         V::load_unaligned(from + k * g.component).store_unaligned(to + k * g.component);
         if constexpr (sizeof(Real) == 4)
             V::load_unaligned(from + k * g.component + g.compensation)
                 .store_unaligned(to + k * g.component + g.compensation);
-    });
+    };
+    if (velocities) each<6>(copy);
+    else each<3>(copy);
 }
 
 // Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, those that began outside to
@@ -168,9 +170,8 @@ void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
                 std::uint8_t& open = a.open[index];
                 open = std::uint8_t((unresolved ? vector_unresolved : 0) |
                                     (responded ? vector_responded : 0) | (first > 0 ? open : 0));
-                if (__builtin_expect(a.copy && !(open & vector_unresolved) && first + count == a.sphere_count,
-                                     1))
-                    copy_vector<V>(a.state + at, a.before + at, g);
+                if (__builtin_expect(!(open & vector_unresolved) && first + count == a.sphere_count, 1))
+                    copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
             }
             if constexpr (arithmetic == Arithmetic::fused) resting.end_row(a.impulses + row * a.impulse_row);
         }

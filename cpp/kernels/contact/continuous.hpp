@@ -107,17 +107,14 @@ struct CellBand {
     static constexpr double rounding = 32;
     // Circles around three corners that exceed the largest circle on two by less are not computed, but
     // covered. Cells of a cloth that lies smoothly have such circles. A part of rho^2. With half of it more
-    // circles are computed, with twice as much points stand off farther by less than another millionth.
-    static constexpr double excess = 1e-6;
-    static constexpr double excess_in_single = 16 * 0x1p-23;
+    // circles are computed, with twice as much points stand off farther by another 1e-4 of their stand-off.
+    static constexpr double excess = 1e-4;
 };
 template <class Real>
 inline constexpr double cell_band = sizeof(Real) == 4 ? CellBand::part_in_single : CellBand::part;
 template <class Real>
-inline constexpr double cell_excess = sizeof(Real) == 4 ? CellBand::excess_in_single : CellBand::excess;
-template <class Real>
 inline constexpr double cell_rounding =
-    1 + cell_excess<Real> + CellBand::rounding * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
+    1 + CellBand::excess + CellBand::rounding * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
 
 template <class Real, class D>
 CLOTHSIM_LANE D least_distance2(const SweptSphere& s, const D& radius2) {

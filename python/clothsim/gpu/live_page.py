@@ -156,7 +156,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "slopEpsilons": _core.slop_epsilons,
         "band": _core.cell_bands[0],
         "rounding": _core.cell_roundings[0],
-        "excess": 1 + _core.cell_excesses[0],
+        "excess": 1 + _core.cell_excess,
         "near": NEAR,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),

@@ -107,7 +107,7 @@ def contacts(
                 velocities, radius = gone / dt, radius + slop
                 row[:, 13], row[:, 14], row[:, 15] = slop, sphere.push_out_speed * dt, dt
                 row[:, 16], row[:, 17] = _core.cell_bands[not single], eps
-                row[:, 18], row[:, 19] = _core.cell_roundings[not single], 1 + _core.cell_excesses[not single]
+                row[:, 18], row[:, 19] = _core.cell_roundings[not single], 1 + _core.cell_excess
             row[:, 9], row[:, 10:12], row[:, 12] = radius, (sphere.restitution, sphere.friction), real(outer)
             row[:, 0:3] = centers
             row[:, 3:6] = centers - row[:, 0:3]

@@ -33,7 +33,7 @@ class ContactCost(NamedTuple):
 
 
 CONTACT_COSTS: dict[Offset, ContactCost] = {
-    "cell": ContactCost(1.0, 1.4, 1.6, 2.7, 4.4),
+    "cell": ContactCost(1.0, 1.4, 1.5, 2.7, 4.4),
     "edge": ContactCost(1.0, 1.2, 1.6, 1.7, 2.4),
     "none": ContactCost(1.0, 1.2, 1.6, 1.5, 2.1),
     "face": ContactCost(1.0, 8, 20, 26, 58),
@@ -70,7 +70,7 @@ class Sphere(Record):
     offset : {"cell", "edge", "none", "face"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
         of each point as they are now, so that no triangle dips in. A step in which all points touch
-        costs 1.4 steps without spheres (single: 1.6). A cell must be smaller than the sphere; else a
+        costs 1.4 steps without spheres (single: 1.5). A cell must be smaller than the sphere; else a
         `ContactWarning` says so. With "ray" and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
         outside. "none" is 0, and a number is that length [m], >= 0. "face" lets triangles touch the
