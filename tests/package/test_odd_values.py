@@ -21,6 +21,7 @@ MOVING = cs.Scene(SCENE.cloth, cs.Sphere((0.5, -9, 0.5), motion=cs.Linear((0, 1,
 X, V = SCENE.initial_position, SCENE.initial_velocity
 STATE = {"scene": SCENE, "x": X, "v": V}
 RUN = cs.simulate(SCENE, 0.02, dt=0.01)
+FILM = cs.simulate(SCENE, 0.03, dt=0.01, every="step")
 STEPPER = cs.Stepper(SCENE)
 REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1, cache=False)
 
@@ -145,6 +146,12 @@ CALLS = {
     cs.settle: {"scene": SCENE},
     cs.picture: {"scene": SCENE, "width": 32},
     RUN.picture: {"width": 32},
+    RUN.plot: {},
+    RUN.export: {"path": "run.csv"},
+    FILM.animate: {"path": "run.gif", "width": 32},
+    RUN.to_html: {"path": "run.html"},
+    cs.compare: {"runs": {"a": RUN}},
+    cs.Camera: {"direction": (0, 1, 0), "target": (0, 0, 0), "width": 1.0, "height": 1.0},
     cs.scenes.denim: {"shape": (3, 3)},
     partial(cs.simulate, MOVING, 0.02): {"dt": 0.01},
     RUN.resume: {"duration": 0.02},
@@ -184,8 +191,8 @@ COMMON = {"threads": 1, "progress": False}
 
 # The odd values that an argument may take: a rule for the plain numbers, truth values, or none. All others must be refused.
 TAKEN = {
-    **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length"), lambda n: n > 0),
-    **dict.fromkeys(("dt", "duration", "every", "fps", "task_seconds"), lambda n: n > 0),
+    **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length", "width"), lambda n: n > 0),
+    **dict.fromkeys(("dt", "duration", "every", "fps", "speed", "task_seconds"), lambda n: n > 0),
     **dict.fromkeys(("stiffness", "damping", "drag", "friction", "deceleration", "offset"), lambda n: n >= 0),
     **dict.fromkeys(("rtol", "atol"), lambda n: n >= 0),
     **dict.fromkeys(("member", "row", "column", "frame"), lambda n: isinstance(n, (int, np.integer)) and abs(n) < 9),
@@ -197,8 +204,7 @@ TAKEN = {
     **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames", "cache", "track_contact_energy"), bool),
     **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), None),
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), None),
-    **dict.fromkeys(("label", "shadow", "perspective"), bool),
-    "width": None,
+    **dict.fromkeys(("label", "shadow", "perspective", "z_up", "log", "difference"), bool),
 }
 WITH_ARRAYS = {"center_at", "penetration", "stability_map"}  # functions that take arrays of some of these
 

@@ -56,7 +56,7 @@ def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, *
     path = film_path("path", path)
     suffix = path.suffix.lower()
     fps = check.number("fps", fps, minimum=0, exclusive=True, maximum=GIF_FPS if suffix == ".gif" else 240)
-    speed = check.number("speed", speed, minimum=0, exclusive=True)
+    speed = check.number("speed", speed, minimum=1e-9)
     if len(run.t) < 3:
         raise ValueError(
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "

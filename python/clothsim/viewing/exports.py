@@ -43,9 +43,7 @@ class Target:
     @classmethod
     def of(cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path") -> Target:
         """Check the arguments of an export of a run of `scene`; `name` names the argument of `path` in messages."""
-        if not isinstance(path, (str, os.PathLike)):
-            raise TypeError(f"{name} must be a file name, got {path!r} ({type(path).__name__})")
-        path = Path(path)
+        path = check.path(name, path, "a file name")
         suffix = path.suffix.lower()
         if suffix not in _FORMATS:
             raise ValueError(f"{name} must end in one of {', '.join(SUFFIXES)}, got {str(path)!r}")

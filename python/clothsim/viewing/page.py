@@ -99,7 +99,7 @@ class Comparison:
             If an argument is not as above.
         """
         path = file_path("path", path)
-        title = " and ".join(self.runs) if title is None else check.text("title", str(title))
+        title = " and ".join(self.runs) if title is None else check.text("title", title)
         return self._write(path, title)
 
     def _write(self, path: Path, title: str, progress: bool = False) -> Path:
@@ -192,7 +192,7 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
     """The differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:
-        raise ValueError(f"difference=True needs two runs at least, got {first!r} alone")
+        raise ValueError(f"difference must be False unless there are two runs at least, got {first!r} alone")
     found = [difference_of(base, run) for _, run in others]
     for (label, run), one in zip(others, found, strict=True):
         if len(one["t"]) < len(run):
@@ -212,7 +212,7 @@ def _title_of(run: Run) -> str:
 
 def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
     """`Run.to_html`; with `progress`, a bar counts frames."""
-    title = _title_of(run) if title is None else check.text("title", str(title))
+    title = _title_of(run) if title is None else check.text("title", title)
     return Comparison({title: run})._write(file_path("path", path), title, progress)
 
 
