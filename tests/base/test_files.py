@@ -157,6 +157,7 @@ def test_a_text_that_no_file_can_hold_is_refused_before_the_file_is_touched(tmp_
     for write_page in (
         lambda: RUN.to_html(path, title="a\ud800"),
         lambda: cs.compare({"a\udfff": RUN}).to_html(path),
+        lambda: cs.Scene(SCENE.cloth).to_live_html(path, title="a\ud800"),
         lambda: cs.compare({"a": RUN}).to_html(path, title="a\ud800"),
     ):
         with pytest.raises(ValueError, match="a text without lone surrogates"):

@@ -150,6 +150,7 @@ CALLS = {
     RUN.export: {"path": "run.csv"},
     FILM.animate: {"path": "run.gif", "width": 32},
     RUN.to_html: {"path": "run.html"},
+    SCENE.to_live_html: {"path": "live.html"},
     cs.compare: {"runs": {"a": RUN}},
     cs.Camera: {"direction": (0, 1, 0), "target": (0, 0, 0), "width": 1.0, "height": 1.0},
     cs.scenes.denim: {"shape": (3, 3)},

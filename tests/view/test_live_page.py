@@ -346,14 +346,6 @@ def test_without_webgpu_it_says_so_and_shows_the_scene(opened, tmp_path):
     assert page.tab.is_visible(".stage img") and page.tab.is_hidden("#canvas-0")
 
 
-@pytest.mark.parametrize(
-    "change, error, told", [({"dt": 0.0}, ValueError, "^dt must be"), ({"title": "\udc80"}, ValueError, "^title must be")]
-)
-def test_bad_arguments_are_named(change, error, told, tmp_path):
-    with pytest.raises(error, match=told):
-        draped().to_live_html(**{"path": tmp_path / "live.html", **change})
-
-
 def test_a_scene_that_the_shader_lacks_is_refused(tmp_path):
     scene = draped(response="continuous", offset="face")
     with pytest.raises(ValueError, match=r"^offset of spheres\[0\] must be 'cell', .* got 'face'"):

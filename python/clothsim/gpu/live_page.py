@@ -50,7 +50,7 @@ def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: st
     """`Scene.to_live_html`."""
     path = file_path("path", path)
     rows, columns = scene.cloth.shape
-    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.text("title", str(title))
+    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.text("title", title)
     guaranteed = max_stable_dt(scene)
     if dt is None:
         dt = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
