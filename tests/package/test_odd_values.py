@@ -207,7 +207,7 @@ TAKEN = {
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), None),
     **dict.fromkeys(("label", "shadow", "perspective", "z_up", "log", "difference"), bool),
 }
-WITH_ARRAYS = {"center_at", "penetration", "stability_map"}  # functions that take arrays of some of these
+WITH_ARRAYS = {("center_at", "t"), ("penetration", "t"), ("stability_map", "stiffness"), ("stability_map", "dt")}
 
 # What an error may name beside the argument: the part of it, or the other one, that is wrong.
 ALSO = {
@@ -271,7 +271,7 @@ def is_allowed(odd, rule):
 
 def errors_without(argument, function, good):
     """Odd values of the argument that are taken, or for which the error does not name it."""
-    checked = argument in TAKEN and name_of(function) not in WITH_ARRAYS
+    checked = argument in TAKEN and (name_of(function), argument) not in WITH_ARRAYS
     names = rf"\b({argument}|{ALSO.get((name_of(function), argument), argument)})\b"
     wrong = []
     for odd in ODD:

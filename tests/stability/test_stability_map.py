@@ -67,8 +67,6 @@ def test_the_dataset_is_labelled():
         ({"dt": "1"}, TypeError, "dt"),
         ({"steps": 0}, ValueError, "steps"),
         ({"scene": None}, TypeError, "scene"),
-        ({"integrator": "rk5"}, ValueError, "integrator"),
-        ({"threads": 0}, ValueError, "threads"),
     ],
 )
 def test_wrong_arguments(change, error, named):
