@@ -1,4 +1,4 @@
-"""Kills, memory limits, and calls from several threads at random; `make torture` runs more rounds from another seed."""
+"""Kills, memory limits, Ctrl-C, and calls from several threads at random; `make torture` does more, from another seed."""
 
 import os
 import random
@@ -85,6 +85,35 @@ def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
     assert left > 0  # else no kill came in the middle
     runs[1].save(path)  # cleans up
     assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_ctrl_c_at_any_moment_leaves_a_whole_step():
+    """A state that was interrupted at random has the bits of one that was left alone."""
+    rng = random.Random(SEED)
+    for _ in range(3 * ROUNDS):
+        shape = rng.choice([(9, 7), (64, 64), (120, 130)])
+        ball = cs.Sphere((0.5, -0.26, 0.5), 0.25, None, "continuous", rng.choice(["none", "cell", "face"]), 0.0, 0.3)
+        cloth = cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=())
+        scene = cs.Scene(
+            cloth,
+            rng.choice([(), (BALL.replace(center=(0.6, -0.27, 0.4)),), (ball,)]),
+            velocity=np.full((*shape, 3), (0, -3.0, 0)),
+        )
+        scenes = [scene] * rng.choice([1, 1, 3, 40])
+        dt = 0.4 * cs.max_stable_dt(scene)
+        stepper, whole = (cs.Stepper(scenes, threads=threads) for threads in (rng.choice([1, 2]), 1))
+        for _ in range(rng.randrange(3)):
+            stepper.advance(1, dt)
+        for _ in range(3):
+            timer = threading.Timer(rng.uniform(0, 0.1), os.kill, (os.getpid(), signal.SIGINT))
+            with pytest.raises(KeyboardInterrupt):
+                timer.start()
+                stepper.advance(100_000, dt)
+            timer.join()
+        steps = round(stepper.time / dt)
+        whole.advance(steps, dt)
+        assert whole.time == stepper.time and np.array_equal(whole.positions, stepper.positions), f"seed {SEED}"
+        assert np.array_equal(whole.velocities, stepper.velocities), f"seed {SEED}"
 
 
 def _work(seed):
