@@ -249,11 +249,13 @@ ContactReport FaceWork::run(const std::vector<SweptSphere>& spheres, Poll& poll)
 }
 
 bool keeps_persistent(const Scene& before, const Scene& after, double t) {
-    std::vector<const Sphere*> spheres[2];
-    for (const int k : {0, 1})
-        for (const Sphere& sphere : (k == 0 ? before : after).spheres)
-            if (sphere.response == Response::continuous) spheres[k].push_back(&sphere);
-    const auto& [old, now] = spheres;
+    const auto continuous = [](const Scene& scene) {
+        std::vector<const Sphere*> found;
+        for (const Sphere& sphere : scene.spheres)
+            if (sphere.response == Response::continuous) found.push_back(&sphere);
+        return found;
+    };
+    const std::vector<const Sphere*> old = continuous(before), now = continuous(after);
     const auto same = [&](std::size_t i, std::size_t k) {
         return old[i]->radius == now[k]->radius && old[i]->center_at(t) == now[k]->center_at(t);
     };
