@@ -49,7 +49,7 @@ def main() -> None:
     for k, part in enumerate(PARTS):
         begin = time.monotonic()
         code = _run(part, max(1.0, (end - begin) / (len(PARTS) - k)), environment)
-        result = "not done in time" if code is None else "failed" if code else "passed"
+        result = "not done in time" if code is None else f"failed with {code}" if code else "passed"
         print(f"{part}: {result} after {time.monotonic() - begin:.0f} s", flush=True)
         if code:
             failed.append(part)

@@ -5,6 +5,8 @@ import os
 import re
 import resource
 import stat
+import subprocess
+import sys
 import threading
 import warnings
 from pathlib import Path
@@ -46,7 +48,6 @@ def write(name, path):
         pytest.skip(str(error))
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # h5py cannot close the file that failed
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     path = tmp_path / name
@@ -62,6 +63,24 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     if isinstance(caught.value, OSError) and caught.value.errno == errno.EFBIG:
         assert str(path) in str(caught.value)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+_FULL_DISK = """
+import resource, sys
+import clothsim as cs
+run = cs.simulate(cs.scenes.hanging(), 0.01, dt=1e-3, every="step")
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    run.export(sys.argv[1])
+except OSError:
+    sys.exit(7)
+"""
+
+
+def test_a_full_disk_leaves_the_process_its_exit_code(tmp_path):
+    pytest.importorskip("h5py")
+    path = tmp_path / "run.vtkhdf"
+    assert subprocess.run([sys.executable, "-c", _FULL_DISK, str(path)], timeout=60).returncode == 7
 
 
 @pytest.mark.parametrize("name", WRITERS)

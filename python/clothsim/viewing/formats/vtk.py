@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,8 @@ def _vtp(positions: np.ndarray, corners: np.ndarray, data: dict[str, np.ndarray]
 
 def _write_hdf(clip: Clip, path: Path) -> list[Path]:
     h5py = needed("h5py", "export to .vtkhdf", "export")
-    with h5py.File(path, "w") as file:
+    image = io.BytesIO()  # a file that HDF5 cannot write, as on a full disk, would end the process with a fault later
+    with h5py.File(image, "w") as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = (2, 0)
         root.attrs["Type"] = np.bytes_("PolyData")
@@ -106,6 +108,7 @@ def _write_hdf(clip: Clip, path: Path) -> list[Path]:
             for name, values in _hdf_arrays(clip, frame, meshes).items():
                 _store(root, name, values, frame.number, len(clip))
         _steps(root, clip)
+    path.write_bytes(image.getbuffer())
     return [path]
 
 
