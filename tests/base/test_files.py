@@ -71,7 +71,7 @@ import clothsim as cs
 run = cs.simulate(cs.scenes.hanging(), 0.01, dt=1e-3, every="step")
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:
-    run.export(sys.argv[1])
+    run.export(sys.argv[1], fps=None)
 except OSError:
     sys.exit(7)
 """
