@@ -1,6 +1,7 @@
 """Fixtures of all tests: each kernel this processor runs, scenes that use every feature, and an
 oracle in NumPy that shares no code with the core."""
 
+import os
 import signal
 from dataclasses import dataclass
 
@@ -14,6 +15,15 @@ from variants import NAMED_KERNELS, NATIVE_VARIANTS
 
 def pytest_configure(config):
     tables.alone = bool(config.getoption("keyword"))
+
+
+def pytest_collection_modifyitems(config, items):
+    """Deselect tests that cannot run under the present sanitizer, as their marks say."""
+    sanitizer = os.environ.get("CLOTHSIM_TEST_SANITIZER")
+    left = [item for item in items if any(sanitizer in mark.args for mark in item.iter_markers("unsanitized"))]
+    if left:
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in left]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -54,7 +54,7 @@ done
 
 launcher=$(command -v ccache || true)
 cmake -G Ninja -S . -B "$folder" -DSKBUILD_PROJECT_VERSION=0 -DSKBUILD_PROJECT_VERSION_FULL=0 -DCMAKE_BUILD_TYPE=Sanitize \
-  -DCMAKE_CXX_COMPILER="$compiler" -DCMAKE_CXX_FLAGS="-O1 -g1 -fno-omit-frame-pointer $flags" -DCLOTHSIM_PORTABLE=ON \
+  -DCMAKE_CXX_COMPILER="$compiler" -DCMAKE_CXX_FLAGS="-O2 -g1 -fno-omit-frame-pointer $flags" -DCLOTHSIM_PORTABLE=ON \
   -DCMAKE_CXX_COMPILER_LAUNCHER="$launcher" -DPython_EXECUTABLE="$PYTHON" -Dpybind11_DIR="$("$PYTHON" -m pybind11 --cmakedir)" \
   > "$folder.log" 2>&1 || { tail -n 30 "$folder.log"; exit 1; }
 cmake --build "$folder" -j 2 >> "$folder.log" 2>&1 || { tail -n 30 "$folder.log"; exit 1; }
@@ -64,5 +64,5 @@ rm -f "$folder"/python/clothsim/_core*.so
 cp "$folder"/_core*.so "$folder/python/clothsim/"
 
 PYTHONPATH=$folder/python:$("$PYTHON" -c "import sysconfig; print(sysconfig.get_path('purelib'))")
-export PYTHONPATH
+export PYTHONPATH CLOTHSIM_TEST_SANITIZER="$kind"
 "${run[@]}" -m pytest -q -p no:cacheprovider "$@"

@@ -141,6 +141,7 @@ print("30 forks")
 """
 
 
+@pytest.mark.unsanitized("thread", reason="TSan starts no thread after a fork of several threads")
 def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
     run = python(_FORK.format(kernel=kernel))
     assert run.stdout == "30 forks\n", run.stderr
