@@ -187,10 +187,10 @@ CALLS = {
     SCENE.spheres[0].offset_length: {"cloth": SCENE.cloth},
     SCENE.cloth.spring_count: {},
 }
-# Arguments of which one thread and no bar are good values wherever they are.
+# Good values of arguments that many functions have.
 COMMON = {"threads": 1, "progress": False}
 
-# The odd values that an argument may take: a rule for the plain numbers, truth values, or none. All others must be refused.
+# The odd values that an argument may take: by a rule for numbers, truth values (bool), or none (None). Others must be refused.
 TAKEN = {
     **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length", "width"), lambda n: n > 0),
     **dict.fromkeys(("dt", "duration", "every", "fps", "speed", "task_seconds"), lambda n: n > 0),
