@@ -167,10 +167,8 @@ REFUSED = [
     ({"shape": (2, 2, 2)}, ValueError, r"shape must be a sequence of 2.*\(2, 2, 2\)"),
     ({"shape": (2.0, 2)}, TypeError, r"shape\[0\] must be an integer.*2\.0"),
     ({"shape": (True, 2)}, TypeError, r"shape\[0\] must be an integer.*True"),
-    ({"shape": 4}, TypeError, "shape must be a sequence.*got 4"),
     ({"size": (1.0, 0.0)}, ValueError, r"size\[1\].*> 0, got 0\.0"),
     ({"size": (NAN, 1.0)}, ValueError, r"size\[0\].*finite.*nan"),
-    ({"size": 1.0}, TypeError, "size must be a sequence"),
     ({"size": np.ones((2, 2))}, ValueError, r"size must be a sequence of 2.*shape \(2, 2\)"),
     ({"mass": None}, TypeError, "mass must be"),
     ({"mass": np.ones((32, 31))}, ValueError, r"mass.*\(32, 32\).*got shape \(32, 31\)"),
@@ -194,14 +192,12 @@ REFUSED = [
     ({"springs": ("shear", "shear")}, ValueError, "springs must name each family once"),
     ({"springs": ("sheer",)}, ValueError, r"springs\[0\].*'sheer'.*did you mean 'shear'"),
     ({"springs": "shear"}, TypeError, "springs must be a sequence.*'shear'"),
-    ({"springs": 3}, TypeError, "springs must be a sequence"),
     ({"pins": [(32, 0)]}, ValueError, r"pins\[0\]\[0\].*<= 31, got 32"),
     ({"pins": [(0, 0), (0, -33)]}, ValueError, r"pins\[1\]\[1\].*>= -32.*got -33"),
     ({"pins": (0, 0)}, TypeError, r"pins\[0\] must be a sequence of 2 integers"),
     ({"pins": [(0.0, 1)]}, TypeError, r"pins\[0\]\[0\] must be an integer"),
     ({"pins": [(1, 2, 3)]}, ValueError, r"pins\[0\] must be a sequence of 2"),
     ({"pins": np.ones((4, 4), bool)}, ValueError, r"pins.*\(32, 32\).*\(4, 4\)"),
-    ({"pins": 7}, TypeError, "pins must be.*got 7"),
 ]
 
 

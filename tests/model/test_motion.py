@@ -108,10 +108,8 @@ def test_keyframes_stand_still_outside_and_are_right_continuous():
 
 NAN = float("nan")
 REFUSED = [
-    (lambda: Linear((1, 2)), ValueError, "velocity must be a sequence of 3.*got"),
     (lambda: Linear((1, NAN, 0)), ValueError, r"velocity\[1\].*finite.*nan"),
     (lambda: Linear((1, True, 0)), TypeError, r"velocity\[1\].*True"),
-    (lambda: Linear({1, 2, 3}), TypeError, "velocity must be a sequence"),
     (lambda: Reciprocate((0, 0, 0)), ValueError, "direction must not be the zero vector"),
     (lambda: Reciprocate((1, 0, 0), phase=1.0), ValueError, "phase.*< 1, got 1.0"),
     (lambda: Keyframes([0.0], [(0, 0, 0)]), ValueError, "times must have at least 2.*got 1"),
@@ -119,7 +117,6 @@ REFUSED = [
     (lambda: Keyframes([0.0, NAN], np.zeros((2, 3))), ValueError, "times.*nan"),
     (lambda: Keyframes([0, 1], np.zeros((3, 3))), ValueError, r"centers.*\(2, 3\).*\(3, 3\)"),
     (lambda: Keyframes([0, 1], [(0, 0, 0), (0, NAN, 0)]), ValueError, r"centers.*index \(1, 1\)"),
-    (lambda: Keyframes(3, [(0, 0, 0)]), TypeError, "times must be a sequence"),
     (lambda: Linear((1, 0, 0)).center_at(NAN, CENTER), ValueError, "t must be.*nan"),
     (lambda: Linear((1, 0, 0)).velocity_at("now"), TypeError, "t must be.*now"),
     (lambda: motion_from_dict({"kind": "liner"}), ValueError, "did you mean 'linear'"),

@@ -52,8 +52,15 @@ class Bytes:
 
 
 NUMBERS = [0, -1, 2**63, 0.5, -0.5, 1e300, 1e-320, np.int8(-3), np.array(2.5), fractions.Fraction(1, 3)]
+EMPTY = [np.array([]), [], (), {}, set(), iter([]), (one for one in ())]
+COUNTS, SIZES, TRIPLE, MOTION = [np.array([1, 2])], [(10**9, 10**9), (2.0, 3.0), (2**40, 1)], range(3), cs.Linear((1, 0, 0))
 ODD = [
     *NUMBERS,
+    *EMPTY,
+    *COUNTS,
+    *SIZES,
+    TRIPLE,
+    MOTION,
     None,
     True,
     np.True_,
@@ -66,8 +73,6 @@ ODD = [
     np.longdouble("1e4000"),
     np.array(np.nan),
     np.array("a"),
-    np.array([]),
-    np.array([1, 2]),
     np.array([[1.0, np.nan]]),
     np.full((2, 3, 3), np.nan),
     np.array([None, 1], object),
@@ -83,10 +88,6 @@ ODD = [
     decimal.Decimal("NaN"),
     fractions.Fraction(10**400),
     1 + 2j,
-    [],
-    (),
-    {},
-    set(),
     [[]],
     [[1], [2, 3]],
     [[[0, 1], 2], 3],
@@ -98,9 +99,6 @@ ODD = [
     {"a": 1},
     {1: 2},
     {("dt",): [(1,)]},
-    range(3),
-    iter([]),
-    (one for one in [1, 2]),
     object(),
     object,
     len,
@@ -112,10 +110,6 @@ ODD = [
     Bytes(),
     SCENE,
     SCENE.cloth,
-    cs.Linear((1, 0, 0)),
-    (10**9, 10**9),
-    (2.0, 3.0),
-    (2**40, 1),
     ("2", "3"),
     ((0, 0), (5, 5)),
     ((0.0, 0.0),),
@@ -190,7 +184,7 @@ CALLS = {
 # Good values of arguments that many functions have.
 COMMON = {"threads": 1, "progress": False}
 
-# The odd values that an argument may take: by a rule for numbers, truth values (bool), or none (None). Others must be refused.
+# The odd values that an argument may take: numbers by a rule, truth values (bool), or a list. All others must be refused.
 TAKEN = {
     **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length", "width"), lambda n: n > 0),
     **dict.fromkeys(("dt", "duration", "every", "fps", "speed", "task_seconds"), lambda n: n > 0),
@@ -203,8 +197,15 @@ TAKEN = {
     "steps": lambda n: isinstance(n, int) and n == 0,
     "t": lambda n: True,
     **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames", "cache", "track_contact_energy"), bool),
-    **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), None),
-    **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), None),
+    **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), []),
+    **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), []),
+    **dict.fromkeys(("position", "force", "offsets"), []),
+    **dict.fromkeys(("center", "direction", "velocity", "gravity", "center0", "target"), [TRIPLE]),
+    **dict.fromkeys(("springs", "pins"), EMPTY),
+    "shape": COUNTS,
+    **dict.fromkeys(("size", "times"), [*COUNTS, *SIZES]),
+    "cloth": [SCENE.cloth],
+    "motion": [MOTION],
     **dict.fromkeys(("label", "shadow", "perspective", "z_up", "log", "difference"), bool),
 }
 WITH_ARRAYS = {("center_at", "t"), ("penetration", "t"), ("stability_map", "stiffness"), ("stability_map", "dt")}
@@ -266,7 +267,9 @@ def test_every_error_names_its_argument(function, given):
 def is_allowed(odd, rule):
     if rule is bool:
         return isinstance(odd, (bool, np.bool_))
-    return rule is not None and any(odd is number for number in NUMBERS) and rule(odd)
+    if callable(rule):
+        return any(odd is number for number in NUMBERS) and rule(odd)
+    return any(odd is value for value in rule)
 
 
 def errors_without(argument, function, good):
