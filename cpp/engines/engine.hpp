@@ -20,7 +20,16 @@ namespace clothsim {
 // Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
 inline constexpr double extents_that_are_far = 8;
 
-class Engine {
+// Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are taken back
+// leave no trace.
+struct Tally {
+    double contact_energy = 0;  // that the collision passes have added, where it is counted [J]
+    Shared<std::int64_t> contact_responses{0};  // of the spheres to mass points
+    Watched watched;  // depths only when asked for; the first contact always
+    Impulses impulses;  // of all responses
+};
+
+class Engine : public Tally {
 public:
     virtual ~Engine() = default;
 
@@ -33,11 +42,7 @@ public:
     // Of continuous contact since the last inspection, see ContactReport.
     ContactReport contact_report;
 
-    // Extremes over the states so far. Depths are watched only when asked for; the first contact always.
-    Watched watched;
     void watch_depths(bool on) { depths_watched_ = on; }
-    // Of all responses so far.
-    Impulses impulses;
     // Raises the depth of mass points by that of all points of the present state, at time t.
     virtual void note_all_depths(double t) = 0;
 
@@ -88,13 +93,8 @@ public:
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
-    // Energy that the collision passes have added so far [J]; counted only when asked for, because the
-    // pass is then done by one thread.
+    // Whether `contact_energy` is counted; the pass is then done by one thread.
     bool track_contact_energy = false;
-    double contact_energy = 0;
-
-    // Responses of the spheres to mass points so far.
-    std::atomic<std::int64_t> contact_responses{0};
 
     // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a step.
     std::int64_t evaluations = 0;

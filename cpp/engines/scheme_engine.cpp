@@ -35,7 +35,8 @@ template <class Real, class Base>
 class SchemeEngine final : public Base, public AdaptiveEngine {
 public:
     explicit SchemeEngine(const Plan& plan)
-        : Base(plan), method_(method_of(plan.integrator)), field_(this->field()) {
+        : Base(plan), method_(method_of(plan.integrator)), field_(this->field()), stage_field_(field_) {
+        stage_field_.compensation = 0;
         const Cloth& cloth = this->plan_.cloth;
         damped_ = cloth.drag > 0 || cloth.has_spring_damping();
         explicit_ = damped_ && method_.damped ? method_.damped : method_.runge_kutta;
@@ -188,7 +189,7 @@ public:
         plan_stages(interpolated ? step_ : part * step_, previous_);
         if (interpolated) result_sum_ = combination(m.dense(part), step_);
         const auto finish = [&](int begin, int end) {
-            combine(field_, begin, end, previous_.data(), result_.data(), result_sum_);
+            advance_rows(stage_field_, begin, end, previous_.data(), result_.data(), result_sum_);
             this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](FieldBand<Real>& band) {
@@ -269,7 +270,7 @@ private:
         const auto next_stage = [&](int s) {
             return [this, s, t](int begin, int end) {
                 auto& stage = stages_[(s + 1) & 1];
-                combine(field_, begin, end, from_, stage.data(), stage_sums_[std::size_t(s)]);
+                advance_rows(stage_field_, begin, end, from_, stage.data(), stage_sums_[std::size_t(s)]);
                 const double part = explicit_->stage[std::size_t(s + 1)].drift;
                 this->place_pins(PinTime::of_stage(t, planned_, part), begin, end, stage);
             };
@@ -359,7 +360,7 @@ private:
 
     const Method method_;
     const ExplicitMethod* explicit_;
-    FieldLayout field_;
+    FieldLayout field_, stage_field_;  // of the state; of a stage, which has no compensation
     int rows_at_once_ =
         int(std::clamp<std::ptrdiff_t>(bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
     bool damped_;

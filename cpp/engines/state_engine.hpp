@@ -56,20 +56,14 @@ public:
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
                      std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
                  });
-        energy_at_checkpoint_ = contact_energy;
-        responses_at_checkpoint_ = contact_responses;
-        watched_at_checkpoint_ = watched;
+        tally_at_checkpoint_ = *this;
         persistent_at_checkpoint_ = contact_pass_.persistent();
-        impulses_at_checkpoint_ = impulses;
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
-        contact_energy = energy_at_checkpoint_;
-        contact_responses = responses_at_checkpoint_;
-        watched = watched_at_checkpoint_;
+        static_cast<Tally&>(*this) = tally_at_checkpoint_;
         state_replaced();
         contact_pass_.set_persistent(persistent_at_checkpoint_);
-        impulses = impulses_at_checkpoint_;
     }
     void note_all_depths(double t) final {
         std::fill(touched_rows_.begin(), touched_rows_.end(), true);
@@ -233,11 +227,8 @@ private:
     }
 
     AlignedVector<Real> checkpoint_;
-    double energy_at_checkpoint_ = 0;
-    std::int64_t responses_at_checkpoint_ = 0;
-    Watched watched_at_checkpoint_;
+    Tally tally_at_checkpoint_;
     std::vector<FacePass::PersistentContact> persistent_at_checkpoint_;
-    Impulses impulses_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
 };
 

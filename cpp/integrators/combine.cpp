@@ -94,20 +94,6 @@ CLOTHSIM_INLINE void with_blocks(const FieldLayout& f, Work work) {
 }
 
 template <class Real>
-CLOTHSIM_INLINE void combine_any(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
-                                 const Combination<Real>& sum) {
-    with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
-        using B = decltype(block);
-        for_each_block<B>(f, begin, end, from, sum,
-                          [&](int, std::ptrdiff_t at, const B& dx, const B& dv)
-                              __attribute__((always_inline)) {
-                                  (B::load(from + at) + dx).store(to + at);
-                                  (B::load(from + at + f.velocity) + dv).store(to + at + f.velocity);
-                              });
-    });
-}
-
-template <class Real>
 CLOTHSIM_INLINE void advance_any(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
                                  const Combination<Real>& sum) {
     with_blocks<Real>(f, [&](auto block) __attribute__((always_inline)) {
@@ -153,10 +139,6 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
 
 #define CLOTHSIM_ROWS(Real) \
     namespace { \
-    CLOTHSIM_VERSIONS void combine_versions(const FieldLayout& field, int begin, int end, const Real* from, \
-                                            Real* to, const Combination<Real>& sum) { \
-        combine_any(field, begin, end, from, to, sum); \
-    } \
     CLOTHSIM_VERSIONS void advance_versions(const FieldLayout& field, int begin, int end, const Real* from, \
                                             Real* to, const Combination<Real>& sum) { \
         advance_any(field, begin, end, from, to, sum); \
@@ -165,10 +147,6 @@ CLOTHSIM_INLINE void square_any(const FieldLayout& f, int begin, int end, const 
                                            const Combination<Real>& sum, RowSquares* rows) { \
         square_any(field, begin, end, state, sum, rows); \
     } \
-    } \
-    void combine(const FieldLayout& field, int begin, int end, const Real* from, Real* to, \
-                 const Combination<Real>& sum) { \
-        combine_versions(field, begin, end, from, to, sum); \
     } \
     void advance_rows(const FieldLayout& field, int begin, int end, const Real* from, Real* to, \
                       const Combination<Real>& sum) { \

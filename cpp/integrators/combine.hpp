@@ -26,13 +26,8 @@ struct Combination {
     }
 };
 
-// Rows [begin, end) of `to` become those of `from` plus the combination.
-void combine(const FieldLayout& field, int begin, int end, const float* from, float* to,
-             const Combination<float>& sum);
-void combine(const FieldLayout& field, int begin, int end, const double* from, double* to,
-             const Combination<double>& sum);
-
-// The same with what rounding takes kept where the state is compensated; `to` may be `from`.
+// Rows [begin, end) of `to` become those of `from` plus the combination, with what rounding takes kept where
+// the state is compensated; `to` may be `from`.
 void advance_rows(const FieldLayout& field, int begin, int end, const float* from, float* to,
                   const Combination<float>& sum);
 void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,

@@ -46,24 +46,22 @@ inline __attribute__((always_inline)) double least_of(const Real* row, const Vec
     }
 }
 
-CLOTHSIM_VERSIONS double least_single(const float* row, const VectorGeometry& g, int lanes,
-                                      const double* center) {
+CLOTHSIM_VERSIONS double versions(const float* row, const VectorGeometry& g, int lanes,
+                                  const double* center) {
     return least_of(row, g, lanes, center);
 }
-CLOTHSIM_VERSIONS double least_double(const double* row, const VectorGeometry& g, int lanes,
-                                      const double* center) {
+CLOTHSIM_VERSIONS double versions(const double* row, const VectorGeometry& g, int lanes,
+                                  const double* center) {
     return least_of(row, g, lanes, center);
 }
 
 }  // namespace
 
-template <>
-double least_square(const float* row, const VectorGeometry& geometry, int lanes, const Vec3& center) {
-    return least_single(row, geometry, lanes, center.data());
+template <class Real>
+double least_square(const Real* row, const VectorGeometry& geometry, int lanes, const Vec3& center) {
+    return versions(row, geometry, lanes, center.data());
 }
-template <>
-double least_square(const double* row, const VectorGeometry& geometry, int lanes, const Vec3& center) {
-    return least_double(row, geometry, lanes, center.data());
-}
+template double least_square(const float*, const VectorGeometry&, int, const Vec3&);
+template double least_square(const double*, const VectorGeometry&, int, const Vec3&);
 
 }  // namespace clothsim

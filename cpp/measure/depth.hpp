@@ -11,9 +11,4 @@ namespace clothsim {
 template <class Real>
 double least_square(const Real* row, const VectorGeometry& geometry, int lanes, const Vec3& center);
 
-template <>
-double least_square(const float* row, const VectorGeometry& geometry, int lanes, const Vec3& center);
-template <>
-double least_square(const double* row, const VectorGeometry& geometry, int lanes, const Vec3& center);
-
 }  // namespace clothsim

@@ -1,10 +1,12 @@
-// The energy of a state, quick enough to be watched in every run. Columns are summed side by side, so that
-// the sums are the same for every instruction set.
+// The energy of a state and its largest stretch, quick enough to be watched in every run. Columns are summed
+// side by side, so that the sums are the same for every instruction set.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <memory>
 #include <numeric>
+#include <vector>
 
 #include "measure/diagnostics.hpp"
 #include "memory/versions.hpp"
@@ -40,18 +42,50 @@ struct Springs {
     double rest_length;
 };
 
-// sum[c] += (length - rest length)^2 of each spring, column by column.
-CLOTHSIM_VERSIONS
-void add_stretches(const double* first, const Springs& s, double* __restrict sum) {
+// `add(c, |b - a|^2)` for each spring, of its column.
+template <class Add>
+inline __attribute__((always_inline)) void each_square(const double* first, const Springs& s, Add add) {
     for (int r = 0; r < s.rows; ++r) {
         const double* const ax = first + r * s.row;
         const double *const ay = ax + s.plane, *const az = ay + s.plane;
         const double *const bx = ax + s.offset, *const by = ay + s.offset, *const bz = az + s.offset;
         for (int c = 0; c < s.count; ++c) {
             const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
-            const double stretch = std::sqrt(dx * dx + dy * dy + dz * dz) - s.rest_length;
-            sum[c] += stretch * stretch;
+            add(c, dx * dx + dy * dy + dz * dz);
         }
+    }
+}
+
+// sum[c] += (length - rest length)^2
+CLOTHSIM_VERSIONS
+void add_stretches(const double* first, const Springs& s, double* __restrict sum) {
+    each_square(first, s, [&](int c, double square) __attribute__((always_inline)) {
+        const double stretch = std::sqrt(square) - s.rest_length;
+        sum[c] += stretch * stretch;
+    });
+}
+
+// largest[c] = max(largest[c], length^2)
+CLOTHSIM_VERSIONS
+void raise_squares(const double* first, const Springs& s, double* __restrict largest) {
+    each_square(first, s, [&](int c, double square) __attribute__((always_inline)) {
+        largest[c] = square > largest[c] ? square : largest[c];
+    });
+}
+
+// `visit(kind, springs, first)` for each kind of spring that the cloth has, of points in planes.
+template <class Visit>
+void each_kind(const Cloth& cloth, const double* planes, Visit visit) {
+    for (const Neighbour& n : neighbours) {
+        const bool counted_once = n.row > 0 || (n.row == 0 && n.column > 0);
+        const Springs springs{cloth.points(),
+                              cloth.columns,
+                              std::ptrdiff_t(n.row) * cloth.columns + n.column,
+                              cloth.rows - n.row,
+                              cloth.columns - std::abs(n.column),
+                              cloth.rest_length(n)};
+        if (cloth.present[n.family] && counted_once && springs.count > 0 && springs.rows > 0)
+            visit(n, springs, planes + std::max(0, -n.column));
     }
 }
 
@@ -77,20 +111,27 @@ Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
     if (scene.has_force()) e.force = -scene.force.cwiseProduct(x).sum();
 
     take_apart(x.data(), points, planes, planes + points, planes + 2 * points);
-    for (const Neighbour& n : neighbours) {
-        const bool counted_once = n.row > 0 || (n.row == 0 && n.column > 0);
-        const Springs springs{points,
-                              cloth.columns,
-                              std::ptrdiff_t(n.row) * cloth.columns + n.column,
-                              cloth.rows - n.row,
-                              cloth.columns - std::abs(n.column),
-                              cloth.rest_length(n)};
-        if (!cloth.present[n.family] || !counted_once || springs.count <= 0) continue;
+    each_kind(cloth, planes, [&](const Neighbour& n, const Springs& springs, const double* first) {
         std::fill_n(squares, springs.count, 0.0);
-        add_stretches(planes + std::max(0, -n.column), springs, squares);
+        add_stretches(first, springs, squares);
         e.elastic += cloth.stiffness[n.family] / 2 * std::accumulate(squares, squares + springs.count, 0.0);
-    }
+    });
     return e;
+}
+
+// A length is a monotonic function of its square, so the root of the largest square suffices for each kind.
+double largest_stretch(const Cloth& cloth, const PointsView& x) {
+    const std::ptrdiff_t points = cloth.points();
+    const auto planes = std::make_unique_for_overwrite<double[]>(std::size_t(3 * points));
+    take_apart(x.data(), points, planes.get(), planes.get() + points, planes.get() + 2 * points);
+    double largest = -std::numeric_limits<double>::infinity();
+    each_kind(cloth, planes.get(), [&](const Neighbour&, const Springs& springs, const double* first) {
+        std::vector<double> squares(std::size_t(springs.count));
+        raise_squares(first, springs, squares.data());
+        const double length = std::sqrt(*std::max_element(squares.begin(), squares.end()));
+        largest = std::max(largest, length / springs.rest_length - 1);
+    });
+    return largest;
 }
 
 }  // namespace clothsim

@@ -23,22 +23,20 @@ inline __attribute__((always_inline)) bool finite(const Real* p, const Blocks& b
     return (any & sign) == 0;
 }
 
-CLOTHSIM_VERSIONS bool finite_single(const float* p, const Blocks& blocks) {
+CLOTHSIM_VERSIONS bool versions(const float* p, const Blocks& blocks) {
     return finite<std::uint32_t, 23>(p, blocks);
 }
-CLOTHSIM_VERSIONS bool finite_double(const double* p, const Blocks& blocks) {
+CLOTHSIM_VERSIONS bool versions(const double* p, const Blocks& blocks) {
     return finite<std::uint64_t, 52>(p, blocks);
 }
 
 }  // namespace
 
-template <>
-bool all_finite(const float* p, const Blocks& blocks) {
-    return finite_single(p, blocks);
+template <class Real>
+bool all_finite(const Real* p, const Blocks& blocks) {
+    return versions(p, blocks);
 }
-template <>
-bool all_finite(const double* p, const Blocks& blocks) {
-    return finite_double(p, blocks);
-}
+template bool all_finite(const float*, const Blocks&);
+template bool all_finite(const double*, const Blocks&);
 
 }  // namespace clothsim

@@ -14,9 +14,4 @@ inline constexpr int bytes_of_blocks = 32;  // a vector of AVX2
 template <class Real>
 bool all_finite(const Real* p, const Blocks& blocks);
 
-template <>
-bool all_finite(const float* p, const Blocks& blocks);
-template <>
-bool all_finite(const double* p, const Blocks& blocks);
-
 }  // namespace clothsim
