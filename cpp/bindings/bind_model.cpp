@@ -49,51 +49,22 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     return cloth;
 }
 
-Motion reciprocate(const Vec3& direction, double distance, double period, double deceleration, double phase) {
-    Motion m;
-    m.kind = Motion::Kind::reciprocate;
-    m.direction = direction;
-    m.distance = distance;
-    m.period = period;
-    m.deceleration = deceleration;
-    m.phase = phase;
-    return m;
-}
-
-Motion linear(const Vec3& velocity) {
-    Motion m;
-    m.kind = Motion::Kind::linear;
-    m.velocity = velocity;
-    return m;
-}
-
-Motion keyframes(std::vector<double> times, std::vector<Vec3> centers, bool relative) {
-    Motion m;
-    m.kind = Motion::Kind::keyframes;
-    m.times = std::move(times);
-    m.centers = std::move(centers);
-    m.relative = relative;
-    return m;
-}
-
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion, bool faces,
                    bool cells, double push_out_speed) {
-    Sphere s;
-    s.center = center;
-    s.radius = radius;
-    s.contact_radius = contact_radius;
     const auto name = std::find(response_names.begin(), response_names.end(), response);
     if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
-    s.response = Response(name - response_names.begin());
-    s.faces = faces;
-    s.cells = cells;
-    s.push_out_speed = push_out_speed;
-    s.as_printed = as_printed;
-    s.restitution = restitution;
-    s.friction = friction;
-    s.motion = motion;
-    return s;
+    return {.center = center,
+            .radius = radius,
+            .contact_radius = contact_radius,
+            .restitution = restitution,
+            .friction = friction,
+            .response = Response(name - response_names.begin()),
+            .as_printed = as_printed,
+            .faces = faces,
+            .cells = cells,
+            .push_out_speed = push_out_speed,
+            .motion = motion};
 }
 
 using PinValues = std::vector<std::tuple<int, Vec3, int>>;
@@ -198,30 +169,43 @@ int lanes(const Plan& plan) {
 
 void bind_model(py::module_& m) {
     py::class_<Cloth>(m, "Cloth")
-        .def(py::init(&make_cloth), py::kw_only(), py::arg("rows"), py::arg("columns"),
-             py::arg("row_spacing"), py::arg("column_spacing"), py::arg("stiffness"),
-             py::arg("spring_damping"), py::arg("drag"), py::arg("mass"), py::arg("uniform_mass"),
-             py::arg("pinned"))
+        .def(py::init(&make_cloth), py::kw_only(), "rows"_a, "columns"_a, "row_spacing"_a, "column_spacing"_a,
+             "stiffness"_a, "spring_damping"_a, "drag"_a, "mass"_a, "uniform_mass"_a, "pinned"_a)
         .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
             const ModeBounds bounds = mode_bounds(cloth);
             return std::make_pair(bounds.stiffness, bounds.damping);
         });
     py::class_<Motion>(m, "Motion")
         .def(py::init<>())
-        .def_static("linear", &linear)
-        .def_static("reciprocate", &reciprocate)
-        .def_static("keyframes", &keyframes);
+        .def_static(
+            "linear",
+            [](const Vec3& velocity) { return Motion{.kind = Motion::Kind::linear, .velocity = velocity}; })
+        .def_static(
+            "reciprocate",
+            [](const Vec3& direction, double distance, double period, double deceleration, double phase) {
+                return Motion{.kind = Motion::Kind::reciprocate,
+                              .direction = direction,
+                              .distance = distance,
+                              .period = period,
+                              .deceleration = deceleration,
+                              .phase = phase};
+            })
+        .def_static("keyframes", [](std::vector<double> times, std::vector<Vec3> centers, bool relative) {
+            return Motion{.kind = Motion::Kind::keyframes,
+                          .times = std::move(times),
+                          .centers = std::move(centers),
+                          .relative = relative};
+        });
     py::class_<Sphere>(m, "Sphere")
-        .def(py::init(&make_sphere), py::kw_only(), py::arg("center"), py::arg("radius"),
-             py::arg("contact_radius"), py::arg("response"), py::arg("as_printed"), py::arg("restitution"),
-             py::arg("friction"), py::arg("motion"), py::arg("faces") = false, py::arg("cells") = false,
-             py::arg("push_out_speed") = 1.0)
+        .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "contact_radius"_a, "response"_a,
+             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "faces"_a = false, "cells"_a = false,
+             "push_out_speed"_a = 1.0)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
-        .def(py::init(&make_plan), py::kw_only(), py::arg("cloth"), py::arg("gravity"), py::arg("spheres"),
-             py::arg("force"), py::arg("pin_motions"), py::arg("driven_pins"), py::arg("precision"),
-             py::arg("kernel"), py::arg("strict"), py::arg("instruction_set"), py::arg("integrator"))
+        .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
+             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "strict"_a, "instruction_set"_a,
+             "integrator"_a)
         .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
         .def("runaway_speed",
@@ -354,10 +338,9 @@ py::dict extrapolate(const Array<std::int64_t>& i, const Array<std::int64_t>& j,
 void bind_reference(py::module_& m) {
     m.def("reference_step", &advance<reference::step>);
     m.def("reference_step_as_printed", &advance<reference::step_as_printed>);
-    m.def("extrapolate", &extrapolate, py::kw_only(), py::arg("i"), py::arg("j"), py::arg("rest_length"),
-          py::arg("stiffness"), py::arg("damping"), py::arg("mass"), py::arg("pinned"), py::arg("gravity"),
-          py::arg("drag"), py::arg("force"), py::arg("pin_motions"), py::arg("driven_pins"), py::arg("x"),
-          py::arg("v"), py::arg("times"), py::arg("columns"), py::arg("tolerance"), py::arg("threads"));
+    m.def("extrapolate", &extrapolate, py::kw_only(), "i"_a, "j"_a, "rest_length"_a, "stiffness"_a,
+          "damping"_a, "mass"_a, "pinned"_a, "gravity"_a, "drag"_a, "force"_a, "pin_motions"_a,
+          "driven_pins"_a, "x"_a, "v"_a, "times"_a, "columns"_a, "tolerance"_a, "threads"_a);
 }
 
 }  // namespace clothsim

@@ -19,22 +19,20 @@ picture::View make_view(int width, int height, int samples, const std::array<Tri
 picture::Shading make_shading(const std::map<std::string, Triple>& colors, double full_red_depth,
                               double least_red, const Triple& key, const std::array<double, 4>& light,
                               double grid_line, double grid_shade) {
-    picture::Shading shading;
-    shading.background = colors.at("background");
-    shading.front = colors.at("front");
-    shading.back = colors.at("back");
-    shading.penetration = colors.at("penetration");
-    shading.ground = colors.at("ground");
-    shading.full_red_depth = full_red_depth;
-    shading.least_red = least_red;
-    shading.key = key;
-    shading.ambient = light[0];
-    shading.above = light[1];
-    shading.key_light = light[2];
-    shading.eye_light = light[3];
-    shading.grid_line = grid_line;
-    shading.grid_shade = grid_shade;
-    return shading;
+    return {.background = colors.at("background"),
+            .front = colors.at("front"),
+            .back = colors.at("back"),
+            .penetration = colors.at("penetration"),
+            .ground = colors.at("ground"),
+            .full_red_depth = full_red_depth,
+            .least_red = least_red,
+            .key = key,
+            .ambient = light[0],
+            .above = light[1],
+            .key_light = light[2],
+            .eye_light = light[3],
+            .grid_line = grid_line,
+            .grid_shade = grid_shade};
 }
 
 // Arrays of the sheet have shape (rows, columns, 3); those of balls one row a ball: centre, radius, colour,
@@ -74,16 +72,13 @@ py::array_t<std::uint8_t> render(const picture::View& view, picture::Shading sha
 }  // namespace
 
 void bind_picture(py::module_& m) {
-    py::class_<picture::View>(m, "View").def(py::init(&make_view), py::kw_only(), py::arg("width"),
-                                             py::arg("height"), py::arg("samples"), py::arg("axes"),
-                                             py::arg("target"), py::arg("scale"), py::arg("distance"));
+    py::class_<picture::View>(m, "View").def(py::init(&make_view), py::kw_only(), "width"_a, "height"_a,
+                                             "samples"_a, "axes"_a, "target"_a, "scale"_a, "distance"_a);
     py::class_<picture::Shading>(m, "Shading")
-        .def(py::init(&make_shading), py::kw_only(), py::arg("colors"), py::arg("full_red_depth"),
-             py::arg("least_red"), py::arg("key"), py::arg("light"), py::arg("grid_line"),
-             py::arg("grid_shade"));
-    m.def("render", &render, py::kw_only(), py::arg("view"), py::arg("shading"), py::arg("points"),
-          py::arg("screen"), py::arg("normals"), py::arg("colors"), py::arg("balls"), py::arg("ground"),
-          py::arg("shadow"), py::arg("threads"));
+        .def(py::init(&make_shading), py::kw_only(), "colors"_a, "full_red_depth"_a, "least_red"_a, "key"_a,
+             "light"_a, "grid_line"_a, "grid_shade"_a);
+    m.def("render", &render, py::kw_only(), "view"_a, "shading"_a, "points"_a, "screen"_a, "normals"_a,
+          "colors"_a, "balls"_a, "ground"_a, "shadow"_a, "threads"_a);
 }
 
 }  // namespace clothsim

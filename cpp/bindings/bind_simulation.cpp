@@ -272,18 +272,30 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
+// `get(simulation, i)` of each member.
+template <class Get>
+auto of_members(Get get) {
+    return [get](SharedSimulation& shared) {
+        auto simulation = shared.use();
+        std::vector<std::decay_t<decltype(get(*simulation, 0))>> all;
+        for (std::size_t i = 0; i < simulation->size(); ++i) all.push_back(get(*simulation, i));
+        return all;
+    };
+}
+
 }  // namespace
 
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
+    const py::arg any, exact = py::arg().noconvert();  // an array of the very type
     py::class_<TeamChoice>(m, "TeamChoice")
-        .def(py::init<bool>(), py::arg("team_first"))
+        .def(py::init<bool>(), "team_first"_a)
         .def_property_readonly("team", &TeamChoice::team)
-        .def("steps", &TeamChoice::steps, py::arg("wanted"))
-        .def("observe", &TeamChoice::observe, py::arg("steps"), py::arg("seconds"));
+        .def("steps", &TeamChoice::steps, "wanted"_a)
+        .def("observe", &TeamChoice::observe, "steps"_a, "seconds"_a);
     py::class_<Crowding>(m, "Crowding")
         .def(py::init<>())
-        .def("observe", &Crowding::observe, py::arg("slept"), py::arg("seconds"));
+        .def("observe", &Crowding::observe, "slept"_a, "seconds"_a);
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
         .def_property(
@@ -296,21 +308,17 @@ void bind_simulation(py::module_& m) {
     // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())
-        .def("load", &load<double>, py::arg().noconvert(), py::arg().noconvert(), py::arg() = py::none())
-        .def("load", &load<float>, py::arg().noconvert(), py::arg().noconvert(), py::arg() = py::none())
+        .def("load", &load<double>, exact, exact, py::arg() = py::none())
+        .def("load", &load<float>, exact, exact, py::arg() = py::none())
         .def("set_scene", &S::set_scene)
-        .def("step", &step<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
-             py::arg(), py::arg(), py::arg(), py::arg().noconvert(), py::arg().noconvert())
-        .def("step", &step<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(),
-             py::arg(), py::arg(), py::arg(), py::arg().noconvert(), py::arg().noconvert())
-        .def("store", &store<float>, py::arg().noconvert(), py::arg().noconvert())
-        .def("store", &store<double>, py::arg().noconvert(), py::arg().noconvert())
+        .def("step", &step<double>, any, exact, exact, any, any, any, any, exact, exact)
+        .def("step", &step<float>, any, exact, exact, any, any, any, any, exact, exact)
+        .def("store", &store<float>, exact, exact)
+        .def("store", &store<double>, exact, exact)
         .def("advance", &advance)
-        .def("accelerations", &accelerations<double>, py::arg().noconvert(), py::arg().noconvert(),
-             py::arg().noconvert(), py::arg())
-        .def("accelerations", &accelerations<float>, py::arg().noconvert(), py::arg().noconvert(),
-             py::arg().noconvert(), py::arg())
-        .def("accelerations", &accelerations_here, py::arg().noconvert(), py::arg())
+        .def("accelerations", &accelerations<double>, exact, exact, exact, any)
+        .def("accelerations", &accelerations<float>, exact, exact, exact, any)
+        .def("accelerations", &accelerations_here, exact, any)
         .def("set_stable_dt",
              [](S& s, const std::vector<double>& stable_dt) {
                  auto simulation = s.use();
@@ -333,32 +341,14 @@ void bind_simulation(py::module_& m) {
                      simulation->set_force(i, force.data() + i * size);
              })
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
-        .def_property_readonly("frozen",
-                               [](S& s) {
-                                   auto simulation = s.use();
-                                   std::vector<bool> frozen;
-                                   for (std::size_t i = 0; i < simulation->size(); ++i)
-                                       frozen.push_back(simulation->frozen(i));
-                                   return frozen;
-                               })
+        .def_property_readonly("frozen", of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
         .def("advance_adaptive", &advance_adaptive)
-        .def("dense", &dense, py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg())
-        .def_property_readonly("contacts",
-                               [](S& s) {
-                                   auto simulation = s.use();
-                                   std::vector<std::int64_t> contacts;
-                                   for (std::size_t i = 0; i < simulation->size(); ++i)
-                                       contacts.push_back(simulation->member(i).contact_responses);
-                                   return contacts;
-                               })
-        .def_property_readonly("evaluations",
-                               [](S& s) {
-                                   auto simulation = s.use();
-                                   std::vector<std::int64_t> evaluations;
-                                   for (std::size_t i = 0; i < simulation->size(); ++i)
-                                       evaluations.push_back(simulation->member(i).evaluations);
-                                   return evaluations;
-                               })
+        .def("dense", &dense, any, exact, exact, any)
+        .def_property_readonly("contacts", of_members([](Simulation& s, std::size_t i) {
+                                   return s.member(i).contact_responses.load();
+                               }))
+        .def_property_readonly(
+            "evaluations", of_members([](Simulation& s, std::size_t i) { return s.member(i).evaluations; }))
         .def("set_watch",
              [](S& s, std::int64_t every, double interval) { s.use()->set_watch(every, interval); })
         .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })
@@ -374,14 +364,9 @@ void bind_simulation(py::module_& m) {
                      simulation->restart(i);
                  }
              })
-        .def_property_readonly("contact_energy",
-                               [](S& s) {
-                                   auto simulation = s.use();
-                                   std::vector<double> energy;
-                                   for (std::size_t i = 0; i < simulation->size(); ++i)
-                                       energy.push_back(simulation->member(i).contact_energy);
-                                   return energy;
-                               })
+        .def_property_readonly("contact_energy", of_members([](Simulation& s, std::size_t i) {
+                                   return s.member(i).contact_energy;
+                               }))
         .def_property(
             "time", [](S& s) { return s.use()->clock.now(); },
             [](S& s, double time) { s.use()->clock = {time, 0, 0}; });

@@ -110,7 +110,7 @@ void bind_build(py::module_& m) {
     m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("available_threads", &available_threads);
-    m.def("granted_threads", &granted, py::arg("threads"));
+    m.def("granted_threads", &granted, "threads"_a);
     m.attr("most_threads") = most_threads;
     m.attr("least_points_per_thread") = least_points_per_thread;
     // Constants of the core that Python needs too.
@@ -170,8 +170,8 @@ double round_trip() {
 }  // namespace
 
 void bind_benchmark(py::module_& m) {
-    m.def("multiply_add_peak", &peak, py::arg("precision"), py::arg("threads"));
-    m.def("memory_bandwidth", &bandwidth, py::arg("threads"), py::arg("bytes"));
+    m.def("multiply_add_peak", &peak, "precision"_a, "threads"_a);
+    m.def("memory_bandwidth", &bandwidth, "threads"_a, "bytes"_a);
     m.def("core_round_trip", &round_trip);
 }
 

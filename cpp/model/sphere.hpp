@@ -18,8 +18,8 @@ struct Motion {
     double period = 1;               // reciprocate, there and back [s]
     double deceleration = 0;         // reciprocate, dimensionless
     double phase = 0;                // reciprocate, fraction of a period
-    std::vector<double> times;       // keyframes [s]
-    std::vector<Vec3> centers;       // keyframes [m]
+    std::vector<double> times{};     // keyframes [s]
+    std::vector<Vec3> centers{};     // keyframes [m]
     bool relative = false;           // keyframes: `centers` are displacements from the start
 
     // Whether a place depends on where the motion starts.
