@@ -26,8 +26,8 @@ struct Combination {
     }
 };
 
-// Rows [begin, end) of `to` become those of `from` plus the combination, with what rounding takes kept where
-// the state is compensated; `to` may be `from`.
+// Rows [begin, end) of `to` become those of `from` plus the combination; `to` may be `from`. A compensated
+// state keeps what rounding takes.
 void advance_rows(const FieldLayout& field, int begin, int end, const float* from, float* to,
                   const Combination<float>& sum);
 void advance_rows(const FieldLayout& field, int begin, int end, const double* from, double* to,
