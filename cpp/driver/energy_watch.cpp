@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "contact/exact.hpp"
 #include "integrators/methods.hpp"
-#include "kernels/contact/continuous.hpp"
 #include "measure/mode_bounds.hpp"
 
 namespace clothsim {
@@ -72,13 +73,19 @@ bool EnergyWatch::watches_contact(const Watched& watched) const {
 }
 
 double EnergyWatch::lifts() const {
-    double reach = 0, weight = 0;
-    for (const Sphere& sphere : plan_.spheres)
-        if (sphere.cells) reach += sphere.reach();
-    for (int i = 0; i < plan_.cloth.points() && reach > 0; ++i)
+    const bool single = plan_.precision == Precision::single;
+    const double epsilon =
+                     single ? std::numeric_limits<float>::epsilon() : std::numeric_limits<double>::epsilon(),
+                 band = single ? cell_band<float> : cell_band<double>;
+    const double size = x_.cwiseAbs().rowwise().sum().maxCoeff();  // a sphere in contact is within its reach
+    double height = 0, weight = 0;
+    for (const Sphere& sphere : plan_.spheres) {
+        const double slop = slop_epsilons * epsilon * (size + 3 * sphere.reach());
+        height += 2 * (slop + (sphere.cells ? band * sphere.reach() : 0));
+    }
+    for (int i = 0; i < plan_.cloth.points(); ++i)
         weight += plan_.cloth.mass[std::size_t(i)] * plan_.field_at(i).norm();
-    const double band = plan_.precision == Precision::single ? cell_band<float> : cell_band<double>;
-    return 2 * band * reach * weight;
+    return height * weight;
 }
 
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {

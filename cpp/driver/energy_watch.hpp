@@ -64,8 +64,9 @@ private:
     // (contact/face_energy.cpp). A push out of a sphere and a squeeze between two do work that no impulse
     // shows.
     bool watches_contact(const Watched& watched) const;
-    // The work of lifts by the offset "cell" [J]. A response puts a point on top of the band above its
-    // distance, and once more if its cells have grown: no impulse shows that.
+    // The work against weight and forces by the lifts of continuous responses [J], which no impulse shows.
+    // They put a point a few rounding errors off its distance (SweptSphere::slop). With offset "cell" they
+    // put it on top of the band above that, and once more if its cells have grown.
     double lifts() const;
     // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
     bool beyond(double part, double made, double moving) const;
