@@ -7,7 +7,10 @@
 #include <cctype>
 #include <chrono>
 #include <cstdlib>
+#include <exception>
+#include <memory>
 #include <mutex>
+#include <new>
 #include <string_view>
 #include <thread>
 #include <vector>
@@ -18,6 +21,9 @@ namespace {
 // Threads of the largest team that this thread can have, as far as known: OpenMP keeps those that it has
 // started.
 thread_local int most_granted = 1;
+
+// More than the runtimes of C and C++ take for a thread, some 200. Half or twice: as safe.
+constexpr std::size_t bytes_of_thread = 4096;
 
 // Bytes of stack that OpenMP's runtime takes for a thread, by the form of OMP_STACKSIZE; 0: the system's
 // choice.
@@ -32,7 +38,7 @@ std::size_t stack_bytes() {
     return size << (*end == '\0' || shift == std::string_view::npos ? 10 : 10 * shift);
 }
 
-// How many of `count` further threads can live at the same time.
+// How many of `count` further threads can live at the same time, each with some memory of its own.
 int startable(int count) {
     static const std::size_t stack = stack_bytes();
     pthread_attr_t attributes;
@@ -43,17 +49,21 @@ int startable(int count) {
     std::vector<pthread_t> started;
     started.reserve(std::size_t(count));
     const auto wait = [](void* mutex) -> void* {
+        const std::unique_ptr<char[]> own(new (std::nothrow) char[bytes_of_thread]);
         const std::lock_guard<std::mutex> ended(*static_cast<std::mutex*>(mutex));
-        return nullptr;
+        return own ? mutex : nullptr;
     };
     {
         const std::lock_guard<std::mutex> all_live(ends);
         for (pthread_t thread; int(started.size()) < count; started.push_back(thread))
             if (pthread_create(&thread, &attributes, wait, &ends) != 0) break;
     }
-    for (const pthread_t thread : started) pthread_join(thread, nullptr);
     pthread_attr_destroy(&attributes);
-    return int(started.size());
+    return int(std::count_if(started.begin(), started.end(), [](pthread_t thread) {
+        void* had_memory = nullptr;
+        pthread_join(thread, &had_memory);
+        return had_memory != nullptr;
+    }));
 }
 
 }  // namespace
@@ -61,7 +71,13 @@ int startable(int count) {
 int available_threads() { return omp_get_num_procs(); }
 
 int granted_threads(int wanted) {
-    if (wanted > most_granted) most_granted = std::min(wanted, 1 + startable(wanted - 1));
+    if (wanted > most_granted) {
+        most_granted = std::min(wanted, 1 + startable(wanted - 1));
+        // The C++ runtime takes memory when a thread first throws, and ends the process where it finds none.
+        std::atomic<int> thrown{0};  // so that no compiler leaves the question out
+#pragma omp parallel num_threads(most_granted) if (most_granted > 1)
+        thrown += std::uncaught_exceptions();
+    }
     return std::min(wanted, most_granted);
 }
 

@@ -59,7 +59,7 @@ print(ended)
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 def test_too_little_memory_is_a_memory_error():
     rng = random.Random(SEED)
-    sizes = [int(10 ** rng.uniform(4, 8.3)) for _ in range(5 * ROUNDS)] + [2**40]
+    sizes = [int(10 ** rng.uniform(4, 8.3)) for _ in range(5 * ROUNDS)] + [9_000, 10_428, 2**40]
     run = python(_MEMORY, *sizes, timeout=30 + 20 * ROUNDS)
     assert run.returncode == 0, f"seed {SEED}: {run.stderr}"
     ended = eval(run.stdout)
