@@ -7,7 +7,7 @@ from bench.plots import ALL
 
 pytest.importorskip("matplotlib")
 
-from colors import check_lines
+from colors import check_lines, look
 
 COUNTS = (1, 2, 8)
 
@@ -61,10 +61,6 @@ def made_up():
         "limits": {"peak": peak, "bandwidth": {1: 12e9, 2: 24e9, 8: 48e9}},
         "machine": {"build": {"instruction_set": "avx512"}},
     }
-
-
-def look(line):
-    return line.get_marker(), line.get_linestyle()
 
 
 def test_grids_have_their_times_and_a_style_for_each_thread_count():
