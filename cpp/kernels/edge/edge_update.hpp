@@ -91,9 +91,9 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     });
 }
 
-template <class V, class Real, Stage stage>
+template <class V, class Real, Stage stage, int fixed = 0>
 CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
-    finish_stage<V, Real, stage, 0>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+    finish_stage<V, Real, stage, fixed>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
 }
 // In the stage of `e`.
 template <class V, class Real>
@@ -109,9 +109,7 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
 template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
     if constexpr (stage == any_stage) return finish_any<V, Real>(e, row, k);
-    else
-        finish_stage<V, Real, stage, fixed>(e, row, k,
-                                            load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+    else finish_vector<V, Real, stage, fixed>(e, row, k);
 }
 
 // Whether all points of a row are beyond the sphere's plane; padding is above every plane.

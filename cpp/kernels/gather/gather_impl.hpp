@@ -115,54 +115,27 @@ CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const V
 template <Arithmetic A, class V, class Real>
 CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes,
                                   const V (&v_here)[3], const V (&a)[3]) {
-    const auto each_component = [&](auto finish) __attribute__((always_inline)) {
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            const std::ptrdiff_t at = point + k * planes.one;
-            finish(at, g.state + at, g.state + at + planes.three, v_here[k], a[k]);
-        });
-    };
-    const auto advance = [&](std::ptrdiff_t at, const Real* x, const Real* v, V v_here, V a, V step,
-                             V step_a) __attribute__((always_inline)) {
-        multiply_add<A>(step, v_here, V::load_unaligned(x)).store_unaligned(g.target + at);
-        multiply_add<A>(step_a, a, V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
-    };
-    switch (g.stage) {
-        case Stage::evaluate:
-            return each_component([&](std::ptrdiff_t at, Real*, Real*, V, V a)
-                                      __attribute__((always_inline)) {
-                                          (a * V(g.unit)).store_unaligned(g.first_acceleration + at);
-                                      });
-        case Stage::first:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
-                                      __attribute__((always_inline)) {
-                                          advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
-                                          a.store_unaligned(g.first_acceleration + at);
-                                      });
-        case Stage::second:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
-                                      __attribute__((always_inline)) {
-                                          advance(at, x, v, v_here, a, V(g.half_h), V(g.half_h_a));
-                                          a.store_unaligned(g.acceleration_sum + at);
-                                      });
-        case Stage::third:
-            return each_component([&](std::ptrdiff_t at, Real* x, Real* v, V v_here, V a)
-                                      __attribute__((always_inline)) {
-                                          advance(at, x, v, v_here, a, V(g.h), V(g.h_a));
-                                          Real* const sum = g.acceleration_sum + at;
-                                          (V::load_unaligned(sum) + a).store_unaligned(sum);
-                                      });
-        case Stage::fourth:
-            return each_component(
-                [&](std::ptrdiff_t at, Real* x, Real* v, V, V a) __attribute__((always_inline)) {
-                    const V first = V::load_unaligned(g.first_acceleration + at);
-                    const V middle = V::load_unaligned(g.acceleration_sum + at);
-                    const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (first + middle));
-                    const V dv = V(g.h_6) * ((first + a) + (middle + middle));
-                    constexpr bool compensated = sizeof(Real) == 4;
-                    add_increment<compensated>(x, g.compensation + at, dx);
-                    add_increment<compensated>(v, g.compensation + at + planes.three, dv);
-                });
-    }
+    each<3>([&](auto k) __attribute__((always_inline)) {
+        const std::ptrdiff_t at = point + k * planes.one;
+        Real *const x = g.state + at, *const v = x + planes.three;
+        Real *const first = g.first_acceleration + at, *const sum = g.acceleration_sum + at;
+        if (g.stage == Stage::evaluate) return (a[k] * V(g.unit)).store_unaligned(first);
+        if (g.stage == Stage::fourth) {
+            constexpr bool compensated = sizeof(Real) == 4;
+            const V one = V::load_unaligned(first), middle = V::load_unaligned(sum);
+            const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (one + middle));
+            const V dv = V(g.h_6) * ((one + a[k]) + (middle + middle));
+            add_increment<compensated>(x, g.compensation + at, dx);
+            add_increment<compensated>(v, g.compensation + at + planes.three, dv);
+            return;
+        }
+        const bool whole = g.stage == Stage::third;
+        const V step(whole ? g.h : g.half_h), step_a(whole ? g.h_a : g.half_h_a);
+        multiply_add<A>(step, v_here[k], V::load_unaligned(x)).store_unaligned(g.target + at);
+        multiply_add<A>(step_a, a[k], V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
+        if (g.stage == Stage::first) a[k].store_unaligned(first);
+        else (whole ? V::load_unaligned(sum) + a[k] : a[k]).store_unaligned(sum);
+    });
 }
 
 // Ask for what the next row of a cloth from memory takes: more streams than the processor follows by itself.
