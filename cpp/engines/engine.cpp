@@ -34,8 +34,8 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads, poll);
         if (track_contact_energy) contact_energy += total_energy() - before;
         watched.note_work(report.work, report.other_work);
-        if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
-        if (report.capped >= 0) contact_report.note_capped(report.capped);
+        contact_report.note_pinned(report.pinned_inside);
+        contact_report.note_capped(report.capped);
         if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
         if (report.trapped >= 0) {
             contact_report.note_fault(report.trapped, report.energy);
@@ -67,8 +67,8 @@ bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
     }
     if (track_contact_energy) contact_energy += total_energy() - before;
     watched.note_work(report.work, report.other_work);
-    if (report.pinned_inside >= 0) contact_report.note_pinned(report.pinned_inside);
-    if (report.capped >= 0) contact_report.note_capped(report.capped);
+    contact_report.note_pinned(report.pinned_inside);
+    contact_report.note_capped(report.capped);
     if (report.trapped >= 0) {
         contact_report.note_fault(report.trapped, report.energy);
         restore_checkpoint();
