@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # The core under sanitizers: tools/sanitize.sh address|thread [arguments of pytest]
 #
-#   address  AddressSanitizer and UndefinedBehaviorSanitizer with float-cast-overflow, by g++ (Debian: g++)
-#   thread   ThreadSanitizer by clang, with archer, which knows OpenMP (Debian: clang libomp-dev)
+#   address  AddressSanitizer and UndefinedBehaviorSanitizer with float-cast-overflow
+#   thread   ThreadSanitizer with archer, which knows OpenMP
+#
+# Both by clang (Debian: clang libomp-dev).
 #
 # First planted faults have to be reported; the argument "planted" ends there. Then the core is built into build/sanitize, with the kernels
 # that every processor has, and tests have to pass without a report. PYTHON names an interpreter that has the packages of the extra "test", pybind11, cmake and ninja.
@@ -18,31 +20,31 @@ folder=$PWD/build/sanitize/$kind
 mkdir -p "$folder/bin"
 case $kind in
   address)
-    compiler=g++ flags="-fsanitize=address,undefined,float-cast-overflow -fno-sanitize=vptr -fno-sanitize-recover=all"
+    # ASan itself sees what null and object-size ask.
+    flags="-fsanitize=address,undefined,float-cast-overflow -fno-sanitize=null,object-size,vptr,function -fno-sanitize-recover=all"
     export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 UBSAN_OPTIONS=print_stacktrace=1
-    run=(env LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libstdc++.so)" "$PYTHON")
     faults="heap_overflow float_cast" ;;
   thread)
-    compiler=clang++ flags="-fsanitize=thread"
+    flags="-fsanitize=thread"
     # Python and NumPy are not instrumented: only accesses of the core count.
     export TSAN_OPTIONS=ignore_noninstrumented_modules=1:exitcode=66 OMP_TOOL_LIBRARIES=libarcher.so
-    LD_LIBRARY_PATH=$(dirname "$(readlink -f "$(command -v clang++)")")/../lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
-    export LD_LIBRARY_PATH
-    # An interpreter that has the runtime in it: preloaded, the runtime fails. It needs the shared library of Python.
-    read -r library version home < <("$PYTHON" -c \
-      "import sys, sysconfig as s; print(s.get_config_var('LIBDIR'), s.get_config_var('LDVERSION'), sys.base_prefix)")
-    echo "home = $home/bin" > "$folder/pyvenv.cfg"
-    echo 'extern "C" int Py_BytesMain(int, char**); int main(int n, char** a) { return Py_BytesMain(n, a); }' \
-      | clang++ -fsanitize=thread -x c++ - -o "$folder/bin/python" -L"$library" -lpython"$version" -Wl,-rpath,"$library"
-    run=("$folder/bin/python")
     faults="race" ;;
   *) echo "address or thread, got $kind"; exit 2 ;;
 esac
+LD_LIBRARY_PATH=$(dirname "$(readlink -f "$(command -v clang++)")")/../lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+export LD_LIBRARY_PATH
+# An interpreter that has the runtime in it: preloaded, that of TSan fails. It needs the shared library of Python.
+read -r library version home < <("$PYTHON" -c \
+  "import sys, sysconfig as s; print(s.get_config_var('LIBDIR'), s.get_config_var('LDVERSION'), sys.base_prefix)")
+echo "home = $home/bin" > "$folder/pyvenv.cfg"
+# shellcheck disable=SC2086
+echo 'extern "C" int Py_BytesMain(int, char**); int main(int n, char** a) { return Py_BytesMain(n, a); }' \
+  | clang++ $flags -x c++ - -o "$folder/bin/python" -L"$library" -lpython"$version" -Wl,-rpath,"$library"
 
 # shellcheck disable=SC2086
-"$compiler" -O0 -g1 -fopenmp $flags -shared -fPIC tools/planted_faults.cpp -o "$folder/planted_faults.so"
+clang++ -O0 -g1 -fopenmp $flags -shared -fPIC tools/planted_faults.cpp -o "$folder/planted_faults.so"
 planted() {
-  "${run[@]}" -c "import ctypes; ctypes.CDLL('$folder/planted_faults.so').$1()" > "$folder.fault" 2>&1
+  "$folder/bin/python" -c "import ctypes; ctypes.CDLL('$folder/planted_faults.so').$1()" > "$folder.fault" 2>&1
 }
 planted none || { echo "a sound loop of OpenMP is reported:"; tail -n 30 "$folder.fault"; exit 1; }
 for fault in $faults; do
@@ -52,9 +54,9 @@ done
 
 [ "$1" != planted ] || exit 0
 
-launcher=$(command -v ccache || true)
+launcher=$(command -v ccache > /dev/null && echo ccache || true)  # the bare name: then no header is precompiled
 cmake -G Ninja -S . -B "$folder" -DSKBUILD_PROJECT_VERSION=0 -DSKBUILD_PROJECT_VERSION_FULL=0 -DCMAKE_BUILD_TYPE=Sanitize \
-  -DCMAKE_CXX_COMPILER="$compiler" -DCMAKE_CXX_FLAGS="-O2 -g1 -fno-omit-frame-pointer $flags" -DCLOTHSIM_PORTABLE=ON \
+  -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_CXX_FLAGS="-O1 -g1 -fno-omit-frame-pointer $flags" -DCLOTHSIM_PORTABLE=ON \
   -DCMAKE_CXX_COMPILER_LAUNCHER="$launcher" -DPython_EXECUTABLE="$PYTHON" -Dpybind11_DIR="$("$PYTHON" -m pybind11 --cmakedir)" \
   > "$folder.log" 2>&1 || { tail -n 30 "$folder.log"; exit 1; }
 cmake --build "$folder" -j 2 >> "$folder.log" 2>&1 || { tail -n 30 "$folder.log"; exit 1; }
@@ -65,4 +67,4 @@ cp "$folder"/_core*.so "$folder/python/clothsim/"
 
 PYTHONPATH=$folder/python:$("$PYTHON" -c "import sysconfig; print(sysconfig.get_path('purelib'))")
 export PYTHONPATH CLOTHSIM_TEST_SANITIZER="$kind"
-"${run[@]}" -m pytest -q -p no:cacheprovider "$@"
+"$folder/bin/python" -m pytest -q -p no:cacheprovider "$@"

@@ -53,6 +53,7 @@ def state(stepper):
 SCENES = {"faces": lambda: wrapped(100), "batch": batch, "batch with faces": lambda: [wrapped(100)] * 3}
 
 
+@pytest.mark.unsanitized("address", "thread", reason="measures time")
 @pytest.mark.parametrize(("name", "threads"), [("faces", 1), ("batch", 1), ("batch", 2), ("batch with faces", 2)])
 def test_ctrl_c_in_a_long_step_undoes_it(name, threads):
     scene = SCENES[name]()
