@@ -125,8 +125,9 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
             const V one = V::load_unaligned(first), middle = V::load_unaligned(sum);
             const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (one + middle));
             const V dv = V(g.h_6) * ((one + a[k]) + (middle + middle));
-            add_increment<compensated>(x, g.compensation + at, dx);
-            add_increment<compensated>(v, g.compensation + at + planes.three, dv);
+            Real* const low = compensated ? g.compensation + at : nullptr;
+            add_increment<compensated>(x, low, dx);
+            add_increment<compensated>(v, compensated ? low + planes.three : nullptr, dv);
             return;
         }
         const bool whole = g.stage == Stage::third;
