@@ -59,16 +59,17 @@ def test_ctrl_c_in_a_long_step_undoes_it(name, threads):
     scene = SCENES[name]()
     dt = 0.5 * cs.max_stable_dt(scene if isinstance(scene, cs.Scene) else scene[0])
     for _ in range(4):  # other processes may hold up a try
-        stepper = cs.Stepper(scene, threads=threads)
-        before = state(stepper)
+        stepper, whole = cs.Stepper(scene, threads=threads), cs.Stepper(scene, threads=threads)
         delay = late(lambda stepper=stepper: stepper.advance(100, dt), 0.03)
-        assert state(stepper) == before
+        taken = round(stepper.time / dt)  # a fast machine ends some steps of a batch before
+        if taken:
+            whole.advance(taken, dt)
+        assert taken < 20 and state(stepper) == state(whole)
         if delay < 0.1:
             break
     assert delay < 0.1
-    stepper.advance(2, dt)
-    whole = cs.Stepper(scene, threads=threads)
-    whole.advance(2, dt)
+    for each in (stepper, whole):
+        each.advance(2, dt)
     assert state(stepper) == state(whole)
 
 
