@@ -136,6 +136,7 @@ def test_a_time_step_is_refused_where_any_is_stable(dt):
     assert stepper.time == 1e-3
 
 
+@pytest.mark.unsanitized("address", "thread", reason="measures time")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_processor_is_left_alone_once_a_call_has_returned(kernel, threads):
     """Threads that wait for a next call must sleep; libgomp's would spin for some 8 ms by default.
