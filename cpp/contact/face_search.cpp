@@ -218,10 +218,13 @@ void FaceWork::take_path_speeds() {
 FaceWork::Fault FaceWork::search(Fault fault) {
     std::vector<Vec3> nearest;
     double least = std::numeric_limits<double>::infinity();
-    const auto is_near = [&] {
+    const auto leave_contacts = [&] {
         rows_.clear();
         origins_.clear();
         take_path_speeds();
+    };
+    const auto is_near = [&] {
+        leave_contacts();
         const Fault next = fault_of_place();
         if (fault.energy == 0) fault = next;
         if (next.point >= 0) return false;
@@ -239,10 +242,8 @@ FaceWork::Fault FaceWork::search(Fault fault) {
             if (project(sweeps) && is_near()) return {};
         }
     if (nearest.empty()) return fault;
-    rows_.clear();
-    origins_.clear();
     x = nearest;
-    take_path_speeds();
+    leave_contacts();
     note_changed();
     return {};
 }

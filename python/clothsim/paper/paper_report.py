@@ -56,9 +56,7 @@ STUDY = (
     Column("contact energy [J]", lambda r: number(r["contact_energy"])),
 )
 
-METHODS = (
-    Column("method", lambda r: str(r["method"])),
-    Column("window", lambda r: str(r["window"])),
+_RATES = (
     Column("us/step", lambda r: number(r["microseconds_per_step"])),
     Column("steps/s", lambda r: number(r["steps_per_second"])),
     Column("lower quartile", lambda r: number(r["lower_quartile"])),
@@ -66,15 +64,13 @@ METHODS = (
     Column("frames/s", lambda r: number(r["frames_per_second"])),
 )
 
+METHODS = (Column("method", lambda r: str(r["method"])), Column("window", lambda r: str(r["window"])), *_RATES)
+
 SPEEDUP = (
     Column("stepper", lambda r: r["kind"]),
     Column("precision", lambda r: r["precision"]),
     Column("threads", lambda r: str(r["threads"])),
-    Column("us/step", lambda r: number(r["microseconds_per_step"])),
-    Column("steps/s", lambda r: number(r["steps_per_second"])),
-    Column("lower quartile", lambda r: number(r["lower_quartile"])),
-    Column("upper quartile", lambda r: number(r["upper_quartile"])),
-    Column("frames/s", lambda r: number(r["frames_per_second"])),
+    *_RATES,
     Column("times the reference", lambda r: number(r["speedup"])),
     Column("set-up [ms]", lambda r: number(1e3 * r["setup_seconds"])),
 )
