@@ -28,6 +28,7 @@ PARTS = (
     "tests/sweeps/test_sweep_damage.py",
     "tests/package/test_odd_values.py",
     f"{TORTURE}::test_too_little_memory_is_a_memory_error",
+    f"{TORTURE}::test_a_second_thread_without_memory_does_not_end_the_process",
     "tests/base/test_files.py",  # every byte of every file
 )
 

@@ -2,15 +2,14 @@
 
 #include <pthread.h>
 #include <sched.h>
+#include <sys/mman.h>
 
 #include <algorithm>
 #include <cctype>
 #include <chrono>
 #include <cstdlib>
 #include <exception>
-#include <memory>
 #include <mutex>
-#include <new>
 #include <string_view>
 #include <thread>
 #include <vector>
@@ -22,9 +21,10 @@ namespace {
 // started.
 thread_local int most_granted = 1;
 
-// The runtimes of C, C++ and OpenMP take some kilobytes for a thread, from what the trial leaves. Found by
-// limits of memory: with 4 kB, 1 of some 1,000 processes ended under load. Half or twice: as safe.
-constexpr std::size_t bytes_of_thread = 65536;
+// The runtimes of C, C++ and OpenMP take memory when a thread starts, and end the process where none is left.
+// Each of their small requests may take a page; the heap grows by 1 MB at most between the trial and the
+// start. Half would do too; twice only refuses threads to more processes that are short of memory.
+constexpr std::size_t bytes_of_thread = std::size_t(1) << 21;
 
 // Bytes of stack that OpenMP's runtime takes for a thread, by the form of OMP_STACKSIZE; 0: the system's
 // choice.
@@ -39,7 +39,8 @@ std::size_t stack_bytes() {
     return size << (*end == '\0' || shift == std::string_view::npos ? 10 : 10 * shift);
 }
 
-// How many of `count` further threads can live at the same time, each with some memory of its own.
+// How many of `count` further threads can live at the same time, each with some memory of its own. The system
+// is asked for it: what a heap has left may be another thread's when it is needed.
 int startable(int count) {
     static const std::size_t stack = stack_bytes();
     pthread_attr_t attributes;
@@ -50,9 +51,12 @@ int startable(int count) {
     std::vector<pthread_t> started;
     started.reserve(std::size_t(count));
     const auto wait = [](void* mutex) -> void* {
-        const std::unique_ptr<char[]> own(new (std::nothrow) char[bytes_of_thread]);
+        void* const own =
+            mmap(nullptr, bytes_of_thread, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
         const std::lock_guard<std::mutex> ended(*static_cast<std::mutex*>(mutex));
-        return own ? mutex : nullptr;
+        if (own == MAP_FAILED) return nullptr;
+        munmap(own, bytes_of_thread);
+        return mutex;
     };
     {
         const std::lock_guard<std::mutex> all_live(ends);
@@ -72,6 +76,9 @@ int startable(int count) {
 int available_threads() { return omp_get_num_procs(); }
 
 int granted_threads(int wanted) {
+    // libgomp takes 2 kB for a team and 200 bytes for each of its threads, and ends the process where it
+    // finds none. Asked for here, it is a std::bad_alloc.
+    ::operator delete(::operator new(16384 + 1024 * std::size_t(wanted)));
     if (wanted > most_granted) {
         most_granted = std::min(wanted, 1 + startable(wanted - 1));
         // The C++ runtime takes memory when a thread first throws, and ends the process where it finds none.
