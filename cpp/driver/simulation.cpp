@@ -7,20 +7,11 @@
 #include <numeric>
 #include <utility>
 
-#include "measure/diagnostics.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
 
-// Steps. The state of an unstable run is caught within this many steps of its first non-finite value. Going
-// back to the last checkpoint then finds the exact step. Half inspects twice as often; twice repeats more
-// steps of an unstable run.
-constexpr std::int64_t most_steps_unchecked = 128;
-// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth
-// is likely.
-constexpr std::int64_t steps_between_energies = most_steps_unchecked,
-                       steps_between_energies_above = EnergyWatch::steps_between_checks;
 // A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
 // the steps of earlier calls cannot be interrupted, and takes no longer than this. Half or twice: as
 // long without Ctrl-C.
@@ -57,9 +48,8 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     std::iota(all_.begin(), all_.end(), std::size_t(0));
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
-    std::int64_t points = 0;
-    for (const Plan& plan : plans_) points += plan.cloth.points();
-    choice_ = TeamChoice(points >= least_points_per_team);
+    for (const Plan& plan : plans_) points_ += plan.cloth.points();
+    choice_ = TeamChoice(points_ >= least_points_per_team);
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -159,81 +149,9 @@ void Simulation::set_step(double dt) {
     for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
-bool Simulation::above_stable_dt() const {
-    for (std::size_t i = 0; i < members_.size(); ++i)
-        if (!frozen_[i] && clock.dt > stable_dt_[i]) return true;
-    return false;
-}
-
 bool Simulation::has_faces() const {
     return std::any_of(plans_[0].spheres.begin(), plans_[0].spheres.end(),
                        [](const Sphere& sphere) { return sphere.faces; });
-}
-
-std::int64_t Simulation::energy_period(std::size_t i) const {
-    return clock.dt > stable_dt_[i] ? steps_between_energies_above : steps_between_energies;
-}
-
-std::int64_t Simulation::energy_period() const {
-    return above_stable_dt() ? steps_between_energies_above : steps_between_energies;
-}
-
-void Simulation::begin_watches() {
-    for (std::size_t i = 0; i < members_.size(); ++i)
-        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
-}
-
-void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
-    bad_points_[i] = -1;
-    if (frozen_[i]) return;
-    bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
-    const bool due = age % energy_period(i) == 0;
-    // A checkpoint is taken where states are sampled, and must be a good one.
-    const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
-    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i]))
-        bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
-}
-
-void Simulation::inspect() {
-    for (std::size_t i = 0; i < members_.size(); ++i) inspect(i, age_, false);
-}
-
-void Simulation::set_watch(std::int64_t every, double interval) {
-    sample_every_ = every;
-    sample_interval_ = interval;
-    for (auto& member : members_) member->watch_depths(every > 0);
-}
-
-void Simulation::sample(std::size_t i, double t) {
-    const Plan& plan = plans_[i];
-    Engine& member = *members_[i];
-    Points x(plan.cloth.points(), 3);
-    member.store(x.data(), static_cast<double*>(nullptr));
-    const PointsView view(x.data(), x.rows(), 3);
-    member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
-    for (const Sphere& sphere : plan.spheres) {
-        const Penetration depth =
-            penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
-        member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
-    }
-}
-
-void Simulation::sample() {
-    begin_watches();
-    for (std::size_t i = 0; i < members_.size(); ++i) {
-        if (frozen_[i]) continue;
-        if (sample_every_ > 0) {
-            if (age_ == 0) members_[i]->note_all_depths(clock.now());
-            sample(i, clock.now());
-        }
-        watches_[i].runaway_point(*members_[i], true);
-    }
-}
-
-std::int64_t Simulation::first_bad_member() const {
-    for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0) return std::int64_t(i);
-    return -1;
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
@@ -388,7 +306,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
         // The next checkpoint is the state of this inspection, so that steps which are repeated pass none.
-        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample || renew)
+        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample ||
+            (renew && may_be_checkpoint()))
             checkpoint_.drop();
         if (outcome.interrupted || outcome.grown) return outcome;
     }

@@ -37,6 +37,11 @@ struct Outcome {
     bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
 };
 
+// The state of an unstable run is caught within this many steps of its first non-finite value. Going back to
+// the last checkpoint then finds the exact step. Half inspects twice as often; twice repeats more steps of an
+// unstable run.
+inline constexpr std::int64_t most_steps_unchecked = 128;
+
 class Simulation {
 public:
     // `threads`: that steps, and so copies of the state, may use.
@@ -152,6 +157,8 @@ private:
     // A member's state, of time t.
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
+    // Whether steps may be repeated from this state, which has been inspected but for its energy.
+    bool may_be_checkpoint();
     std::int64_t first_bad_member() const;  // as last inspected, or -1
     void back_to_checkpoint();
     // Back to the checkpoint; where that is older than this call, to the start of the call. How many steps of
@@ -166,6 +173,7 @@ private:
     double step_seconds_ = 0;  // of the newest steps; 0: none yet
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
+    std::int64_t points_ = 0;  // of all members
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block

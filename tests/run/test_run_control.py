@@ -245,7 +245,7 @@ def test_ctrl_c_returns_the_finished_members(precision, same_bits):
     error, late = interrupted(SCENE, 40.0, dt=dt, every=50.0, threads=1, precision=precision)
     assert isinstance(error, cs.RunInterrupted) and late < 0.1
     run = error.run
-    assert run.report["stopped"] == "interrupted" and run.report["steps"] > 100
+    assert run.report["stopped"] == "interrupted" and run.report["steps"] > 10
     assert abs(run.t[-1] - run.report["steps"] * dt) < 1e-9
     assert len(run.t) == 2 and run.t[0] == 0.0
     assert f"{run.t[-1]:g}" in str(error)
