@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "integrators/methods.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -149,7 +150,8 @@ void Simulation::set_step(double dt) {
     for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
-bool Simulation::has_faces() const {
+bool Simulation::leaves_steps() const {
+    if (method_of(plans_[0].integrator).family == MethodFamily::implicit) return true;
     return std::any_of(plans_[0].spheres.begin(), plans_[0].spheres.end(),
                        [](const Sphere& sphere) { return sphere.faces; });
 }
@@ -250,14 +252,14 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     const bool continuous = !above_stable_dt() &&
         std::any_of(members_.begin(), members_.end(),
                     [](const auto& member) { return member->has_continuous(); });
-    const bool batch = members_.size() > 1;
+    const bool batch = members_.size() > 1, leaves = leaves_steps();
     const double longest = batch ? seconds_of_batch
         : continuous             ? most_seconds_behind_planes
                                  : seconds_between_polls;
-    const double renewal = continuous ? most_seconds_behind_planes
-        : batch && !above_stable_dt() ? most_seconds_undone
-                                      : std::numeric_limits<double>::infinity();
-    const bool undoes = has_faces() || (batch && step_seconds_ > most_seconds_of_whole_step);
+    const double renewal = continuous             ? most_seconds_behind_planes
+        : (batch || leaves) && !above_stable_dt() ? most_seconds_undone
+                                                  : std::numeric_limits<double>::infinity();
+    const bool undoes = leaves || (batch && step_seconds_ > most_seconds_of_whole_step);
     const double oldest = above_stable_dt() ? 0 : undoes ? longest : most_seconds_of_earlier_calls;
     if (checkpoint_.steps() > 0 && checkpoint_.seconds() > oldest) checkpoint_.drop();
     Poll poll(interrupted);

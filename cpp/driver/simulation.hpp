@@ -145,7 +145,8 @@ private:
     void judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before);
     void set_step(double dt);
     bool above_stable_dt() const;
-    bool has_faces() const;
+    // Whether Ctrl-C may end a step in its middle: with faces, and one of an implicit method.
+    bool leaves_steps() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
     // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);

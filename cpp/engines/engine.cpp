@@ -17,6 +17,7 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes,
                                 Poll& poll) {
     step_size = clock.dt;
+    poll_ = &poll;
     if (!has_continuous()) {
         advance(steps, clock, threads);
         return true;

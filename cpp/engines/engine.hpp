@@ -56,7 +56,8 @@ public:
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 
-    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k).
+    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k). A method whose step
+    // takes long may throw Poll::Interrupted, as a pass may.
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
     virtual void accelerations(double* a, int threads) = 0;
 
@@ -119,6 +120,7 @@ protected:
     virtual void note_depths(double t) = 0;
 
     bool depths_watched_ = false;
+    Poll* poll_ = nullptr;  // of the newest steps
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet

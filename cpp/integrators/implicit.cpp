@@ -96,7 +96,7 @@ bool ImplicitMidpoint::factorise(double h, const Vector& u) {
     return false;
 }
 
-int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
+int ImplicitMidpoint::step(Points& x, Points& v, double t, double h, Poll& poll) {
     x_ = x;
     v_ = v;
     // The place x + h/2 v of a driven pin is that of the middle of the step.
@@ -115,6 +115,7 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     Vector r = residual(h, u);
     double norm = size(r);
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
+        poll.check();
         if (!factorise(h, u)) break;
         const Vector change = solver_.solve(r);
         double part = 1, best = norm;

@@ -99,6 +99,18 @@ def test_ctrl_c_in_a_search_for_a_free_place_ends_it():
     assert min(delays) < 0.1
 
 
+def test_ctrl_c_in_an_implicit_step_undoes_it():
+    """Newton's method asks before each factorisation, of which the first step of a flat sheet takes dozens."""
+    scene = cs.Scene(cs.Cloth((40, 40)))
+    whole, stepper = (cs.Stepper(scene, integrator="implicit_midpoint", threads=1) for _ in range(2))
+    start = time.perf_counter()
+    whole.advance(1, 5e-3)
+    late(lambda: stepper.advance(1, 5e-3), (time.perf_counter() - start) / 4)
+    assert stepper.time == 0.0
+    stepper.advance(1, 5e-3)
+    assert state(stepper) == state(whole)
+
+
 def test_ctrl_c_with_error_control_undoes_the_step_it_is_in():
     scene, options = wrapped(60), RunOptions("dop853", threads=1)
     ends = []

@@ -102,7 +102,7 @@ def test_too_little_memory_is_a_memory_error():
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 def test_a_second_thread_without_memory_does_not_end_the_process():
     """The runtimes of C, C++ and OpenMP end it where they find no memory for a thread."""
-    run = python(_FULL_HEAP, SEED, 30 * ROUNDS, timeout=30 + 20 * ROUNDS)
+    run = python(_FULL_HEAP, SEED, 15 * ROUNDS, timeout=30 + 20 * ROUNDS)
     assert run.returncode == 0, f"seed {SEED}: {run.stderr}"
 
 
