@@ -48,7 +48,7 @@ void each_member_of(const std::vector<std::size_t>& members, std::int64_t points
         const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
         std::exception_ptr failure;  // none may leave the region
         std::atomic<std::ptrdiff_t> left{each_alone - members.begin()};
-#pragma omp parallel num_threads(team) if (team > 1)
+#pragma omp parallel num_threads(team_for(team)) if (team > 1)
         {
 #pragma omp for schedule(dynamic) nowait
             for (auto i = members.begin(); i < each_alone; ++i) {

@@ -160,7 +160,7 @@ template <class Real>
 void GatherEngine<Real>::accelerations(double* a, int threads) {
     const GatherArguments<Real> g = arguments(Stage::evaluate, 0);
     const int team = std::min(threads, grid_.groups());
-#pragma omp parallel num_threads(team) if (team > 1)
+#pragma omp parallel num_threads(team_for(team)) if (team > 1)
     for_each_tile(grid_, omp_get_thread_num(), omp_get_num_threads(),
                   [&](const Tile& tile) { kernel_(g, tile); });
     for (int r = 0; r < rows(); ++r)

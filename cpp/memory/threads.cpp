@@ -17,9 +17,8 @@
 namespace clothsim {
 namespace {
 
-// Threads of the largest team that this thread can have, as far as known: OpenMP keeps those that it has
-// started.
-thread_local int most_granted = 1;
+// Threads that OpenMP keeps for this thread, at least.
+thread_local int last_team = 1;
 
 // The runtimes of C, C++ and OpenMP take memory when a thread starts, and end the process where none is left.
 // Each of their small requests may take a page; the heap grows by 1 MB at most between the trial and the
@@ -79,14 +78,19 @@ int granted_threads(int wanted) {
     // libgomp takes 2 kB for a team and 200 bytes for each of its threads, and ends the process where it
     // finds none. Asked for here, it is a std::bad_alloc.
     ::operator delete(::operator new(16384 + 1024 * std::size_t(wanted)));
-    if (wanted > most_granted) {
-        most_granted = std::min(wanted, 1 + startable(wanted - 1));
+    return team_for(wanted);
+}
+
+int team_for(int wanted) {
+    if (wanted > last_team) {
+        wanted = std::min(wanted, 1 + startable(wanted - 1));
         // The C++ runtime takes memory when a thread first throws, and ends the process where it finds none.
         std::atomic<int> thrown{0};  // so that no compiler leaves the question out
-#pragma omp parallel num_threads(most_granted) if (most_granted > 1)
+#pragma omp parallel num_threads(wanted) if (wanted > 1)
         thrown += std::uncaught_exceptions();
     }
-    return std::min(wanted, most_granted);
+    if (wanted > 1) last_team = wanted;  // a region of one thread starts and ends none
+    return wanted;
 }
 
 void install_fork_handler() {
@@ -94,7 +98,7 @@ void install_fork_handler() {
     pthread_atfork(
         [] {
             omp_pause_resource_all(omp_pause_soft);
-            most_granted = 1;
+            last_team = 1;
         },
         nullptr, nullptr);
 }

@@ -17,8 +17,12 @@ inline constexpr int most_threads = 256;
 int available_threads();
 
 // How many of `wanted` threads a team of this thread can have. OpenMP's runtime ends the process where it
-// cannot start a thread. So before the first team of a size, as many threads are started and ended.
+// cannot start a thread. So before a team that is larger than the last, as many threads are started and
+// ended.
 int granted_threads(int wanted);
+// As granted_threads, for a parallel region that follows at once. OpenMP keeps the threads of the newest
+// team, and ends those that it has left over.
+int team_for(int wanted);
 
 // Lets a forked child use OpenMP although its parent has: the team is parked before the fork.
 void install_fork_handler();
@@ -91,7 +95,7 @@ void in_team(int team, Begin begin, Work work) {
     begin(team);
     if (team == 1) return work(0, 1);
     Processors processors;
-#pragma omp parallel num_threads(team)
+#pragma omp parallel num_threads(team_for(team))
     {
         const int given = omp_get_num_threads(), thread = omp_get_thread_num();
         if (thread > 0) processors.resolve();

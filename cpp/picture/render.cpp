@@ -1,5 +1,6 @@
 #include <atomic>
 
+#include "memory/threads.hpp"
 #include "picture/tile.hpp"
 
 namespace clothsim::picture {
@@ -21,7 +22,7 @@ bool render(const Picture& picture, int threads, const std::function<bool()>& in
     if (threads == 1) {
         work(tiles[0]);
     } else {
-#pragma omp parallel for num_threads(threads) schedule(static, 1)
+#pragma omp parallel for num_threads(team_for(threads)) schedule(static, 1)
         for (int thread = 0; thread < threads; ++thread) work(tiles[std::size_t(thread)]);
     }
     return !poll.stopped();

@@ -78,6 +78,32 @@ def test_calls_go_on_with_the_threads_that_can_start(arguments, environment):
         assert len(warnings) == 1 and warnings[0].startswith("threads: this process can start 1 of "), run.stdout
 
 
+_USED_UP = """
+if os.geteuid() == 0:
+    os.setuid(65534)
+resource.setrlimit(resource.RLIMIT_NPROC, (24, 24))
+many = cs.Stepper([cs.Scene(cs.Cloth((6, 6)))] * 16, threads=8)
+one = cs.Stepper(cs.Scene(cs.Cloth((100, 100))), threads=2)
+many.advance(10, 1e-4)
+one.advance(10, 1e-4)  # OpenMP ends the threads that the smaller team has left over
+warnings.simplefilter("ignore")
+held = threading.Event()
+try:
+    while True:
+        threading.Thread(target=held.wait, daemon=True).start()
+except RuntimeError:
+    many.advance(10, 1e-4)
+    cs.reference(scene, 0.01, threads=8, cache=False)
+    sys.exit(7)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_a_larger_team_than_the_last_may_find_no_more_threads(tmp_path):
+    run = python(_BEGIN + _USED_UP, HOME=str(tmp_path))
+    assert run.returncode == 7, (run.returncode, run.stderr)
+
+
 def test_a_stack_size_that_fits_is_no_limit():
     run = python(_BEGIN + _LIMITED, OMP_STACKSIZE="512k")
     assert run.returncode == 0 and run.stdout == "", run.stdout + run.stderr
