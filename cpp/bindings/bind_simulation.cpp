@@ -164,7 +164,9 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     {
         Unlocked unlocked;
         const auto load = [&](std::size_t i) {
-            return simulation->member(i).load(from.x_of(i), from.v_of(i));
+            Engine& member = simulation->member(i);
+            member.rounding_of_arrays = std::numeric_limits<T>::epsilon();
+            return member.load(from.x_of(i), from.v_of(i));
         };
         outcome = simulation->call(time, load, steps, dt, threads, optional,
                                    [&] { return unlocked.signal_pending(); });

@@ -104,13 +104,14 @@ public:
         if (!current_) before_ = memory;
     }
 
-    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, int threads,
-                          Poll& poll) {
+    // `rounding`: relative, of the state.
+    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, double rounding,
+                          int threads, Poll& poll) {
         memory_ = &memory;
         swept_.clear();
         velocities_.clear();
         for (const Sphere* sphere : spheres_) {
-            swept_.push_back(swept(*sphere, t0, t1, dt, double(std::numeric_limits<Real>::epsilon())));
+            swept_.push_back(swept(*sphere, t0, t1, dt, rounding));
             velocities_.push_back(exact::vec(swept_.back().velocity));
         }
         current_ = true;
@@ -317,7 +318,7 @@ private:
         });
     }
     void note_capped() {
-        if (swept_.size() == 1 ? !(cell_pass_->marks() & CellMarks::capped) : !large_cells_.some()) return;
+        if (swept_.size() == 1 && !(cell_pass_->marks() & CellMarks::capped)) return;
         each_near_point([&](int i) {
             const double radius2 = cell_pass_->radius2_now(i);
             for (const SweptSphere& s : swept_)

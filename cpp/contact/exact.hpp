@@ -21,12 +21,12 @@
 
 namespace clothsim {
 
-// Distance of points outside the contact radius (the slop), in units of epsilon x (|centre|_1 + radius).
+// Distance of points outside the contact radius (the slop), in units of rounding x (|centre|_1 + radius).
 // Rounding a place on the sphere moves it by at most half a unit, and the kernels resolve a quarter of the
 // slop. With half of it they hardly could. With twice as much, points only lie farther out.
 inline constexpr double slop_epsilons = 4;
 
-inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double epsilon) {
+inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double rounding) {
     SweptSphere s{};
     const Vec3 start = sphere.center_at(t0), end = sphere.center_at(t1);
     for (int k = 0; k < 3; ++k) {
@@ -35,7 +35,7 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
         s.velocity[k] = (end[k] - start[k]) / dt;
     }
     s.radius = sphere.contact_radius;
-    s.slop = slop_epsilons * epsilon * (end.lpNorm<1>() + s.radius);
+    s.slop = slop_epsilons * rounding * (end.lpNorm<1>() + s.radius);
     s.surface = s.radius + s.slop;
     s.cells = sphere.cells;
     s.reach = s.surface * (sphere.reach() / sphere.contact_radius);

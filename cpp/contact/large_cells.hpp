@@ -14,9 +14,6 @@ namespace clothsim {
 
 class LargeCells {
 public:
-    // Whether the newest scan found cells that are about as large as a sphere. Every step scans then.
-    bool some() const { return some_; }
-
     // The first point of a cell that is larger than a sphere and lies in it, or -1. `position(i)` of a mass
     // point.
     template <class Position>
@@ -63,7 +60,7 @@ private:
     }
 
     int steps_ = steps_between_scans;
-    bool some_ = false;
+    bool some_ = false;  // the newest scan found cells that are about as large as a sphere: every step scans
 };
 
 }  // namespace clothsim

@@ -47,6 +47,9 @@ public:
     virtual void note_all_depths(double t) = 0;
 
     double step_size = 0;  // of the newest steps [s]
+    // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse arrays a
+    // point that lay on a sphere may lie in it.
+    double rounding_of_arrays = 0;
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.

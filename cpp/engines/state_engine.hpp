@@ -109,7 +109,9 @@ protected:
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport respond_to_contacts(double t0, double t1, double dt, int threads, Poll& poll) final {
         state_changed();
-        const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, threads, poll);
+        const double rounding = std::max(std::exchange(this->rounding_of_arrays, 0.0),
+                                         double(std::numeric_limits<Real>::epsilon()));
+        const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads, poll);
         if (depths_watched_)
             for (int r = 0; r < rows(); ++r) touched_rows_[std::size_t(r)] |= contact_pass_.touched(r);
         return report;

@@ -1,5 +1,7 @@
 """Offset "cell": no triangle dips in, each point stands off by what its cells need."""
 
+import warnings
+
 import clothsim as cs
 import numpy as np
 import pytest
@@ -117,6 +119,28 @@ def test_cells_larger_than_the_sphere_warn_once_and_report_the_depth():
     with pytest.warns(cs.ContactWarning, match="diagonal below 0.1 m, where this cloth has 0.354 m") as caught:
         cs.simulate(scene, 0.2, dt=1e-3)
     assert len(caught) == 1
+
+
+def test_a_sphere_far_off_does_not_silence_the_warning():
+    cloth = cs.Cloth((6, 6), mass=1.0, stiffness=300.0, damping=0.1, pins=((0, 0), (-1, 0), (0, -1), (-1, -1)))
+    ball = cs.Sphere((0.5, -0.4, 0.5), 0.2, cs.Linear((0, 5.0, 0)))
+    with pytest.warns(cs.ContactWarning, match="a cell at the mass point .* is larger than the sphere") as caught:
+        cs.simulate(cs.Scene(cloth, (ball, cs.Sphere((50, 50, 50), 1.0))), 0.24, dt=2e-3)
+    assert len(caught) == 1
+
+
+def test_states_in_single_keep_triangles_out_of_steps_in_double():
+    """10 m from the origin float32 rounds by more than the band above the stand-off."""
+    cloth = cs.Cloth((10, 10), mass=0.4, stiffness=150.0, damping=0.02, pins=())
+    ball = cs.Sphere((10.5, -0.33, 0.5), 0.3, friction=0.3)
+    scene = cs.Scene(cloth, ball, position=cloth.rest_positions + (10, 0, 0))
+    x = scene.initial_position.astype(np.float32)
+    v = np.zeros_like(x) + np.float32([0, -1, 0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(250):
+            x, v = cs.step(scene, x, v, 1e-3)
+            assert cs.penetration(x, ball)["triangles"] == 0
 
 
 def test_stretched_cells_warn_of_the_stretch():
