@@ -56,6 +56,14 @@ def test_an_interpolated_frame_is_no_deeper_in_a_sphere_than_the_states_beside_i
     assert between.report["first_contact"]["time"] > 0
 
 
+def test_a_triangle_of_an_interpolated_frame_dips_in_by_less_than_it_grows_in_the_step():
+    ball = cs.Sphere((0.5, -0.45, 0.5), 0.4, cs.Reciprocate((0, 1, 0), 0.3, 0.4), friction=0.3)
+    scene = cs.Scene(cs.Cloth((6, 6), mass=0.4, stiffness=30.0, damping=0.02, pins=()), ball)
+    run = cs.simulate(scene, 0.3, fps=400)
+    assert run.report["penetration"]["triangles"] == 0
+    assert run.penetration()["triangles"].max() < 2e-4  # 4e-3 without the cells' part of the contact radius
+
+
 def test_a_callback_that_stops_between_two_steps_leaves_the_next_state_last(same_bits):
     run = cs.simulate(SWING, DURATION, dt=2e-3, fps=30, callback=lambda t, x, v: t > 0.06)
     assert run.report["stopped"] == "callback"

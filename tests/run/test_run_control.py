@@ -254,6 +254,21 @@ def test_ctrl_c_returns_the_finished_members(precision, same_bits):
     assert same_bits(frame(run, -1), again)
 
 
+def test_ctrl_c_returns_thousands_of_frames():
+    error, late = interrupted(cs.scenes.paper_swing(), 50.0, dt=1e-4, every="step")
+    assert late < 0.1 and len(error.run) > 500
+
+
+def test_a_callback_that_ends_the_process_keeps_the_frames():
+    def leave(t, x, v):
+        if t > 0.05:
+            sys.exit(3)
+
+    with pytest.raises(SystemExit) as raised:
+        cs.simulate(SMALL, 0.1, dt=1e-3, fps=50, callback=leave)
+    assert raised.value.run.t[-1] > 0.05 and raised.value.run.report["stopped"] == "callback"
+
+
 def test_ctrl_c_with_error_control_counts_its_steps():
     error, late = interrupted(SCENE, 1e3, rtol=1e-6, integrator="dop853", threads=1)
     run = error.run

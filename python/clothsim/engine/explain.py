@@ -146,9 +146,9 @@ def explain(
             "limited_by": str(term),
             "step_loop": (
                 "stage by stage, as pins are driven: 1.3 to 1.8 times the time of the fused loop"
-                if integrator == "rk4" and cloth.driven
+                if METHODS[integrator].in_kernels and cloth.driven
                 else "fused"
-                if integrator == "rk4"
+                if METHODS[integrator].in_kernels
                 else "stage by stage"
             ),
             "kernel": kernel,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..base import Floats
-from ..engine.plan import point_radius
+from ..engine.plan import in_cells, point_radius
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 
@@ -37,7 +38,9 @@ class Ends:
         x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
         v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
         for sphere in scene.spheres:
-            self._lift(x, sphere, point_radius(sphere, scene.cloth), t)
+            # A cell lifts its points by at most this (eq 13 with rho = R).
+            highest = math.sqrt(2) * sphere.radius if in_cells(sphere) else point_radius(sphere, scene.cloth)
+            self._lift(x, sphere, highest, t)
         return x, v
 
     def _lift(self, x: Floats, sphere: Sphere, radius: float, t: float) -> None:

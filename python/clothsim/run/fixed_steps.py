@@ -16,6 +16,7 @@ from ..engine.options import Options
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
 from ..methods.bound import guaranteed_dt
+from ..methods.data import METHODS
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .between import Ends
@@ -122,6 +123,12 @@ class Steps:
         return [float(end) for end in ends]
 
 
+def force_evaluations(options: Options, steps: int, counted: int) -> int:
+    """Force evaluations of so many steps; `counted` by the core, which does not for kernels that take whole steps."""
+    method = METHODS[options.integrator]
+    return method.stages * steps if method.in_kernels else counted
+
+
 @dataclass
 class Solution:
     """Frames of one run and its cost."""
@@ -149,8 +156,7 @@ class Solution:
     def of(cls, run: Recording, grid: Steps | None = None) -> Solution:
         """The run so far."""
         state, t, options = run.state, run.t, run.options
-        fixed = options.integrator == "rk4"
-        evaluations = 4 * run.steps if fixed else state.core.evaluations[0]
+        evaluations = force_evaluations(options, run.steps, state.core.evaluations[0])
         step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else min(run.dt, t[-1] - t[0] or run.dt)
         x, v = run.arrays()
         cost = run.steps, run.rejected, evaluations, run.wall_time

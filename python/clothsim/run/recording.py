@@ -124,11 +124,41 @@ class Continuation:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Continuation:
+        """Of plain data, whose values are converted: a file may hold any."""
         frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
-        control = data["control"]
+        dt, control = data["dt"], data["control"]
         if control is not None:
-            control = (*map(float, control[:3]), tuple(control[3]))
-        return cls(**{**data, "frames": Schedule(**frames), "control": control})
+            control = (*map(float, control[:3]), (float(control[3][0]), float(control[3][1]), bool(control[3][2])))
+        numbers = {"start": float(data["start"]), "seconds": float(data["seconds"]), "steps": int(data["steps"])}
+        dt = None if dt is None else float(dt)
+        return cls(**{**data, **numbers, "dt": dt, "frames": Schedule(**frames), "control": control})
+
+
+class _Frames:
+    """Arrays of one shape, stacked as they come: to stack thousands of them at the end would hold back Ctrl-C."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._stacked: Floats = np.empty((1, *shape))
+
+    def put(self, k: int, values: Floats) -> None:
+        """Let `values` be the array k, the next one."""
+        if k == len(self._stacked):
+            # The system moves pages, not bytes. Half: twice as often. Twice: memory for a quarter more frames.
+            self._resize(k + 1 + k // 8)
+        self._stacked[k] = values
+
+    def stacked(self, count: int) -> Floats:
+        """The first `count` arrays, which are then all."""
+        self._resize(count)
+        return self._stacked
+
+    def __getitem__(self, k: int) -> Floats:
+        found: Floats = self._stacked[k]
+        return found
+
+    def _resize(self, count: int) -> None:
+        if count != len(self._stacked):
+            self._stacked.resize((count, *self._stacked.shape[1:]), refcheck=False)
 
 
 class Recording:
@@ -155,8 +185,7 @@ class Recording:
         self.steps = self.rejected = 0
         self.wall_time = 0.0
         self._watch, self._start = watch, earlier.start
-        self._x: list[Floats] = []
-        self._v: list[Floats] = []
+        self._x, self._v = _Frames(state.shape), _Frames(state.shape)
         self._steps_at_frame = 0
         self._ahead = False  # the present state comes after the last frame, which is interpolated
         self._watched: Mapping[str, Any] = {}
@@ -232,13 +261,16 @@ class Recording:
         self._keep(seconds, t, x, v, ahead=True)
 
     def _keep(self, seconds: float, t: float, x: Floats, v: Floats, ahead: bool) -> None:
-        self._x.append(x)
-        self._v.append(v)
-        self.t.append(t)  # last: a frame counts from here on
+        self._put(t, x, v)
         if len(self.t) == 1:  # until then the recording before has the frames
             self._watch.begin(self, seconds)
         self._steps_at_frame, self._ahead, self._seconds = self.steps, ahead, seconds
         self._watch.frame(t, x, v)
+
+    def _put(self, t: float, x: Floats, v: Floats) -> None:
+        self._x.put(len(self.t), x)
+        self._v.put(len(self.t), v)
+        self.t.append(t)  # last: a frame counts from here on
 
     @property
     def watched(self) -> Mapping[str, Any]:
@@ -247,14 +279,9 @@ class Recording:
 
     def end_here(self) -> None:
         """End the run with its present state as the last frame."""
-        x, v = self._x[: len(self.t)], self._v[: len(self.t)]
         if self.steps > self._steps_at_frame or self._ahead:
-            x.append(np.empty(self.state.shape))
-            v.append(np.empty(self.state.shape))
-            self.state.store(x[-1], v[-1])
-            self.t.append(self.state.core.time)
+            self._put(self.state.core.time, *self.arrays_now())
             self._seconds = self.state.core.time - self._start
-        self._x, self._v = x, v
 
     def end_at_frame(self) -> None:
         """End the run with the last frame. With fixed steps the present state follows an interpolated frame."""
@@ -262,7 +289,8 @@ class Recording:
             self.end_here()
         elif self._ahead:
             self._watched = self.watched  # a state that is loaded is watched anew
-            self.state.core.load(self._x[-1], self._v[-1])
+            last = len(self.t) - 1
+            self.state.core.load(self._x[last], self._v[last])
             self.state.core.time = self.t[-1]
 
     @property
@@ -273,4 +301,5 @@ class Recording:
         return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)
 
     def arrays(self) -> Frame:
-        return np.array(self._x), np.array(self._v)
+        """Positions and velocities of all frames, at the end of the run."""
+        return self._x.stacked(len(self.t)), self._v.stacked(len(self.t))

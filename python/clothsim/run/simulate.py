@@ -269,14 +269,14 @@ def _followed(
     except (UnstableError, ContactError) as error:
         error.run = so_far("unstable" if isinstance(error, UnstableError) else "contact")
         raise
-    except Exception as error:
+    except KeyboardInterrupt:
+        interrupted(lambda: so_far("interrupted"))
+    except BaseException as error:  # SystemExit too, as by a callback
         with suppress(Exception):  # as where memory lacks
             run = so_far("callback" if watch.failed else "error")
             if run is not None:
                 error.run = run  # type: ignore[attr-defined]
         raise
-    except KeyboardInterrupt:
-        interrupted(lambda: so_far("interrupted"))
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:

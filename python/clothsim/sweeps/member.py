@@ -17,7 +17,7 @@ from ..methods.data import integrator_name
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
-from ..run.fixed_steps import RunOptions, Solution, checked_tolerances
+from ..run.fixed_steps import RunOptions, Solution, checked_tolerances, force_evaluations
 from ..run.frames import checked_every
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
@@ -192,7 +192,7 @@ class Outcome:
         if self.itself is None:
             x, v, member = np.array(self.x), np.array(self.v), self.member
             options = RunOptions(**member.numerics, threads=self.state.threads)
-            evaluations = 4 * self.steps if member.integrator == "rk4" else self.evaluations
+            evaluations = force_evaluations(options, self.steps, self.evaluations)
             solution = Solution(
                 options, self.t, x, v, self.steps, 0, evaluations, self.seconds, self.watched, member.dt, self.state
             )
