@@ -82,6 +82,17 @@ def test_a_solution_is_kept_in_memory_and_on_disk(own_cache, same_bits):
     assert cache_directory() == own_cache
 
 
+def test_a_folder_in_the_place_of_a_kept_solution_is_a_warning(own_cache):
+    scene = cs.scenes.oscillator()
+    cs.reference(scene, 0.3)
+    (kept,) = files(own_cache)
+    kept.unlink()
+    kept.mkdir()
+    _cache.forget()
+    with pytest.warns(RuntimeWarning, match="kept in memory only: .* is a folder"):
+        assert cs.reference(scene, 0.3).report["kept"] == "computed"
+
+
 def test_the_key_is_scene_times_and_code(own_cache, monkeypatch):
     scene = cs.scenes.oscillator()
     cs.reference(scene, 0.3)

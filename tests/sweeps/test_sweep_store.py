@@ -318,6 +318,9 @@ def test_one_writer_at_a_time(tmp_path):
     lock = stored.Lock(path)  # of two threads of one process too
     with pytest.raises(ValueError, match=f"being written by process {os.getpid()}; "):
         sweep(path)
+    (tmp_path / "link.zarr").symlink_to(path)
+    with pytest.raises(ValueError, match=f"link.zarr' is being written by process {os.getpid()}; "):
+        sweep(tmp_path / "link.zarr")
     lock.release()
     sweep(path)
 

@@ -314,7 +314,7 @@ def test_measures_are_those_of_the_state():
 
 
 def test_a_host_that_is_not_this_machine_is_refused():
-    for host in ("no.such.host", "203.0.113.7", "a b"):
+    for host in ("no.such.host", "203.0.113.7", "a b", "::ffff:127.0.0.1"):
         with pytest.raises(ValueError, match=f"^host must be a name or address of this machine.*got {host!r}: "):
             cs.view(cs.scenes.paper_static(), block=False, host=host)
 

@@ -125,7 +125,7 @@ def save(key: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         files.write_npz(path, {"key": np.array(key), **arrays})
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a folder in its place
         warnings.warn(
             f"the reference solution is kept in memory only: {error} ({ENVIRONMENT_VARIABLE} names another folder)",
             RuntimeWarning,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base import check
 from ..base import files as _files
 from ..machine.build import build_config
 from ..model.scene import Scene
@@ -160,6 +161,8 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     core = {name.removeprefix(_FIELD): value for name, value in arrays.items() if name.startswith(_FIELD)}
     if "time" not in core:
         raise ValueError("it lacks the fields of the state")
+    for name in {"positions", "velocities"} & set(core):
+        check.check_all(name, core[name], np.isfinite(core[name]), "finite numbers")
     return Snapshot({**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]), core)
 
 

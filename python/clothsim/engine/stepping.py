@@ -160,6 +160,8 @@ def step(
     -----
     StabilityWarning
         If `dt` is above `max_stable_dt`, the step that is guaranteed to be stable.
+    ContactWarning
+        If a continuous sphere starts on the cloth, runs into a pinned point, or is smaller than a cell that it touches.
 
     Examples
     --------

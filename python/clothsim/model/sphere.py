@@ -19,6 +19,7 @@ from .cloth import Cloth
 from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
 
 RESPONSES: tuple[Response, ...] = get_args(Response)
+_RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
@@ -80,7 +81,8 @@ class Sphere(Record):
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
-        has this number. With "continuous", a bounce that would end within the step is not computed.
+        has this number, and ``replace(response=...)`` changes one default to the other. With
+        "continuous", a bounce that would end within the step is not computed.
         The point then stays at the surface and keeps the speed of the bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
@@ -147,7 +149,7 @@ class Sphere(Record):
             radius=check.number("radius", self.radius, minimum=0, exclusive=True),
             response=check.choice("response", self.response, RESPONSES),
             offset=_offset(self.offset),
-            restitution=(0.0 if self.response == "continuous" else 1.0)
+            restitution=_RESTITUTION[self.response]
             if self.restitution is None
             else check.number("restitution", self.restitution, minimum=0, maximum=1),
             friction=check.number("friction", self.friction, minimum=0),
@@ -161,6 +163,34 @@ class Sphere(Record):
                 f"offset 'face' needs response 'continuous', got {self.response!r}, which responds "
                 "to mass points only and cannot keep triangles out"
             )
+
+    def replace(self, **changes: Any) -> Sphere:
+        """A copy with the named arguments changed; the original stays as it is.
+
+        Parameters
+        ----------
+        **changes
+            Any argument of the constructor, by its name. Where the response changes, a restitution that is its default
+            becomes the default of the new one.
+
+        Returns
+        -------
+        Sphere
+
+        Raises
+        ------
+        TypeError
+            For a name that the constructor does not have.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere().restitution, cs.Sphere().replace(response="ray").restitution
+        (0.0, 1.0)
+        """
+        if "response" in changes and self.restitution == _RESTITUTION[self.response]:
+            changes = {"restitution": None, **changes}
+        return super().replace(**changes)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Sphere:

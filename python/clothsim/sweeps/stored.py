@@ -186,7 +186,8 @@ class Lock:
     """The right to write to a store: a file beside it with the id of the process, which loses the right where it ends."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.with_name(f"{path.name}.lock").absolute()
+        store = path.resolve()  # one lock, whatever links lead to the store
+        self._file = store.with_name(f"{store.name}.lock")
         self._handle: int | None = None
         try:
             import fcntl

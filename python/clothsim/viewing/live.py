@@ -241,6 +241,8 @@ def _check_host(host: str) -> None:
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as trial:
+            if family == socket.AF_INET6:  # as asyncio, which viser uses
+                trial.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             trial.bind(address)
     except (OSError, UnicodeError) as error:
         raise ValueError(
