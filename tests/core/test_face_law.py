@@ -126,4 +126,5 @@ def test_a_cell_that_bounces_comes_to_rest_too(restitution):
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1)
     stepper.advance(15_000, 1e-4)
-    assert np.abs(stepper.velocities).max() < 1e-4
+    # Of what gravity gives in a step. With restitution 0.5 a tenth (AVX2) to a fifth (SSE2) remains.
+    assert np.abs(stepper.velocities).max() < 9.8 * 1e-4 / 4
