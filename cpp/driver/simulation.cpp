@@ -256,9 +256,11 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
     const double longest = batch ? seconds_of_batch
         : continuous             ? most_seconds_behind_planes
                                  : seconds_between_polls;
-    const double renewal = continuous             ? most_seconds_behind_planes
-        : (batch || leaves) && !above_stable_dt() ? most_seconds_undone
-                                                  : std::numeric_limits<double>::infinity();
+    const double renewal = continuous ? most_seconds_behind_planes
+        : above_stable_dt()           ? std::numeric_limits<double>::infinity()
+        : batch                       ? most_seconds_undone
+        : leaves                      ? 0
+                                      : std::numeric_limits<double>::infinity();
     const bool undoes = leaves || (batch && step_seconds_ > most_seconds_of_whole_step);
     const double oldest = above_stable_dt() ? 0 : undoes ? longest : most_seconds_of_earlier_calls;
     if (checkpoint_.steps() > 0 && checkpoint_.seconds() > oldest) checkpoint_.drop();

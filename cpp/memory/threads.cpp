@@ -48,26 +48,28 @@ int startable(int count) {
         pthread_attr_setstacksize(&attributes, stack);  // refused like the runtime's own, if too small
     std::mutex ends;
     std::vector<pthread_t> started;
+    std::vector<void*> memory;
     started.reserve(std::size_t(count));
+    memory.reserve(std::size_t(count));
     const auto wait = [](void* mutex) -> void* {
-        void* const own =
-            mmap(nullptr, bytes_of_thread, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
         const std::lock_guard<std::mutex> ended(*static_cast<std::mutex*>(mutex));
-        if (own == MAP_FAILED) return nullptr;
-        munmap(own, bytes_of_thread);
-        return mutex;
+        return nullptr;
     };
     {
         const std::lock_guard<std::mutex> all_live(ends);
-        for (pthread_t thread; int(started.size()) < count; started.push_back(thread))
+        for (pthread_t thread; int(memory.size()) < count;) {
             if (pthread_create(&thread, &attributes, wait, &ends) != 0) break;
+            started.push_back(thread);
+            void* const own =
+                mmap(nullptr, bytes_of_thread, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+            if (own == MAP_FAILED) break;
+            memory.push_back(own);
+        }
     }
+    for (const pthread_t thread : started) pthread_join(thread, nullptr);
+    for (void* const own : memory) munmap(own, bytes_of_thread);
     pthread_attr_destroy(&attributes);
-    return int(std::count_if(started.begin(), started.end(), [](pthread_t thread) {
-        void* had_memory = nullptr;
-        pthread_join(thread, &had_memory);
-        return had_memory != nullptr;
-    }));
+    return int(memory.size());
 }
 
 }  // namespace

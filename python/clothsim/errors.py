@@ -234,8 +234,8 @@ class UnstableError(ArithmeticError):
     Parameters
     ----------
     step : int
-        The step, counted from 0 at the start of the call, after which it was found. In continuous contact above 16,384 mass
-        points, an energy that has run away may be found up to 128 steps late.
+        The step, counted from 0 at the start of the call, after which it was found. An energy that has run away may be found
+        up to 128 steps late. That is so in calls of one step, and in continuous contact above 16,384 mass points.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional

@@ -1,7 +1,10 @@
 """The sphere: contact radius, motion, and what it refuses."""
 
+import copy
+import pickle
 from decimal import Decimal, getcontext
 
+import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.model.cloth import Cloth
@@ -86,3 +89,11 @@ def test_from_dict_names_the_nearest_key():
         Sphere.from_dict({"centre": [0, 0, 0]})
     with pytest.raises(TypeError, match="motion must be a mapping"):
         Sphere.from_dict({"motion": "linear"})
+
+
+def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response():
+    for copied in (copy.copy, copy.deepcopy, lambda sphere: pickle.loads(pickle.dumps(sphere))):
+        for given, expected in ((None, 1.0), (0.0, 0.0)):
+            sphere = copied(cs.Sphere(restitution=given).replace(radius=0.1))
+            assert sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected
+    assert cs.scenes.paper_static().spheres[0].replace(response="continuous").restitution == 1.0

@@ -81,7 +81,7 @@ class Sphere(Record):
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
-        has this number, and ``replace(response=...)`` changes one default to the other. With
+        has this number, and ``replace(response=...)`` the default of the new response. With
         "continuous", a bounce that would end within the step is not computed.
         The point then stays at the surface and keeps the speed of the bounce.
     friction : float, default 0.0
@@ -127,6 +127,7 @@ class Sphere(Record):
     push_out_speed: float = 1.0
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
+        _has_own_restitution: bool = True  # no argument
 
         def __init__(
             self,
@@ -149,6 +150,7 @@ class Sphere(Record):
             radius=check.number("radius", self.radius, minimum=0, exclusive=True),
             response=check.choice("response", self.response, RESPONSES),
             offset=_offset(self.offset),
+            _has_own_restitution=self.restitution is not None,
             restitution=_RESTITUTION[self.response]
             if self.restitution is None
             else check.number("restitution", self.restitution, minimum=0, maximum=1),
@@ -170,8 +172,8 @@ class Sphere(Record):
         Parameters
         ----------
         **changes
-            Any argument of the constructor, by its name. Where the response changes, a restitution that is its default
-            becomes the default of the new one.
+            Any argument of the constructor, by its name. A restitution that was never given stays the default, also of a
+            new response.
 
         Returns
         -------
@@ -187,10 +189,14 @@ class Sphere(Record):
         >>> import clothsim as cs
         >>> cs.Sphere().restitution, cs.Sphere().replace(response="ray").restitution
         (0.0, 1.0)
+        >>> cs.Sphere(restitution=0.0).replace(response="ray").restitution
+        0.0
         """
-        if "response" in changes and self.restitution == _RESTITUTION[self.response]:
-            changes = {"restitution": None, **changes}
-        return super().replace(**changes)
+        return super().replace(**{"restitution": self._open_values()["restitution"], **changes})
+
+    def _open_values(self) -> dict[str, Any]:
+        values = super()._open_values()
+        return values if self._has_own_restitution else {**values, "restitution": None}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Sphere:

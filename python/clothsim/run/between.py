@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from ..base import Floats
 from ..engine.plan import in_cells, point_radius
+from ..measure.cells import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 
@@ -37,19 +39,24 @@ class Ends:
         s = (t - self.begin) / h
         x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
         v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
+        free = ~scene.cloth.pinned
         for sphere in scene.spheres:
-            # A cell lifts its points by at most this (eq 13 with rho = R).
-            highest = math.sqrt(2) * sphere.radius if in_cells(sphere) else point_radius(sphere, scene.cloth)
-            self._lift(x, sphere, highest, t)
+            self._lift(x, free, sphere, point_radius(sphere, scene.cloth), t)
         return x, v
 
-    def _lift(self, x: Floats, sphere: Sphere, radius: float, t: float) -> None:
-        """Lift points to the lesser of their distances at both ends, where that is below the contact radius."""
+    def _lift(self, x: Floats, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:
+        """Lift free points to the lesser of their distances at both ends, where that is below the contact radius."""
         ends = ((self.begin, self.before[0]), (self.begin + self.step, self.after[0]))
         distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
-        allowed = np.minimum(np.minimum(*distances), radius)
         center = sphere.center_at(t)
         away = x - center
         distance = np.linalg.norm(away, axis=-1)
-        inside = (distance < allowed) & (distance > 0)
+        least = np.minimum(*distances)
+        highest = np.full(distance.shape, radius)
+        near = free & (distance < np.minimum(least, math.sqrt(2) * radius))
+        if in_cells(sphere) and near.any():
+            part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
+            highest[part] *= np.sqrt(1 + np.minimum(point_radii2(x[part]) / radius**2, 1))
+        allowed = np.minimum(least, highest)
+        inside = free & (distance < allowed) & (distance > 0)
         x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]

@@ -158,17 +158,22 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
 
 
 def _change_spheres(spheres: tuple[Sphere, ...], values: Mapping[str, Any]) -> list[Sphere]:
-    result = list(spheres)
-    # Whole arguments first; a part is then a part of the new whole.
-    order = sorted(values, key=lambda name: _sphere_part(name)[1] not in _SPHERE)
-    for name in order:
+    whole: list[dict[str, Any]] = [{} for _ in spheres]
+    parts: list[tuple[int, str]] = []
+    for name, value in values.items():
         index, part = _sphere_part(name)
-        chosen = range(len(result)) if index is None else [index]
-        if not result or (index is not None and index >= len(result)):
+        if not spheres or (index is not None and index >= len(spheres)):
             needed = "a sphere" if index is None else f"a sphere with the index {index}"
-            raise ValueError(f"{name} needs {needed}; the scene has {counted(len(result), 'sphere')}")
-        for k in chosen:
-            result[k] = _change_sphere(result[k], name, part, values[name])
+            raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
+        for k in range(len(spheres)) if index is None else [index]:
+            if part in _SPHERE:
+                whole[k][part] = value
+            else:
+                parts.append((k, name))
+    # Whole arguments first and together; a part is then a part of the new whole.
+    result = [sphere.replace(**changes) for sphere, changes in zip(spheres, whole, strict=True)]
+    for k, name in parts:
+        result[k] = _change_part(result[k], name, _sphere_part(name)[1], values[name])
     return result
 
 
@@ -178,9 +183,7 @@ def _sphere_part(name: str) -> tuple[int | None, str]:
     return int(match[1]) if match[1] else None, match[2]
 
 
-def _change_sphere(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
-    if part in _SPHERE:
-        return sphere.replace(**{part: value})
+def _change_part(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
     if part == "speed":
         return sphere.replace(motion=_with_speed(sphere, name, value))
     if part.startswith("center_"):

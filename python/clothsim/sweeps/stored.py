@@ -186,7 +186,10 @@ class Lock:
     """The right to write to a store: a file beside it with the id of the process, which loses the right where it ends."""
 
     def __init__(self, path: Path) -> None:
-        store = path.resolve()  # one lock, whatever links lead to the store
+        try:
+            store = path.resolve()  # one lock, whatever links lead to the store
+        except (OSError, RuntimeError) as error:
+            raise ValueError(f"store must be a path that leads somewhere, got {str(path)!r}: {error}") from None
         self._file = store.with_name(f"{store.name}.lock")
         self._handle: int | None = None
         try:
