@@ -223,6 +223,7 @@ def _interrupt(stepper, dt, steps):
     return delay
 
 
+@pytest.mark.unsanitized("address", reason="measures time")
 @pairs(kernel=NAMED_KERNELS, shape=[(2, 2), (32, 32), (200, 200)], threads=[1, 2])
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, threads):
     """Within 0.1 s: part of what `advance` promises, so time is measured here.

@@ -150,7 +150,7 @@ def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
 def test_the_bar_moves_while_a_long_member_runs(monkeypatch):
     terminal = terminal_of(monkeypatch)
     monkeypatch.setattr(workers, "_SECONDS_BETWEEN_SIGNS", 0.05)
-    cs.sweep(cs.scenes.hanging(shape=(24, 24)), {"stiffness": [1e3]}, duration=12.0, dt=2e-4, threads=1)
+    cs.sweep(cs.scenes.hanging(shape=(24, 24)), {"stiffness": [1e3]}, duration=40.0, dt=2e-4, threads=1)
     parts = [int(text) for text in re.findall(r"(\d+)%", terminal.getvalue())]
     assert parts == sorted(parts) and len({part for part in parts if 0 < part < 100}) >= 3
 
