@@ -38,10 +38,7 @@ public:
         return planes_.empty() ? 0 : std::min(most, end_ - clock.steps);
     }
     // The state has changed: what was found holds no longer.
-    void drop() {
-        end_ = std::numeric_limits<std::int64_t>::min();
-        up_ = false;  // also where a step was left in its middle
-    }
+    void drop() { end_ = std::numeric_limits<std::int64_t>::min(); }
 
     // Before and after steps under guard.
     void raise() {

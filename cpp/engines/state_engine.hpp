@@ -93,7 +93,12 @@ protected:
     }
     bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) final {
         planes_.raise();
-        this->advance(steps, clock, threads);
+        try {
+            this->advance(steps, clock, threads);
+        } catch (...) {  // left in the middle of a step
+            planes_.lower();
+            throw;
+        }
         contact_pass_.forget();
         return planes_.lower();
     }

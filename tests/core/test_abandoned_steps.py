@@ -136,9 +136,11 @@ def test_ctrl_c_with_error_control_undoes_the_step_it_is_in():
         def advance(steps, state=state, control=control):
             return state.core.advance_adaptive(1.0, 1.0, steps, 1e-4, 1e-2, 0.1, control, 1, False)
 
+        start = time.perf_counter()
         advance(1)
-        if interrupted:
-            timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+        if interrupted:  # a quarter into the next step, which touches as much as the first
+            delay = (time.perf_counter() - start) / 4
+            timer = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
             timer.start()
             found = advance(1)
             timer.join()

@@ -127,7 +127,6 @@ class Sphere(Record):
     push_out_speed: float = 1.0
 
     if TYPE_CHECKING:  # the constructor takes more than the fields hold
-        _has_own_restitution: bool = True  # no argument
 
         def __init__(
             self,
@@ -141,6 +140,8 @@ class Sphere(Record):
             as_printed: bool = False,
             push_out_speed: float = 1.0,
         ) -> None: ...
+
+        _has_own_restitution: bool = True  # no argument
 
     def __post_init__(self) -> None:
         if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
