@@ -260,21 +260,10 @@ def test_ctrl_c_returns_thousands_of_frames():
     assert late < 0.1 and len(error.run) > 100
 
 
-def test_a_callback_that_ends_the_process_keeps_the_frames():
-    def leave(t, x, v):
-        if t > 0.05:
-            sys.exit(3)
-
-    with pytest.raises(SystemExit) as raised:
-        cs.simulate(SMALL, 0.1, dt=1e-3, fps=50, callback=leave)
-    assert raised.value.run.t[-1] > 0.05 and raised.value.run.report["stopped"] == "callback"
-
-
 def test_ctrl_c_with_error_control_counts_its_steps():
     error, late = interrupted(SCENE, 1e3, rtol=1e-6, integrator="dop853", threads=1)
     run = error.run
-    assert late < 0.1
-    assert run.t[0] == 0 < run.t[-1] and len(run.t) == 2
+    assert late < 0.1 and run.t[0] == 0 < run.t[-1] and len(run.t) == 2
     assert run.report["steps"] > 4
     assert 0 < run.report["dt"] < 0.1 and run.report["energy"]["end"]["kinetic"] > 0
 
