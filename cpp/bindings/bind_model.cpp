@@ -200,6 +200,7 @@ void bind_model(py::module_& m) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
         });
     m.def("edge_offset", &edge_offset);
+    m.def("band_of_cells", &band_of_cells);
     m.def("methods", &methods);
     m.def("add_splitting",
           [](const std::string& name, const std::vector<double>& drifts, const std::vector<double>& kicks) {

@@ -78,7 +78,7 @@ void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std:
         Engine& member = simulation->member(i);
         member.store(x ? nullptr : own_x.data(), v ? nullptr : own_v.data());
         member.load(x ? x->data() + i * size : own_x.data(), v ? v->data() + i * size : own_v.data());
-        member.place_pins(time ? *time : simulation->clock.now());
+        if (!simulation->frozen(i)) member.place_pins(time ? *time : simulation->clock.now());
         simulation->restart(i);
     }
     if (time) simulation->clock = {*time, 0, 0};

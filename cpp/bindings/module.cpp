@@ -132,7 +132,6 @@ void bind_build(py::module_& m) {
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("outer_epsilons") = outer_epsilons;
     m.attr("slop_epsilons") = slop_epsilons;
-    m.attr("cell_bands") = py::make_tuple(cell_band<float>, cell_band<double>);
     m.attr("cell_roundings") = py::make_tuple(cell_rounding<float>, cell_rounding<double>);
     m.attr("cell_excess") = CellBand::excess;
 }

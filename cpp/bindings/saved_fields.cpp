@@ -152,7 +152,7 @@ void restore_fields(Simulation& simulation, const py::dict& fields) {
     simulation.clock = clock;
     for (std::size_t i = 0; i < states.size(); ++i) {
         simulation.member(i).set_saved_state(states[i]);
-        simulation.member(i).place_pins(simulation.clock.now());
+        if (!frozen.data()[i]) simulation.member(i).place_pins(simulation.clock.now());
         simulation.set_frozen(i, frozen.data()[i] != 0);
         simulation.restart(i);
     }

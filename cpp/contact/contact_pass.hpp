@@ -21,6 +21,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -30,6 +31,7 @@
 #include "contact/exact.hpp"
 #include "contact/face_pass.hpp"
 #include "contact/large_cells.hpp"
+#include "contact/offset.hpp"
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/contact/contact_marks.hpp"
@@ -63,6 +65,7 @@ public:
                 bounces_ |= sphere.restitution > 0;
             }
         if (spheres_.empty()) return;
+        diagonal_ = std::hypot(plan.cloth.row_spacing, plan.cloth.column_spacing);
         if (faces_) {
             face_pass_ = make_face_pass(plan, faces, face_kernels(plan.kernels->set));
             for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(points_.place(i, 0));
@@ -111,7 +114,8 @@ public:
         swept_.clear();
         velocities_.clear();
         for (const Sphere* sphere : spheres_) {
-            swept_.push_back(swept(*sphere, t0, t1, dt, rounding));
+            const double band = band_of_cells(sphere->contact_radius, diagonal_, sizeof(Real) == 4);
+            swept_.push_back(swept(*sphere, t0, t1, dt, rounding, band));
             velocities_.push_back(exact::vec(swept_.back().velocity));
         }
         current_ = true;
@@ -368,6 +372,7 @@ private:
     ContactKernel<Real> kernel_;
     std::vector<const Sphere*> spheres_;
     std::vector<std::size_t> numbers_;  // among all spheres
+    double diagonal_ = 0;  // of a cell at rest [m]
     bool faces_ = false, bounces_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;

@@ -26,7 +26,9 @@ namespace clothsim {
 // slop. With half of it they hardly could. With twice as much, points only lie farther out.
 inline constexpr double slop_epsilons = 4;
 
-inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double rounding) {
+// `band`: of the offset "cell".
+inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double rounding,
+                         double band) {
     SweptSphere s{};
     const Vec3 start = sphere.center_at(t0), end = sphere.center_at(t1);
     for (int k = 0; k < 3; ++k) {
@@ -38,6 +40,7 @@ inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, 
     s.slop = slop_epsilons * rounding * (end.lpNorm<1>() + s.radius);
     s.surface = s.radius + s.slop;
     s.cells = sphere.cells;
+    s.band = band;
     s.reach = s.surface * (sphere.reach() / sphere.contact_radius);
     s.restitution = sphere.restitution;
     s.friction = sphere.friction;

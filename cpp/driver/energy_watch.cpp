@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "contact/exact.hpp"
+#include "contact/offset.hpp"
 #include "integrators/methods.hpp"
 #include "measure/mode_bounds.hpp"
 
@@ -76,12 +77,13 @@ double EnergyWatch::lifts() const {
     const bool single = plan_.precision == Precision::single;
     const double epsilon =
                      single ? std::numeric_limits<float>::epsilon() : std::numeric_limits<double>::epsilon(),
-                 band = single ? cell_band<float> : cell_band<double>;
+                 diagonal = std::hypot(plan_.cloth.row_spacing, plan_.cloth.column_spacing);
     const double size = x_.cwiseAbs().rowwise().sum().maxCoeff();  // a sphere in contact is within its reach
     double height = 0, weight = 0;
     for (const Sphere& sphere : plan_.spheres) {
         const double slop = slop_epsilons * epsilon * (size + 3 * sphere.reach());
-        height += 2 * (slop + (sphere.cells ? band * sphere.reach() : 0));
+        const double band = sphere.cells ? band_of_cells(sphere.contact_radius, diagonal, single) : 0;
+        height += 2 * (slop + band * sphere.reach());
     }
     for (int i = 0; i < plan_.cloth.points(); ++i)
         weight += plan_.cloth.mass[std::size_t(i)] * plan_.field_at(i).norm();

@@ -71,7 +71,7 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         SavedState state = members_[i]->saved_state();
         if (!keeps_persistent(plans_[i], plans[i], clock.now())) state.contacts.clear();
         member.set_saved_state(state);
-        member.place_pins(clock.now());
+        if (!frozen_[i]) member.place_pins(clock.now());
         watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
     }
     plans_.swap(plans);

@@ -114,7 +114,7 @@ class LongRunWarning(UserWarning):
 
 
 class ContactWarning(UserWarning):
-    """A sphere with response "continuous" starts on the cloth, or has run into a pinned point.
+    """A continuous sphere starts on the cloth, has run into a pinned point, or is smaller than a cell that it touches.
 
     Examples
     --------
@@ -235,7 +235,8 @@ class UnstableError(ArithmeticError):
     ----------
     step : int
         The step, counted from 0 at the start of the call, after which it was found. An energy that has run away may be found
-        up to 128 steps late. That is so in calls of one step, and in continuous contact above 16,384 mass points.
+        up to 128 steps late. That is so in short calls. Above 16,384 mass points it is so in continuous contact, with an
+        implicit method, and in batches of long steps.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional

@@ -143,6 +143,30 @@ def test_states_in_single_keep_triangles_out_of_steps_in_double():
             assert cs.penetration(x, ball)["triangles"] == 0
 
 
+@pytest.mark.parametrize("radius", [10.0, 1e4, 1e6])
+def test_a_large_sphere_is_a_floor(radius):
+    """A cloth that falls on it by 1 mm comes to lie within 2 % of what its cells need."""
+    cloth = cs.Cloth((12, 12), mass=0.3, stiffness=60.0, damping=0.02, drag=0.1, pins=())
+    x = cloth.rest_positions.copy()
+    place = np.sqrt(radius**2 - ((x[..., ::2] - 0.5) ** 2).sum(axis=-1)) - radius
+    x[..., 1] = place + 1e-3
+    sphere = cs.Sphere((0.5, -radius, 0.5), radius)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x))
+    stepper.advance(400, 1e-3)
+    above = np.linalg.norm(stepper.positions - sphere.center, axis=-1) - radius
+    needed = sphere.contact_radius(cloth) - radius
+    assert above.min() >= 0 and above.max() < 1.02 * needed + 1e-12 * radius
+
+
+def test_a_cloth_nearer_than_its_cells_allow_warns():
+    slow = cs.Sphere((0.5, -0.251, 0.5), 0.25, cs.Linear((0, 1.0, 0)), push_out_speed=0.1)
+    with pytest.warns(cs.ContactWarning, match="1 mass points are nearer than their cells allow, .*4, 4"):
+        cs.Stepper(cs.Scene(sheet(9), slow))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cs.Stepper(cs.Scene(sheet(9), slow.replace(center=(0.5, -0.27, 0.5))))
+
+
 def test_stretched_cells_warn_of_the_stretch():
     cloth = sheet(3, size=(0.1, 0.1), stiffness=1.0)
     x = cloth.rest_positions * 4 + (0, 0.003, 0)

@@ -213,3 +213,19 @@ def test_set_state_leaves_pins_where_they_are():
     x[1, 1, 1] += 0.01
     stepper.set_state(x)
     assert stepper.positions[1, 1, 1] == x[1, 1, 1] and stepper.velocities[0, 0].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_a_frozen_member_keeps_its_driven_pins(same_bits):
+    scene = cs.Scene(cs.Cloth((4, 4), mass=0.3, stiffness=60.0, damping=0.02, pins={(0, 0): cs.Linear((0.2, 0, 0))}))
+    batch = cs.Stepper([scene, scene])
+    batch.advance(50, 1e-3)
+    batch.freeze(1)
+    kept = batch.positions[1]
+    batch.advance(30, 1e-3)
+    batch.set_state(v=batch.velocities)
+    batch.set_scene([scene, scene])
+    restored = cs.Stepper.restore(batch.snapshot())
+    assert same_bits((batch.positions[1], restored.positions[1]), (kept, kept))
+    for stepper in (batch, restored):
+        stepper.advance(10, 1e-3)
+    assert same_bits((batch.positions, batch.velocities), (restored.positions, restored.velocities))

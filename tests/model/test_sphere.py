@@ -92,7 +92,12 @@ def test_from_dict_names_the_nearest_key():
 
 
 def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response():
-    for copied in (copy.copy, copy.deepcopy, lambda sphere: pickle.loads(pickle.dumps(sphere))):
+    for copied in (
+        copy.copy,
+        copy.deepcopy,
+        lambda s: pickle.loads(pickle.dumps(s)),
+        lambda s: Sphere.from_dict(s.to_dict()),
+    ):
         for given, expected in ((None, 1.0), (0.0, 0.0)):
             sphere = copied(cs.Sphere(restitution=given).replace(radius=0.1))
             assert sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected

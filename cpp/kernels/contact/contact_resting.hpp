@@ -63,8 +63,10 @@ public:
         surface2_ = V(Real(surface2));
         in_a_step2_ = V(Real(surface2 / 256));
         if constexpr (cells) {
-            constexpr double top = 1 + cell_band<Real>;
+            const double top = 1 + s.band, held = 1 + s.band / 2;
             const double rounding = compensated ? rounding_in_single : s.slop / (2 * s.surface);
+            top2_ = V(Real(top * top));
+            held2_ = V(Real(held * held));
             top_part_ = V(Real(top * top * (1 + rounding)));
             clear_part_ =
                 V(Real(top * top * (1 + rounding) * (1 + (compensated ? rounding_in_single : 0x1p-44))));
@@ -195,13 +197,11 @@ private:
     // `raised`: how much further |p|^2 has to be where it lies in the lower half of the band.
     CLOTHSIM_INLINE Decision decide_in_cells(const V (&p)[3], const V (&q)[3], const V& radius2, V& pq,
                                              V& raised) const {
-        constexpr double least = compensated ? 1 + rounding_in_single : 1, top = 1 + cell_band<Real>,
-                         held = 1 + cell_band<Real> / 2;
+        constexpr double least = compensated ? 1 + rounding_in_single : 1;
         const V zero(Real(0)), start2 = inner(p, p), a = inner(q, q);
         const V least2 = surface2_ + xsimd::min(radius2 * V(Real(cell_rounding<Real>)), surface2_);
         pq = inner(p, q);
-        raised =
-            xsimd::select(start2 < least2 * V(Real(held * held)), least2 * V(Real(top * top)) - start2, zero);
+        raised = xsimd::select(start2 < least2 * held2_, least2 * top2_ - start2, zero);
         const auto outside = start2 >= least2 * V(Real(least)), inwards = pq < zero, brief = a < in_a_step2_;
         const auto touching = outside & (start2 <= least2 * top_part_) & inwards & brief;
         // Still approaching when the step ends, well outside.
@@ -253,8 +253,8 @@ private:
 
     Split center_[3], way_[3], velocity_[3];
     D wide_center_[3], wide_way_[3], lowest2_, highest2_, clear2_, short2_;
-    V surface2_, in_a_step2_, top_part_, clear_part_, inverse_surface2_, half_inverse_surface_, inverse_dt_,
-        restitution_, friction_;
+    V surface2_, in_a_step2_, top2_, held2_, top_part_, clear_part_, inverse_surface2_, half_inverse_surface_,
+        inverse_dt_, restitution_, friction_;
     V momentum_[3];  // that this row has been given [N s]
     bool bounces_, rough_, gave_ = false;
 };

@@ -37,6 +37,7 @@ struct SweptSphere {
     double slop;  // surface - radius
     double reach;  // no point keeps a larger distance [m]
     bool cells;  // each point keeps sqrt(surface^2 + rho^2), see CellBand
+    double band;  // with cells, over that distance, as a part of it
     double restitution, friction;
     double push;  // how far a point that was inside is pushed outwards in a step, at most [m]
     double dt;
@@ -101,6 +102,9 @@ CLOTHSIM_LANE Surface<D> surface_of(const SweptSphere& s) {
 // rounds, with twice as much points stand off farther by another millionth.
 struct CellBand {
     static constexpr double part = 1e-6;
+    // But at most this part of the distance that a cell at rest adds to a large sphere. Half: more rounds
+    // there. Twice: points stand off by another hundredth.
+    static constexpr double part_of_cell = 0.01;
     // In single, which has to resolve a quarter of the band.
     static constexpr double part_in_single = 8e-6;
     // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
@@ -124,7 +128,7 @@ CLOTHSIM_LANE D least_distance2(const SweptSphere& s, const D& radius2) {
 template <class Real, class D>
 CLOTHSIM_LANE Surface<D> cell_surface(const SweptSphere& s, const D& radius2) {
     const D least = root(least_distance2<Real>(s, radius2));
-    return {least * D(1 + cell_band<Real>), least - D(s.slop), least, least * D(1 + cell_band<Real> / 2)};
+    return {least * D(1 + s.band), least - D(s.slop), least, least * D(1 + s.band / 2)};
 }
 
 // Where a point touches the sphere within a step.

@@ -173,7 +173,7 @@ class Record(EqualByValue):
         >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
         [4, 5]
         """
-        return {name: _plain(value) for name, value in self._values().items() if value is not None}
+        return {name: _plain(value) for name, value in self._open_values().items() if value is not None}
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:

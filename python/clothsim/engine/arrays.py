@@ -140,9 +140,9 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
 _PLACE_ROUNDING = 1e-6
 
 
-def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float) -> None:
-    """Refuse positions in which a driven pin is not where its motion has it at the time `t`."""
-    for member, scene in enumerate(scenes):
+def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
+    """Refuse positions in which a driven pin, of no frozen member, is not where its motion has it at the time `t`."""
+    for member, scene in _in_motion(scenes, frozen):
         one = x[member] if x.ndim == 4 else x
         for pins in scene.driven_pins:
             places = pins.places_at(t)
@@ -157,9 +157,13 @@ def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float) -> None:
                 )
 
 
-def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float) -> None:
-    """Write places and velocities of driven pins at the time `t` into a state."""
-    for member, scene in enumerate(scenes):
+def _in_motion(scenes: Sequence[Scene], frozen: Sequence[bool]) -> list[tuple[int, Scene]]:
+    return [(k, scene) for k, scene in enumerate(scenes) if not (frozen and frozen[k])]
+
+
+def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
+    """Write places and velocities of driven pins at the time `t` into a state, but for frozen members."""
+    for member, scene in _in_motion(scenes, frozen):
         for pins in scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
             x[at] = pins.places_at(t)

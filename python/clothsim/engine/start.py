@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,10 +11,11 @@ import numpy as np
 
 from .. import _core
 from ..errors import ContactWarning, warn_caller
+from ..model.cells import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 from .arrays import FloatArray, check_driven_pins, checked_state, scenes_of, start_time
-from .plan import point_radius
+from .plan import in_cells, point_radius
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,25 @@ class Start:
 # Rounding of float32 positions, as part of the radius and the distance of the centre. With half of it float32 states on
 # the surface give false warnings; twice as much hides 2e-6 of the radius.
 _START_ROUNDING = 1e-6
+# Part of what a cell adds to the radius. Half warns of sheets laid around a sphere by the cells at rest; twice hides
+# another hundredth.
+_STANDOFF_ROUNDING = 0.01
+
+
+def _too_near(x: FloatArray, distance: FloatArray, radius: float, rounding: float) -> str:
+    """Which mass points are nearer to a sphere than their cells let them be (docs/contact-law.md), in words."""
+    radii2 = point_radii2(x.astype(np.float64)) / radius**2
+    standoff = radius * (np.sqrt(1 + radii2) - 1)
+    lacks = radius + standoff - distance
+    # Cells larger than the sphere have a warning of their own.
+    near = (lacks > rounding + _STANDOFF_ROUNDING * standoff) & (radii2 < 1)
+    if not near.any():
+        return ""
+    row, column = (int(n) for n in np.unravel_index(np.argmax(np.where(near, lacks, 0)), near.shape))
+    return (
+        f"nothing is inside, but {int(near.sum())} mass points are nearer than their cells allow, the nearest, "
+        f"{(row, column)}, by {lacks[row, column]:.3g} m; they are"
+    )
 
 
 def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None, but: Sequence[Sphere] = ()) -> None:
@@ -61,7 +82,8 @@ def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None, but
             continue
         radius, center = point_radius(sphere, cloth), sphere.center_at(t)
         with np.errstate(invalid="ignore"):  # the checks name a value that is not finite
-            depth = radius - np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+            distance = np.linalg.norm(x.astype(np.float64) - center, axis=-1)
+        depth = radius - distance
         rounding = _START_ROUNDING * (radius + np.abs(center).sum())
         inside = depth > rounding
         found = ""
@@ -75,6 +97,8 @@ def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None, but
             deepest = _core.penetration(cloth.rows, cloth.columns, np.ascontiguousarray(x, np.float64), center, radius)[1]
             if deepest > rounding:
                 found = f"no mass point is inside, but a triangle by {deepest:.3g} m; it is"
+            elif in_cells(sphere) and (distance < math.sqrt(2) * radius).any():
+                found = _too_near(x, distance, radius, rounding)
         if found:
             warn_caller(
                 f"spheres[{k}] starts on the cloth{'' if member is None else f' of member {member}'}: "

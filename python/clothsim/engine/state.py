@@ -245,7 +245,7 @@ class State:
         time = None if t is None else check.number("t", t)
         own_x, own_v = np.empty(self.shape), np.empty(self.shape)
         self.store(own_x, own_v)
-        put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time)
+        put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen)
         # With float64 for what is not given, the core's own is of float64: the whole state of "single".
         given_x, given_v = own_x if x is None else x, own_v if v is None else v
         new_x, new_v = checked_state(given_x, given_v, self.scenes, self.batched, self.options.precision)

@@ -114,6 +114,8 @@ class Stepper(StepperView):
             steps. The stepper then returns to the state before the failing step. All members of a
             batch return to that step, with the bits that they have when run alone. After `freeze` of the failed member,
             the other members can continue.
+        ContactError
+            If spheres trap a mass point. The stepper then stands at the state before that step.
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step, at the time `time`.
         RuntimeError
@@ -127,6 +129,10 @@ class Stepper(StepperView):
         StabilityWarning
             Once per stepper if `dt` is above `max_stable_dt`. Also once if more than half of the
             kinetic and elastic energy comes out of nothing (docs/stability.md).
+        ContactWarning
+            Once if a continuous sphere runs into a pinned point, or is smaller than a cell that it touches.
+        LongRunWarning
+            If the steps will take long.
 
         Examples
         --------
@@ -260,7 +266,7 @@ class Stepper(StepperView):
             raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
         if scenes[0].cloth.shape != shape:
             raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
-        check_driven_pins(scenes * (len(old.scenes) // len(scenes)), self.positions, self.time)
+        check_driven_pins(scenes * (len(old.scenes) // len(scenes)), self.positions, self.time, old.core.frozen)
         old.set_scene(scene)
         self._scene = scene
         self._announce()

@@ -148,10 +148,10 @@ def step(
     ------
     ValueError, TypeError
         If an argument is not as above; nothing has changed then.
-    UnstableError
-        If the state stops being finite or runs away; nothing is written to `out` then.
+    UnstableError, ContactError
+        If the state stops being finite or runs away, or spheres trap a mass point; nothing is written to `out` then.
     KeyboardInterrupt
-        On Ctrl-C, between two steps.
+        On Ctrl-C; a long step may end in its middle. Nothing is written to `out` then.
     ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
         With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
         stops responding; if there is none.
@@ -160,6 +160,8 @@ def step(
     -----
     StabilityWarning
         If `dt` is above `max_stable_dt`, the step that is guaranteed to be stable.
+    OrderWarning
+        If the method loses its order with the damping of this scene.
     ContactWarning
         If a continuous sphere starts on the cloth, runs into a pinned point, or is smaller than a cell that it touches.
 

@@ -154,7 +154,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "contactSize": CONTACT_SIZE,
         "outerEpsilons": _core.outer_epsilons,
         "slopEpsilons": _core.slop_epsilons,
-        "band": _core.cell_bands[0],
+        "band": _core.band_of_cells(1.0, 0.0, True),
         "rounding": _core.cell_roundings[0],
         "excess": 1 + _core.cell_excess,
         "near": NEAR,

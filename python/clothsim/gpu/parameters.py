@@ -106,7 +106,8 @@ def contacts(
                 outer = (1 + 1 / NEAR) * (reach + 16 * eps * (reach + _sum(centers) + _sum(gone))) ** 2 * (1 + 1e-6)
                 velocities, radius = gone / dt, radius + slop
                 row[:, 13], row[:, 14], row[:, 15] = slop, sphere.push_out_speed * dt, dt
-                row[:, 16], row[:, 17] = _core.cell_bands[not single], eps
+                row[:, 16] = _core.band_of_cells(point_radius(sphere, scene.cloth), math.hypot(*scene.cloth.spacing), single)
+                row[:, 17] = eps
                 row[:, 18], row[:, 19] = _core.cell_roundings[not single], 1 + _core.cell_excess
             row[:, 9], row[:, 10:12], row[:, 12] = radius, (sphere.restitution, sphere.friction), real(outer)
             row[:, 0:3] = centers

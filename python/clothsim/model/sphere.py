@@ -53,7 +53,7 @@ class Sphere(Record):
     "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
     responses can make energy. "continuous" finds the time of impact within the step, with point and
     sphere on straight lines, in double. The point responds there and moves on for the rest of the
-    step. No point passes at any speed, and no energy is made (docs/contact.md).
+    step. No point passes at any speed, and an impact makes no energy (docs/contact.md).
 
     Parameters
     ----------

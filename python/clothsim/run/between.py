@@ -1,4 +1,4 @@
-"""A state between two steps: cubic Hermite interpolation that goes no deeper into a sphere than the states do."""
+"""A state between two steps: cubic Hermite interpolation, whose points go no deeper into a sphere than the states do."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..base import Floats
 from ..engine.plan import in_cells, point_radius
-from ..measure.cells import point_radii2
+from ..model.cells import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 

@@ -110,10 +110,9 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
     ) -> Run:
         """Continue from the end of this run, with its settings.
 
-        With a time step given, the result has the bits of one run of both durations that stores a
-        frame at the break. The frame matters, because a step is shortened before a frame that it
-        does not divide. The result continues the compensation of "single" and the sampling. `save` and `load_run` keep
-        all that is needed.
+        With a time step that divides the first duration, the result has the bits of one run of both durations. Else the
+        last step of the first run is shorter. The result continues the compensation of "single" and the sampling. `save`
+        and `load_run` keep all that is needed.
 
         With error control, the method, the tolerance of a step and the step size continue. If a callback or Ctrl-C
         ended the run at a step, the result has the bits of the uninterrupted run to that end. A whole run shortens its

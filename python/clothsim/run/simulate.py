@@ -104,9 +104,10 @@ def simulate(
     -------
     Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
-        shorter. Frames never change the steps. A frame between two fixed steps is interpolated (cubic Hermite
-        polynomial of both states), and goes no deeper into a sphere than these states. With error control, dense
-        output of the method gives the frames. ``run.report`` counts "steps", "rejected_steps" and
+        shorter. Frames never change fixed steps. With error control and a sphere, steps may end at frames. A frame
+        between two fixed steps is interpolated (cubic Hermite polynomial of both states). Its free mass points go no
+        deeper into a sphere than in these states; triangles may. With error control, dense output of the method gives
+        the frames. ``run.report`` counts "steps", "rejected_steps" and
         "force_evaluations"; the evaluations include the error estimate. "solution_evaluations", "wall_time" [s],
         "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method. "integrator",
         "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the run was
@@ -169,6 +170,8 @@ def simulate(
     StabilityWarning
         If `dt` is above `max_stable_dt`. Also if more than half of the kinetic and elastic energy
         came out of nothing before a sphere responded (docs/stability.md).
+    ContactWarning, OrderWarning, LongRunWarning
+        As `Stepper` and `Stepper.advance`.
 
     Notes
     -----
