@@ -158,22 +158,19 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
 
 
 def _change_spheres(spheres: tuple[Sphere, ...], values: Mapping[str, Any]) -> list[Sphere]:
-    whole: list[dict[str, Any]] = [{} for _ in spheres]
-    parts: list[tuple[int, str]] = []
-    for name, value in values.items():
-        index, part = _sphere_part(name)
-        if not spheres or (index is not None and index >= len(spheres)):
+    parts = {name: _sphere_part(name) for name in values}
+    for name, (index, _) in parts.items():
+        if (index or 0) >= len(spheres):
             needed = "a sphere" if index is None else f"a sphere with the index {index}"
             raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
-        for k in range(len(spheres)) if index is None else [index]:
-            if part in _SPHERE:
-                whole[k][part] = value
-            else:
-                parts.append((k, name))
-    # Whole arguments first and together; a part is then a part of the new whole.
-    result = [sphere.replace(**changes) for sphere, changes in zip(spheres, whole, strict=True)]
-    for k, name in parts:
-        result[k] = _change_part(result[k], name, _sphere_part(name)[1], values[name])
+    result = []
+    for k, sphere in enumerate(spheres):
+        own = {name: part for name, (index, part) in parts.items() if index in (None, k)}
+        # Whole arguments first and together; a part is then a part of the new whole.
+        sphere = sphere.replace(**{part: values[name] for name, part in own.items() if part in _SPHERE})
+        for name in [name for name, part in own.items() if part not in _SPHERE]:
+            sphere = _change_part(sphere, name, own[name], values[name])
+        result.append(sphere)
     return result
 
 

@@ -186,11 +186,7 @@ class Lock:
     """The right to write to a store: a file beside it with the id of the process, which loses the right where it ends."""
 
     def __init__(self, path: Path) -> None:
-        try:
-            store = path.resolve()  # one lock, whatever links lead to the store
-        except (OSError, RuntimeError) as error:
-            raise ValueError(f"store must be a path that leads somewhere, got {str(path)!r}: {error}") from None
-        self._file = store.with_name(f"{store.name}.lock")
+        self._file = Path(f"{path.resolve()}.lock")  # one lock, whatever links lead to the store
         self._handle: int | None = None
         try:
             import fcntl
