@@ -156,7 +156,7 @@ class Record(EqualByValue):
         >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
         0.5
         """
-        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+        return type(self)(**{**self._open_values(), **changes})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.

@@ -167,34 +167,6 @@ class Sphere(Record):
                 "to mass points only and cannot keep triangles out"
             )
 
-    def replace(self, **changes: Any) -> Sphere:
-        """A copy with the named arguments changed; the original stays as it is.
-
-        Parameters
-        ----------
-        **changes
-            Any argument of the constructor, by its name. A restitution that was never given stays the default, also of a
-            new response.
-
-        Returns
-        -------
-        Sphere
-
-        Raises
-        ------
-        TypeError
-            For a name that the constructor does not have.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Sphere().restitution, cs.Sphere().replace(response="ray").restitution
-        (0.0, 1.0)
-        >>> cs.Sphere(restitution=0.0).replace(response="ray").restitution
-        0.0
-        """
-        return super().replace(**{"restitution": self._open_values()["restitution"], **changes})
-
     def _open_values(self) -> dict[str, Any]:
         values = super()._open_values()
         return values if self._has_own_restitution else {**values, "restitution": None}
