@@ -69,7 +69,7 @@ test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu
 	CLOTHSIM_TEST_GPU=1 $(BIN)/python -m pytest tests/gpu
 
 # Tests of pages need Chromium; playwright drives the one that is installed and brings none of its own.
-test-view: $(VENV)/.built-test $(VENV)/.built-view
+test-view: $(VENV)/.built-test
 	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
 	  echo "No Chromium: installing it"; \
 	  { [ "$$(id -u)" = 0 ] && apt-get install -y --no-install-recommends chromium; } || { \

@@ -46,11 +46,11 @@ from .engine.stepping import acceleration, reference_step, step
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
+    from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
     from .sweeps.fields import sweepable
     from .sweeps.stored import open_sweep
-    from .viewing.live import view
     from .viewing.camera import Camera
     from .viewing.page import compare
     from .viewing.picture import Picture, picture
@@ -126,7 +126,7 @@ __getattr__, __dir__ = _on_demand(
         "Picture": ".viewing.picture",
         "picture": ".viewing.picture",
         "compare": ".viewing.page",
-        "view": ".viewing.live",
+        "view": ".gpu.live_page",
     },
     also=("errors", "typing"),
 )

@@ -45,7 +45,6 @@ def nothing_runs(monkeypatch):
         ("h5py", "export", lambda path: RUN.export(path / "a.vtkhdf", fps=None)),
         ("trimesh", "mesh", lambda path: RUN.to_trimesh()),
         ("pyvista", "mesh", lambda path: RUN.to_pyvista()),
-        ("viser", "view", lambda path: cs.view(SCENE)),
         ("matplotlib", "plot", lambda path: RUN.plot()),
     ],
 )

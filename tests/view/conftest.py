@@ -1,10 +1,9 @@
-"""A real headless Chromium for the tests of pages, which are skipped where there is none, and a live viewer."""
+"""A real headless Chromium for the tests of pages, which are skipped where there is none."""
 
 import os
 from shutil import which
 
 import pytest
-from viewers import view
 
 # WebGL on the processor: a test machine has no graphics adapter.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
@@ -33,20 +32,6 @@ def browser():
         chromium = playwright.chromium.launch(executable_path=program, args=FLAGS)
         yield chromium
         chromium.close()
-
-
-@pytest.fixture(scope="module")
-def served():
-    viewer = view()
-    yield viewer
-    viewer.stop()
-
-
-@pytest.fixture
-def viewer(served):
-    """The viewer as it was at its start."""
-    served.controls._reset()
-    return served
 
 
 class Opened:

@@ -1,5 +1,7 @@
 """The page that simulates a scene in the browser, in headless Chromium with WebGPU on the processor."""
 
+from shutil import rmtree
+
 import clothsim as cs
 import numpy as np
 import pytest
@@ -103,6 +105,42 @@ def test_it_is_small_silent_and_asks_for_nothing(live, tmp_path):
     page.tab.wait_for_function("() => window.live.live.counted > 20")
     assert page.said == [] and page.asked == [path.as_uri()]
     assert page.tab.is_hidden("#problem")
+
+
+def test_view_opens_the_page_from_a_file(opened, monkeypatch):
+    urls = []
+    monkeypatch.setattr("webbrowser.open", lambda url: not urls.append(url))
+    path = cs.view(cs.scenes.paper_static())
+    assert urls == [path.as_uri()]
+    page = opened(path)
+    page.ready()
+    page.tab.wait_for_function("() => window.live.live.counted > 20")
+    assert page.said == [] and page.asked == urls
+    rmtree(path.parent)
+
+
+def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
+    monkeypatch.setattr("clothsim.gpu.live_page.in_notebook", lambda: True)
+    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("a notebook shows the page itself"))
+    cell = tmp_path / "cell.html"
+    cell.write_text(cs.view(cs.scenes.paper_static())._repr_html_(), encoding="utf-8")
+    page = opened(cell)
+    frame = page.tab.frames[1]
+    frame.wait_for_selector("body[data-ready]", timeout=30_000)
+    frame.wait_for_function("() => window.live.live.counted > 20")
+    assert page.said == [] and page.asked[0] == cell.as_uri() and frame.is_hidden("#problem")
+
+
+def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tmp_path):
+    monkeypatch.setattr("clothsim.gpu.live_page.mkdtemp", lambda prefix: str(tmp_path))
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    with pytest.raises(TypeError, match=r"got block, port: .* the page that cs.view\(scene\) opens"):
+        cs.view(cs.scenes.paper_static(), block=False, port=8080)
+    with pytest.raises(TypeError, match="scene must be"):
+        cs.view("paper_static")
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(RuntimeError, match="no web browser was found: open .*live.html in one"):
+        cs.view(cs.scenes.paper_static())
 
 
 def test_free_cloth_has_the_bits_of_the_strict_core_after_1000_steps(live, same_bits):

@@ -16,7 +16,6 @@ COMMANDS = {
     "info": "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
     "run": "Simulate a scene and print its report.",
     "scene": "Print a scene as the text of a scene file, to edit.",
-    "view": "Step a scene live, in the browser.",
     "live": "Write a page that simulates a scene in the browser, by WebGPU.",
     "export": "Write a saved run as files for Blender, ParaView, browsers.",
     "sweep": "Run a scene for every combination of values, and label the results.",

@@ -1,4 +1,4 @@
-"""One self-contained page that simulates a scene in the browser: `Scene.to_live_html`.
+"""One self-contained page that simulates a scene in the browser: `Scene.to_live_html` and `cs.view`.
 
 The page runs the WGSL of this room through WebGPU (`viewing/web/solver.js`), and `viewing/web/draw.js` draws it.
 WebGPU has no float64: the page computes in compensated float32, and responses in float32 relative to the sphere.
@@ -7,12 +7,14 @@ WebGPU has no float64: the page computes in compensated float32, and responses i
 from __future__ import annotations
 
 import math
+import webbrowser
 import zlib
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -20,12 +22,14 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..base.files import write_bytes
+from ..base.progress import in_notebook
 from ..engine.options import Options
 from ..engine.plan import core_plan
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from ..stability.limit import max_stable_dt
 from ..viewing.camera import DIRECTIONS, camera_for
+from ..viewing.notebook import Frame
 from ..viewing.page import json_text, page_text, poster
 from ..viewing.page_controls import filled
 from ..viewing.picture import PIN_SIZE, file_path
@@ -43,12 +47,58 @@ METHODS = (
     ("2, as printed", "ray", True),
     ("continuous", "continuous", False),  # of one sphere
 )
+HEIGHT = 700  # pixels of the page in a notebook
 SLIDERS = {"stiffness": "stiffness K", "damping": "damping", "gravity": "gravity", "dt": "time step", "radius": "radius"}
 
 
 def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
     """`Scene.to_live_html`."""
     path = file_path("path", path)
+    return write_bytes(path, _page(scene, dt, title).encode())
+
+
+def view(scene: Scene, **unknown: Any) -> Path | Frame:
+    """Open the live page of a scene in the browser, or show it in a notebook.
+
+    The page is that of `Scene.to_live_html`, which says what it does.
+
+    Parameters
+    ----------
+    scene : Scene
+    **unknown
+        Refused by name.
+
+    Returns
+    -------
+    pathlib.Path or object
+        The page, a file in the folder for temporary files. In a notebook, the page as the value of a cell.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `scene` is no Scene, or one that `Scene.to_live_html` refuses.
+    RuntimeError
+        If there is no browser.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
+    """
+    if unknown:
+        raise TypeError(
+            f"view takes a scene alone, got {', '.join(unknown)}: its controls are on the page that cs.view(scene) opens"
+        )
+    page = _page(check.instance("scene", scene, Scene))
+    if in_notebook():
+        return Frame(page, "<live page, to be shown in a notebook>", HEIGHT)
+    path = write_bytes(Path(mkdtemp(prefix="clothsim-"), "live.html"), page.encode())
+    if not webbrowser.open(path.as_uri()):
+        raise RuntimeError(f"no web browser was found: open {path} in one")
+    return path
+
+
+def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
     rows, columns = scene.cloth.shape
     title = f"Cloth of {rows} x {columns} points, live" if title is None else check.text("title", title)
     guaranteed = max_stable_dt(scene)
@@ -56,10 +106,6 @@ def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: st
         dt = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
     dt = check.number("dt", dt, minimum=0, exclusive=True)
     check_scenes([scene])
-    return write_bytes(path, _page(scene, dt, title).encode())
-
-
-def _page(scene: Scene, dt: float, title: str) -> str:
     data = _data(scene, dt)
     picture = poster(scene, scene.initial_position, 0.0, camera_for(None, scene, scene.initial_position, [0.0]))
     sliders = "".join(

@@ -50,7 +50,7 @@ def _penetration_line(scene: Scene, depths: Mapping[str, Any]) -> str:
 def _speed_line(report: Mapping[str, Any]) -> str:
     seconds, speed = report.get("wall_time"), report.get("steps_per_second")
     if seconds is None or speed is None:
-        return "recorded in the live viewer" if report.get("recorded") else "speed not known"
+        return "speed not known"
     threads = report.get("threads")
     on = f" on {counted(threads, 'thread')}" if threads else ""
     return f"{seconds:.3g} s of computing{on}, {speed:,.0f} steps/s"

@@ -1,1 +1,1 @@
-"""Views of a cloth: pictures, plots, films, pages and the live viewer."""
+"""Views of a cloth: pictures, plots, films and pages."""
