@@ -82,7 +82,7 @@ docs: $(VENV)/.built-docs
 	$(BIN)/python docs/site/stage.py build/docs
 
 bench: $(VENV)/.built-bench
-	$(BIN)/python benchmarks/bench
+	$(BIN)/python benchmarks/bench.py
 
 # The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone, then beside other such runtimes; docs/dev/release.md.
 wheel: $(BIN)/python

@@ -1,18 +1,14 @@
-"""Helpers of several benchmarks: a line of progress, tables of text, JSON, turns, and the style of plots."""
+"""Helpers of several benchmarks: a line of progress, tables of text, JSON."""
 
 from __future__ import annotations
 
 import json
-import random
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-
-# Okabe and Ito's palette: readers with any colour vision tell these colours apart.
-BLUE, GREEN, RED, GREY = "#0072B2", "#009E73", "#D55E00", "0.5"
 
 
 class Progress:
@@ -52,18 +48,6 @@ class Stopwatch:
         self.seconds = perf_counter() - self._start
 
 
-def turns(count: int, rounds: int) -> Iterator[int]:
-    """Indices 0 to `count` - 1 in every round, each round in another order.
-
-    A slow spell of the machine then affects all, and no index always follows a certain other.
-    """
-    order = list(range(count))
-    shuffle = random.Random(0).shuffle
-    for _ in range(rounds):
-        shuffle(order)
-        yield from order
-
-
 def aligned(
     head: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "", rule: bool = True
 ) -> str:
@@ -100,17 +84,3 @@ def as_json(data: Any) -> str:
         return value if value is None or isinstance(value, (bool, int)) else str(value)
 
     return json.dumps(plain(data), indent=1, allow_nan=False)
-
-
-def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """A figure of `width` x `height` inches that needs no display, and its axes, an array of shape (rows, columns)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(made)
-    axes = made.subplots(rows, columns, squeeze=False, **options)
-    for one in axes.ravel():
-        one.spines[["top", "right"]].set_visible(False)
-        one.grid(alpha=0.3)
-    return made, axes

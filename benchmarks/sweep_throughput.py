@@ -1,10 +1,7 @@
-"""How fast a sweep is beside the bare batch: ``python benchmarks/sweep_throughput.py``.
+"""How fast a sweep is beside the bare batch: `python benchmarks/sweep_throughput.py`.
 
-The batch is that of ``clothsim bench --section batch``: 64 cloths of 32 x 32 mass points that
-differ in stiffness, in one call. The sweep runs equal cloths for equal steps from an equal state,
-with the default metrics and a store. Its time runs from the call to the Dataset. Both take turns in
-windows of about a second and the fastest window of each counts, so that what else the machine does
-meets both. ``--plan`` adds what a plan for large sweeps needs: see docs/sweeps.md.
+The batch is 64 cloths of 32 x 32 mass points that differ in stiffness, in one call. The sweep runs equal cloths for equal steps
+from an equal state, with the default metrics and a store. Both take turns, and the fastest window of each counts.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from bench import works
+from bench import batch
 from clothsim.scenes import PAPER_DT
 from clothsim.typing import Precision
 
@@ -29,7 +26,7 @@ class Pair:
     """The batch and the sweep of the same cloths."""
 
     def __init__(self, precision: Precision, threads: int | None, steps: int) -> None:
-        self.start = works.batch()
+        self.start = batch(64)
         assert not isinstance(self.start.scene, cs.Scene)
         self.scenes = self.start.scene
         self.precision, self.threads, self.steps = precision, threads, steps
@@ -77,23 +74,7 @@ class Pair:
 
 
 def measure(precision: Precision, threads: int | None, steps: int, windows: int) -> dict[str, Any]:
-    """Member-steps per second of both, their ratio, and their errors.
-
-    Parameters
-    ----------
-    precision : {"double", "single"}
-    threads : int or None
-    steps : int
-        Steps of every member in a window.
-    windows : int
-        Windows of each.
-
-    Returns
-    -------
-    dict
-        "batch" and "sweep" [1/s], their "ratio", "processor_ratio" (the same of processor time,
-        which others on the machine do not change), "batch_error" and "sweep_error" [m].
-    """
+    """Member-steps per second of both by the clock and by processor time, and their errors [m]."""
     pair = Pair(precision, threads, steps)
     errors = pair.errors()  # also the imports and first calls, untimed
     seconds: dict[str, list[tuple[float, float]]] = {"batch": [], "sweep": []}
@@ -115,52 +96,6 @@ def measure(precision: Precision, threads: int | None, steps: int, windows: int)
     }
 
 
-def plan(members: int = 5_000) -> dict[str, float]:
-    """Figures for a plan of large sweeps, measured with members that are nearly no work.
-
-    Returns
-    -------
-    dict
-        Processor seconds per member of all threads, with the overhead of a member. Processor
-        seconds per member of the calling thread, for checking, planning, recording and writing.
-        Bytes per member in the store. Seconds per task of a Dask scheduler, NaN without Dask.
-    """
-    scene, over = cs.scenes.oscillator(), {"stiffness": np.linspace(1.0, 2.0, members)}
-    with tempfile.TemporaryDirectory() as folder:
-        store = Path(folder) / "s.zarr"
-
-        def run(over: Any, store: Path) -> None:
-            cs.sweep(scene, over, duration=1e-3, dt=1e-3, store=store, progress=False)
-
-        run({"stiffness": [1.0]}, store.with_name("imports.zarr"))
-        calling = time.thread_time()
-        _, seconds = _seconds(lambda: run(over, store))
-        calling = time.thread_time() - calling
-        size = sum(path.stat().st_size for path in store.rglob("*") if path.is_file())
-    return {
-        "seconds_per_member": seconds / members,
-        "seconds_per_member_of_the_calling_thread": calling / members,
-        "bytes_per_member": size / members,
-        "seconds_per_dask_task": _dask_task(),
-    }
-
-
-def _dask_task(tasks: int = 2000) -> float:
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        return float("nan")
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-        executor = client.get_executor(pure=False)
-        executor.submit(int).result()
-
-        def submit_all() -> None:
-            for future in [executor.submit(int) for _ in range(tasks)]:
-                future.result()
-
-        return _seconds(submit_all)[0] / tasks
-
-
 def _seconds(function: Callable[[], Any]) -> tuple[float, float]:
     """Seconds on the clock, and of processors."""
     wall, processor = time.perf_counter(), time.process_time()
@@ -179,7 +114,6 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
     parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
     parser.add_argument("--threads", type=int, help="default: all")
-    parser.add_argument("--plan", action="store_true", help="overheads, for planning large sweeps")
     args = parser.parse_args()
     print("64 cloths of 32 x 32 mass points, all springs; member-steps per second, fastest window")
     print("                                    sweep/batch  of processor")
@@ -191,9 +125,6 @@ def main() -> None:
             f"{row['processor_ratio']:13.3f} {row['batch_error']:16.2e} {row['sweep_error']:16.2e}"
         )
         sys.stdout.flush()
-    if args.plan:
-        for name, value in plan().items():
-            print(f"{name.replace('_', ' ')}: {value:.3g}")
 
 
 if __name__ == "__main__":

@@ -3,45 +3,33 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
 import clothsim as cs
 import numpy as np
-from common import turns
 
 
 class Work:
     """Something whose steps can be timed."""
 
-    cold_steps: int | None = None
-    """Steps of a window that begins right after `prepare`, with nothing run in between. None: as
-    many as fill the window, after a quarter of them untimed."""
+    window_steps: int | None = None
+    """Steps of a window that begins right after `prepare`. None: as many as fill the window, after a quarter of them untimed."""
 
     def prepare(self) -> None:
         """Called before each window, untimed."""
 
     def run(self, steps: int) -> None:
-        """Do `steps` steps."""
         raise NotImplementedError
 
 
 class Steps(Work):
-    """Steps of a stepper that `make` makes anew for each window, or one that goes on.
-
-    Parameters
-    ----------
-    stepper : clothsim.Stepper or callable
-        A callable makes the stepper of each window, untimed.
-    dt : float
-        Time step [s].
-    steps : int
-        Of a window.
-    """
+    """Windows of `steps` steps of `dt` [s], of a stepper that goes on, or of those that the callable `stepper` makes."""
 
     def __init__(self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int) -> None:
-        self._make, self._dt, self.cold_steps = stepper, dt, steps
+        self._make, self._dt, self.window_steps = stepper, dt, steps
 
     def prepare(self) -> None:
         self._stepper = self._make() if callable(self._make) else self._make
@@ -52,78 +40,47 @@ class Steps(Work):
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds per step over the windows, and how many steps a window had."""
+    """Seconds per step over the windows."""
 
     minimum: float
     median: float
-    windows: int
-    steps: int
 
 
-def calibrate(work: Work, seconds: float, clock: Callable[[], float] = perf_counter) -> int:
-    """Steps that take about `seconds`, by the best of three tries each."""
-    work.run(1)  # the first call pays for what is made lazily
-
-    def once(steps: int) -> float:
-        start = clock()
-        work.run(steps)
-        return clock() - start
-
+def _steps_that_take(work: Work, seconds: float) -> int:
+    """Steps that take about `seconds`, by the best of three tries."""
     steps = 1
     while True:
-        took = once(steps)
-        if took >= 0.8 * seconds:  # or did something else have the processor?
-            took = min(took, once(steps), once(steps)) if took < 100 * seconds else took
+        took = min(_seconds(work, steps) for _ in range(3))
         if took >= 0.8 * seconds:
             return steps
-        wanted = math.ceil(steps * seconds / took) if took > 0 else 10 * steps
-        steps = max(steps + 1, min(10 * steps, wanted))
+        steps = max(steps + 1, min(10 * steps, math.ceil(steps * seconds / max(took, 1e-9))))
 
 
-def measure(
-    works: Sequence[Work],
-    windows: int,
-    seconds: float = 0.0,
-    clock: Callable[[], float] = perf_counter,
-    advance: Callable[[int], object] = lambda windows: None,
-) -> list[Timing]:
-    """Time every work in `windows` windows of about `seconds`.
+def _seconds(work: Work, steps: int) -> float:
+    start = perf_counter()
+    work.run(steps)
+    return perf_counter() - start
 
-    The works take `turns`. Before each window an untimed quarter of it runs, at least a step, which wakes threads and
-    fills the caches. A work with `cold_steps` is an exception: its windows have exactly this number of steps.
 
-    Parameters
-    ----------
-    works : sequence of Work
-    windows : int
-        Rounds, >= 1.
-    seconds : float
-        Length of a window [s], of works without `cold_steps`.
-    clock : callable
-        Gives the time [s].
-    advance : callable
-        Called with 1 after each window.
+def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[Timing]:
+    """Time each work in `windows` windows of about `seconds`, in turns.
 
-    Returns
-    -------
-    list of Timing
-        In the order of `works`.
+    Each round has another order, so that a slow spell of the machine meets all works. An untimed quarter of a window
+    precedes it, which wakes threads and fills caches.
     """
     steps = []
     for work in works:
         work.prepare()
-        if work.cold_steps is None:
-            steps.append(calibrate(work, seconds, clock))
-        else:
-            work.run(work.cold_steps)  # the first call pays for what is made lazily
-            steps.append(work.cold_steps)
+        work.run(work.window_steps or 1)  # the first call pays for what is made lazily
+        steps.append(work.window_steps or _steps_that_take(work, seconds))
     taken: list[list[float]] = [[] for _ in works]
-    for k in turns(len(works), windows):
-        works[k].prepare()
-        if works[k].cold_steps is None:
-            works[k].run(max(1, steps[k] // 4))
-        start = clock()
-        works[k].run(steps[k])
-        taken[k].append((clock() - start) / steps[k])
-        advance(1)
-    return [Timing(min(row), float(np.median(row)), windows, count) for row, count in zip(taken, steps, strict=True)]
+    order = list(range(len(works)))
+    shuffle = random.Random(0).shuffle
+    for _ in range(windows):
+        shuffle(order)
+        for k in order:
+            works[k].prepare()
+            if works[k].window_steps is None:
+                works[k].run(max(1, steps[k] // 4))
+            taken[k].append(_seconds(works[k], steps[k]) / steps[k])
+    return [Timing(min(row), float(np.median(row))) for row in taken]

@@ -27,7 +27,7 @@ def import_kernels() -> Any:
         its own words.
     """
     if find_spec("numba") is None:
-        raise ImportError("numba is not installed: run pip install '.[bench]' in a clone of clothsim")
+        raise ImportError("numba is not installed: run pip install numba")
     try:
         from . import numba_kernels
     except Exception as error:  # an OSError where a library of its own cannot be loaded

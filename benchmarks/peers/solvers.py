@@ -1,6 +1,6 @@
 """Solvers of other packages on the same scene: numba, SciPy, diffrax.
 
-- "rk4 (numba)": the strong, hand-strided kernel of `python benchmarks/bench`.
+- "rk4 (numba)": the strong, hand-strided kernel of `python benchmarks/bench.py`.
 - "DOP853 (SciPy)", "RK45 (SciPy)": `scipy.integrate.solve_ivp` over that kernel's forces.
 - "Tsit5 (diffrax)", "Dopri8 (diffrax)": JAX on the processor, in double, compiled as a whole.
 
