@@ -1,7 +1,7 @@
 """How fast a sweep is beside the bare batch: `python benchmarks/sweep_throughput.py`.
 
-The batch is 64 cloths of 32 x 32 mass points that differ in stiffness, in one call. The sweep runs equal cloths for equal steps
-from an equal state, with the default metrics and a store. Both take turns, and the fastest window of each counts.
+The batch is 64 cloths of 32 x 32 mass points that differ in stiffness, in one call. The sweep runs equal cloths for equal
+steps from an equal state, with the default metrics and a store. Both take turns, and the fastest window of each counts.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ class Work:
     """Something whose steps can be timed."""
 
     window_steps: int | None = None
-    """Steps of a window that begins right after `prepare`. None: as many as fill the window, after a quarter of them untimed."""
+    """Steps of a window that begins right after `prepare`. None: as many as fill it, after a quarter of them untimed."""
 
     def prepare(self) -> None:
         """Called before each window, untimed."""
