@@ -33,9 +33,8 @@ def test_a_saved_file_loads_to_the_same_values(tmp_path, name):
 
 def test_the_layout(tmp_path):
     text = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml").read_text()
-    assert text.partition("\n")[2].startswith(
-        "schema = 2  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
-    )
+    assert text.startswith("schema = 2  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n")
+    assert text.endswith("\n[file]\ncomplete = true\n")
     for line in (
         "[cloth]",
         "stiffness = 35000.0  # N/m, one number or one per family",
@@ -49,8 +48,28 @@ def test_the_layout(tmp_path):
 
 
 def test_omitted_fields_take_their_defaults(tmp_path):
-    (tmp_path / "scene.toml").write_text("schema = 2\n[cloth]\nshape = [4, 4]\n")
+    (tmp_path / "scene.toml").write_text("schema = 2\n[cloth]\nshape = [4, 4]\n[file]\ncomplete = true\n")
     assert cs.load_scene(tmp_path / "scene.toml") == cs.Scene(cs.Cloth((4, 4)))
+
+
+def test_a_file_is_edited_by_hand(tmp_path):
+    path = cs.save_scene(SCENES["paper"], tmp_path / "scene.toml")
+    schema, *lines = [line.partition("#")[0] for line in path.read_text().splitlines()]
+    above, cloth, sphere, end = "\n".join(lines).split("\n[")
+    edited = "\n[".join([f"\ufeff{above}\n{schema}", end, sphere.replace("radius = 0.25", "radius = 0.2 # m"), cloth])
+    path.write_bytes(edited.replace("\n", "\r\n").encode())
+    expected = SCENES["paper"].spheres[0].replace(radius=0.2)
+    assert cs.load_scene(path) == SCENES["paper"].replace(spheres=expected)
+
+
+def test_a_cut_file_is_refused(tmp_path):
+    path = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml")
+    data = path.read_bytes()
+    for length in range(len(data) - 1):  # without the last line break it is whole
+        path.write_bytes(data[:length])
+        with pytest.raises(ValueError, match="no TOML file of a scene") as caught:
+            cs.load_scene(path)
+        assert data[length - 1 : length] != b"\n" or "it is cut: its end" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +93,7 @@ def test_omitted_fields_take_their_defaults(tmp_path):
 )
 def test_a_bad_file_is_named_with_its_fault(tmp_path, text, error, message):
     path = tmp_path / "wrong.toml"
-    path.write_bytes(text.encode("latin-1"))
+    path.write_bytes(f"{text}\n[file]\ncomplete = true\n".encode("latin-1"))
     with pytest.raises(error, match=message) as caught:
         cs.load_scene(path)
     assert str(caught.value).startswith(str(path))

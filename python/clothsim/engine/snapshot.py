@@ -114,7 +114,7 @@ class Snapshot:
         Raises
         ------
         ValueError
-            If the file is no snapshot, or is damaged: it has a digest of every array.
+            If the file is no snapshot, or is damaged.
         OSError
             If the file cannot be read.
 

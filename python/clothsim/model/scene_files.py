@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -14,8 +13,7 @@ from ..base.extras import how_to_install
 from ..base.keywords import suggests
 from .scene import Scene
 
-_FIRST = "# A scene of clothsim. Delete this line and the last line, a digest, before you edit the file.\n"
-_LAST = "\n# sha256 "
+_END = "file"  # the last table; its only entry shows that the file has not been cut
 
 _COMMENTS = {
     "schema": "version of this layout",
@@ -49,8 +47,9 @@ _COMMENTS = {
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
-    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`.
-    The tables have the arguments of the classes. Missing arguments take their defaults.
+    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`. The tables have the
+    arguments of the classes. Missing arguments take their defaults. The last line, ``complete = true`` of the table
+    "file", shows that nothing has been cut off. Comments and the order of keys and tables are free.
 
     Parameters
     ----------
@@ -63,7 +62,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError
-        If the file is no TOML, is damaged, or has another schema version. Also for an unknown key, a missing key
+        If the file is no TOML, is cut, or has another schema version. Also for an unknown key, a missing key
         or a refused value. The message begins with the path, and suggests the nearest known key.
     TypeError
         If a value is of a wrong type.
@@ -84,13 +83,9 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     toml = _toml_reader()
     content = path.read_bytes()
     try:
-        text = content.decode("utf-8").replace("\r\n", "\n")
-        if not _intact(text):
-            raise ValueError(
-                "it is damaged, cut or edited since clothsim saved it. If you edited it, delete its first line and its "
-                "last line, which begins with '# sha256'"
-            )
-        data = toml.loads(text)
+        data = toml.loads(content.decode("utf-8-sig"))
+        if data.pop(_END, None) != {"complete": True}:
+            raise ValueError(f"it is cut: its end, the lines '[{_END}]' and 'complete = true', is missing")
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no TOML file of a scene: {error}") from None
     try:
@@ -100,24 +95,11 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         raise kind(f"{path}: {error}") from None
 
 
-def _intact(text: str) -> bool:
-    """Whether the last line has the digest of the lines above it; True where neither first nor last line promises one."""
-    above, mark, digest = text.rstrip("\n").rpartition(_LAST)
-    promised = mark or text.startswith(_FIRST[:20])
-    return not promised or (text.startswith(_FIRST) and digest == _digest(above))
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 @suggests
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
 
-    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation. The
-    last line has a digest of the lines above it, by which `load_scene` sees damage. Delete the first and the last line
-    before you edit the file.
+    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation.
 
     Parameters
     ----------
@@ -142,22 +124,16 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     >>> import tempfile, clothsim as cs
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
-    >>> print(text.splitlines()[7])
+    >>> print(text.splitlines()[6])
     mass = 512.0  # kg in all, or per mass point
     """
     check.instance("scene", scene, Scene)
-    return files.write_bytes(check.path("path", path), scene_bytes(scene))
-
-
-def scene_bytes(scene: Scene) -> bytes:
-    """The content of a scene's file."""
-    above = _FIRST + scene_text(scene).rstrip("\n")
-    return f"{above}{_LAST}{_digest(above)}\n".encode()
+    return files.write_bytes(check.path("path", path), scene_text(scene).encode())
 
 
 def scene_text(scene: Scene) -> str:
-    """The TOML text of a scene, without a digest, so that it can be edited."""
-    return "\n".join(_table(scene.to_dict(), "")) + "\n"
+    """The TOML text of a scene."""
+    return "\n".join(_table({**scene.to_dict(), _END: {"complete": True}}, "")) + "\n"
 
 
 def _toml_reader() -> Any:

@@ -306,7 +306,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     Raises
     ------
     ValueError
-        If the file is no run, or is damaged: it has a digest of every array.
+        If the file is no run, or is damaged.
     OSError
         If the file cannot be read.
 
