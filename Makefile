@@ -39,7 +39,7 @@ test: $(VENV)/.built-test
 
 # Tests that take minutes; those of pages want Chromium and are skipped without.
 test-slow: $(VENV)/.built-test
-	$(BIN)/python -m pytest -m "slow and not peers"
+	$(BIN)/python -m pytest -m "slow and not peers and not torture"
 
 # The core under ASan, UBSan and TSan; tools/sanitize.sh names the packages.
 sanitize: $(VENV)/.built-test
@@ -47,7 +47,7 @@ sanitize: $(VENV)/.built-test
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh address
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh thread
 
-# Fuzzers for 20 minutes, from a seed at random that is printed: calls, files, kills, threads, forks, memory.
+# Fuzzers and kills for 20 minutes, from a seed at random that is printed: calls, files, threads, forks.
 torture: $(VENV)/.built-test
 	$(BIN)/python tools/torture.py
 

@@ -10,7 +10,7 @@ from commands import python
 
 SCENE = cs.scenes.oscillator()
 RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every="step")
-HINT = r"pip install '\.\[{}\]' in a clone"
+HINT = r"pip install 'clothsim\[{}\]'"
 
 
 def never(*arguments, **options):

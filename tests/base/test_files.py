@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import resource
+import shutil
 import stat
 import subprocess
 import sys
@@ -39,11 +40,11 @@ WRITERS = {
 
 def write(name, path):
     """Write the file `name` as `path`; skip where its writer's program or package is missing."""
+    if name == "film.mp4" and not shutil.which("ffmpeg"):
+        pytest.importorskip("imageio_ffmpeg")
     try:
         WRITERS[name](path)
-    except (ImportError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and "is not on the PATH" not in str(error):
-            raise
+    except ImportError as error:
         pytest.skip(str(error))
 
 
@@ -60,7 +61,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
     if isinstance(caught.value, OSError) and caught.value.errno == errno.EFBIG:
-        assert str(path) in str(caught.value)
+        assert str(caught.value).endswith(f"{str(path)!r}")
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 

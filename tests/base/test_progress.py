@@ -2,10 +2,9 @@
 
 import io
 import sys
-from types import SimpleNamespace
 
 import pytest
-from clothsim.base.progress import ProgressBar, print_above, wanted_by_command
+from clothsim.base.progress import ProgressBar, wanted_by_command
 from clothsim.cli import main
 
 pytest.importorskip("tqdm")
@@ -42,35 +41,6 @@ def test_nothing_is_shown_in_a_pipe_or_unasked(monkeypatch):
         bar.advance()
         bar.say("more")
     assert pipe.getvalue() == "" and not wanted_by_command()
-
-
-def test_a_notebook_shows_it_although_its_stderr_is_no_terminal(monkeypatch):
-    pipe = stderr(monkeypatch, io.StringIO)
-    shell = SimpleNamespace(config={"IPKernelApp": {}})
-    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
-    with ProgressBar(True, total=4, mininterval=0) as bar:
-        bar.advance()
-    assert "25%" in pipe.getvalue()
-
-
-def test_text_is_printed_above_the_bar(monkeypatch, capsys):
-    terminal = stderr(monkeypatch, Terminal)
-    with ProgressBar(True, total=2, mininterval=0):
-        print_above("result", sys.stdout)
-    print_above("another", sys.stdout)
-    assert capsys.readouterr().out == "result\nanother\n"
-    assert "0/2" in terminal.getvalue()
-
-
-def test_a_missing_key_is_named(monkeypatch):
-    stderr(monkeypatch, Terminal)
-    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
-    with pytest.raises(ImportError, match=r"progress=True needs tqdm.*\[demo\]"):
-        ProgressBar(True)
-    monkeypatch.setitem(sys.modules, "tqdm", None)
-    assert not wanted_by_command()
-    with pytest.raises(TypeError, match="progress must be True or False, got 1"):
-        ProgressBar(1)
 
 
 SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")

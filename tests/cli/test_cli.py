@@ -228,7 +228,7 @@ def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_p
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = run(capsys, "reproduce", "--quick", "--out", tmp_path / "new")
     assert (code, out) == (1, "") and not (tmp_path / "new").exists()
-    assert "pip install '.[plot]' in a clone" in err and err.count("\n") == 1
+    assert "pip install 'clothsim[plot]'" in err and err.count("\n") == 1
 
 
 def test_interrupt_is_code_130(capsys, monkeypatch):

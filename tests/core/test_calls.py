@@ -134,23 +134,3 @@ def test_a_time_step_is_refused_where_any_is_stable(dt):
     with pytest.raises(ValueError, match="dt must be a finite number > 0"):
         stepper.advance(1, dt)
     assert stepper.time == 1e-3
-
-
-@pytest.mark.unsanitized("address", "thread", reason="measures time")
-@pytest.mark.parametrize("threads", [1, 2])
-def test_the_processor_is_left_alone_once_a_call_has_returned(kernel, threads):
-    """Threads that wait for a next call must sleep; libgomp's would spin for some 8 ms by default.
-
-    The best of up to eight tries counts: a thread may be held up on its way to sleep. The call is
-    short, as Linux books what a thread on another processor did in it only afterwards.
-    """
-    import time
-
-    stepper = cs.Stepper(cs.scenes.paper_swing(), threads=threads, kernel=kernel)
-    used = []
-    while not used or (min(used) > 1e-3 and len(used) < 8):
-        stepper.advance(5, 1e-5)
-        before = time.process_time()
-        time.sleep(0.05)
-        used.append(time.process_time() - before)
-    assert min(used) < 1e-3

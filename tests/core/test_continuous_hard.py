@@ -62,36 +62,6 @@ def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
     np.testing.assert_allclose(x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_the_earliest_of_two_contacts_on_a_path_comes_first(order):
-    """Both stand in the way: back from the first, whatever the order in the scene."""
-    spheres = [ball((2.0, 0, 0)), ball((4.0, 0, 0))][::order]
-    stepper = cs.Stepper(lone((0, 0, 0), spheres, (10.0, 0, 0)))
-    stepper.advance(1, 1.0)
-    np.testing.assert_allclose(stepper.positions[0, 0], (-7.0, 0, 0), rtol=0, atol=1e-13)
-
-
-def test_a_pinned_point_that_lies_on_a_sphere_is_not_moved():
-    """On the surface to a quarter of the slop (4 ulp of |centre| + radius), and pressed."""
-    above = (0, 0.5 + 4.5 * np.finfo(float).eps * 0.5, 0)
-    scene = lone(above, ball((0, 0, 0), motion=cs.Linear((0, 1e-3, 0)), restitution=0.0), pinned=True)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", cs.ContactWarning)
-        x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3, t=0.0)
-    np.testing.assert_array_equal(x[0, 0], above)
-    assert (v == 0).all()
-
-
-@pytest.mark.parametrize("which", [0, 7, 8, 10])
-def test_each_of_eleven_spheres_gets_its_contact(which, kernel):
-    """They are looked at eight by eight; the point is fired at one, the others stand aside."""
-    spheres = [ball((3.0 * k, 0, 0)) for k in range(11)]
-    stepper = cs.Stepper(lone((3.0 * which, 1.0, 0), spheres, (0, -4.0, 0)), kernel=kernel)
-    stepper.advance(1, 0.25)
-    np.testing.assert_allclose(stepper.positions[0, 0], (3.0 * which, 1.0, 0), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(stepper.velocities[0, 0], (0, 4.0, 0), rtol=0, atol=1e-13)
-
-
 def test_spheres_that_close_squeeze_a_point_out():
     """It leaves along the circle where they meet, and is never inside."""
     spheres = [
@@ -178,19 +148,6 @@ def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offse
         assert result["triangles"] == 0
 
 
-def test_a_batch_names_the_member_that_starts_inside():
-    scene = lone((0, 0, 0), ball((0, 0.45, 0)))
-    other = lone((0, -0.2, 0), ball((0, 0.45, 0)))
-    with pytest.warns(cs.ContactWarning, match="member 0"):
-        cs.Stepper([scene, other])
-
-
-def test_touching_at_the_start_does_not_warn():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        cs.Stepper(lone((0, 0.5, 0), ball((0, 0, 0))), precision="single").advance(5, 1e-3)
-
-
 @pytest.mark.parametrize("offset, bound", [("none", 1e-8), ("cell", 1e-10)])
 def test_the_friction_cone_from_both_sides(offset, bound):
     """tan(0.35) = 0.365: 3 % more friction holds, 3 % less slides as the formula says."""
@@ -213,24 +170,3 @@ def test_float32_arrays_stay_outside_from_call_to_call():
             x, v = cs.step(scene, x, v, 4e-4, 20, precision="single")
             assert np.linalg.norm(x.astype(float) - sphere.center, axis=-1).min() >= sphere.radius
     assert (np.linalg.norm(x - sphere.center, axis=-1) < 0.2505).sum() > 10
-
-
-def test_a_state_that_runs_away_is_unstable_still():
-    scene = cs.scenes.paper_static("continuous")
-    with pytest.raises(cs.UnstableError):
-        cs.Stepper(scene).advance(2000, 4e-3)
-
-
-def test_a_continuous_sphere_beside_one_of_the_paper():
-    """Each is answered by its own rule; the order in the scene does not matter."""
-    ray = cs.Sphere((0.3, -0.2, 0.5), 0.15, response="ray", offset="edge")
-    other = cs.Sphere((0.7, -0.2, 0.5), 0.15, response="continuous", restitution=0.0, offset="edge")
-    cloth = cs.Cloth((20, 20), pins=())
-    first = cs.Stepper(cs.Scene(cloth, (ray, other)))
-    second = cs.Stepper(cs.Scene(cloth, (other, ray)))
-    for stepper in (first, second):
-        stepper.advance(2500, 1e-4)
-        for sphere in (ray, other):
-            d = np.linalg.norm(stepper.positions - np.array(sphere.center), axis=-1).min()
-            assert sphere.radius - 1e-4 < d < sphere.radius + 5e-3
-    np.testing.assert_array_equal(first.positions, second.positions)

@@ -38,27 +38,6 @@ def test_every_exponent_of_a_length(instruction_set, dtype):
     assert worst <= 2
 
 
-def test_dense_mantissas_of_single(instruction_set):
-    """Squares from 1 to 4 m^2: the result has the exponent of the square and a mantissa of these two of them."""
-    seen = np.zeros(2**24, bool)
-    steps = np.sqrt(np.linspace(0, 1.5, 5))
-    for z in steps.astype(np.float32):
-        low, high = np.sqrt(max(1 - z**2, 1e-3)), np.sqrt(4 - z**2)
-        x = np.arange(low, high, 2.0**-22, dtype=np.float64).astype(np.float32)
-        worst, squared = ulps(instruction_set, x, np.full_like(x, z))
-        assert worst <= 2
-        squared = squared[(squared >= 1) & (squared < 4)]
-        seen[squared.view(np.uint32) - np.float32(1).view(np.uint32)] = True
-    assert seen.mean() > 0.5  # of all mantissas there are
-
-
-def test_dense_mantissas_of_double(instruction_set):
-    rng = np.random.default_rng(2)
-    even = np.linspace(1, 2, 2**20)
-    for x in (even, even * (1 + rng.uniform(0, 1e-6, even.size))):
-        assert ulps(instruction_set, x, np.zeros_like(x))[0] <= 2
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_guard_of_coincident_points_changes_no_length(instruction_set, dtype):
     """From a tenth of a nanometre on it is below rounding, and two coincident points have a finite 1/l."""

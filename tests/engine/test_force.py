@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from variants import cases
 
-INTEGRATORS = tuple(cs.integrators())
-
 
 def forces(scene, seed=5):
     """Newtons, as large as the springs' of a crumpled sheet."""
@@ -32,7 +30,7 @@ def test_the_acceleration_is_the_force_over_the_mass(double_variant, crumpled):
     assert np.abs(added - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("integrator", cs.integrators())
 def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, crumpled, relative):
     scene, x, v, dt = crumpled(shape=(7, 9))
     extra = np.array([0.7, 2.0, -1.0])
@@ -71,67 +69,6 @@ def test_the_potential_of_the_force_is_part_of_the_energy(crumpled):
     assert abs(end["total"] - parts["total"]) < 1e-6 * abs(end["force"] - parts["force"])
 
 
-@cases()
-def test_a_new_force_needs_no_new_engine(variant, crumpled, same_bits):
-    scene, x, v, dt = crumpled(mass="uniform")
-    first, second = (scene.replace(force=forces(scene, seed)) for seed in (1, 2))
-    options = variant.options
-    stepper = cs.Stepper(scene, x, v, **options)
-    engine = stepper._state.core
-    stepper.set_force(first.force)
-    stepper.advance(7, dt)
-    expected = cs.Stepper(first, x, v, **options)
-    expected.advance(7, dt)
-    assert same_bits(stepper._arrays(), expected._arrays())
-    stepper.set_force(second.force)
-    expected.set_scene(second)
-    for one in (stepper, expected):
-        one.advance(7, dt)
-    assert same_bits(stepper._arrays(), expected._arrays())
-    assert stepper._state.core is engine and stepper.scene == second
-    again = cs.Stepper.restore(stepper.snapshot())
-    for one in (stepper, again):
-        one.advance(7, dt)
-    assert same_bits(stepper._arrays(), again._arrays())
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_a_force_reaches_a_cloth_in_strips(crumpled, relative, threads):
-    scene, x, v, dt = crumpled(shape=(40, 2600), mass="uniform", pins=(), springs=("structural", "shear"))
-    forced = scene.replace(force=forces(scene))
-    stepper = cs.Stepper(scene, x, v, threads=threads)
-    stepper.advance(2, dt)
-    stepper.set_force(forced.force)
-    stepper.advance(2, dt)
-    expected = cs.reference_step(forced, *cs.reference_step(scene, x, v, dt, 2), dt, 2)
-    assert relative(stepper._arrays(), expected, x) < 1e-12
-
-
-def test_members_of_a_batch_have_forces_of_their_own(crumpled, same_bits):
-    scene, x, v, dt = crumpled()
-    pushed = [scene.replace(force=forces(scene, seed)) for seed in range(3)]
-    xs, vs = np.stack([x] * 3), np.stack([v] * 3)
-    together = cs.step(pushed, xs, vs, dt, 10)
-    stepper = cs.Stepper(scene, xs, vs)
-    stepper.set_force(np.stack([one.force for one in pushed]))
-    stepper.advance(10, dt)
-    assert same_bits(stepper._arrays(), together)
-    stepper.set_force(pushed[1].force)
-    assert (stepper._state.scenes[2].force == pushed[1].force).all()
-    for k, one in enumerate(pushed):
-        assert same_bits([part[k] for part in together], cs.step(one, x, v, dt, 10))
-
-
-def test_a_change_of_force_is_no_energy_out_of_nothing(crumpled, recwarn):
-    """Far from the origin the potential changes by more than all that moves."""
-    scene, x, v, dt = crumpled()
-    stepper = cs.Stepper(scene, x + (0, 300.0, 0), v)
-    for sign in (1, -1, 1, -1):
-        stepper.set_force(np.full(x.shape, sign * 0.5))
-        stepper.advance(300, dt)
-    assert not [one for one in recwarn if issubclass(one.category, cs.StabilityWarning)]
-
-
 def test_runs_and_the_trusted_solution_know_it(tmp_path, crumpled):
     scene, x, v, _ = crumpled(shape=(5, 6), damped_by="both")
     scene = scene.replace(position=x, velocity=v, force=forces(scene))
@@ -142,26 +79,3 @@ def test_runs_and_the_trusted_solution_know_it(tmp_path, crumpled):
     assert cs.load_scene(cs.save_scene(scene, tmp_path / "scene.toml")) == scene
     assert cs.load_run(run.save(tmp_path / "run.npz")).scene == scene
     assert cs.simulate(scene, 0.02, 1e-4).resume(0.01).report["steps"] == 100
-
-
-def test_explain_names_it(crumpled):
-    scene, *_ = crumpled()
-    forced = scene.replace(force=forces(scene)).explain()
-    assert "forces on points" in forced["computed"] and "forces on points" in scene.explain()["left_out"]
-    assert forced["flops"]["forces on points"] > 0
-
-
-def test_values_that_are_no_force_are_refused(crumpled):
-    scene, x, v, _ = crumpled()
-    with pytest.raises(ValueError, match=r"force must be an array of shape \(9, 20, 3\).*got shape \(3,\)"):
-        scene.replace(force=(0, 1, 0))
-    stepper = cs.Stepper(scene, x, v)
-    bad = np.zeros(x.shape)
-    bad[1, 2, 0] = np.nan
-    with pytest.raises(ValueError, match="force must be.*nan at index"):
-        stepper.set_force(bad)
-    with pytest.raises(ValueError, match="force must be an array of shape"):
-        stepper.set_force(np.zeros((2, *x.shape)))
-    with pytest.raises(TypeError, match="force must be"):
-        stepper.set_force(None)
-    assert stepper.scene is scene

@@ -53,18 +53,6 @@ def test_resumed_in_contact(response, offset, precision, same_bits):
     assert same_bits(end(first.resume(0.15)), end(whole))
 
 
-def test_sampling_goes_on(tmp_path):
-    """A sphere passes the flat sheet during the second half; depths are those of its samples."""
-    cloth = cs.Cloth((9, 9), mass=1.0, stiffness=1.0, damping=0.0, pins=np.ones((9, 9), bool))
-    ball = cs.Sphere((0.56, -1.1, 0.56), 0.04, cs.Linear((0.0, 10.0, 0.0)), "ray", "none")
-    scene = cs.Scene(cloth, ball)
-    first = cs.simulate(scene, 0.1, dt=1e-3, sampling=1)
-    assert first.resume(0.1).report["penetration"]["triangles"] == 0.0
-    often = cs.simulate(scene, 0.1, dt=1e-3, sampling=100)
-    for run in (often, cs.load_run(often.save(tmp_path / "often"))):
-        assert run.resume(0.1).report["penetration"]["triangles"] == pytest.approx(0.04, abs=1e-9)
-
-
 def test_frames_go_on_in_their_grid(same_bits):
     for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": "step"}):
         whole = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
@@ -76,17 +64,6 @@ def test_frames_go_on_in_their_grid(same_bits):
     np.testing.assert_array_equal(other.t, [0.05, 0.06, 0.0701, 0.1])
     again = cs.simulate(SMALL, 0.1, dt=1e-3, times=[0.05, 0.06, 0.0701])
     assert same_bits([other.x], [again.x[1:]])
-
-
-def test_a_duration_that_dt_does_not_divide():
-    """The first run ends with a shorter step, and the second begins there."""
-    first = cs.simulate(SMALL, 0.01537, dt=1e-3)
-    rest = first.resume(0.0331 - 0.01537)
-    stepper = cs.Stepper(SMALL)
-    for steps, dt in [(15, 1e-3), (1, 0.01537 - 15e-3), (17, 1e-3), (1, 0.0331 - 0.01537 - 17e-3)]:
-        stepper.advance(steps, dt)
-    assert rest.t[-1] == 0.0331 and (first.report["steps"], rest.report["steps"]) == (16, 18)
-    assert abs(rest.x[-1] - stepper.positions).max() < 1e-15
 
 
 @pytest.mark.parametrize("scene", [SMALL.replace(spheres=()), SMALL], ids=["free", "contact"])
@@ -120,30 +97,6 @@ def test_a_run_with_error_control_keeps_its_accuracy():
     exact = cs.simulate(scene, 0.5, rtol=1e-10)
     assert abs(rest.x[-1] - exact.x[-1]).max() < 3e-6
     assert rest.t.tolist() == [0.2, 0.5] and rest.report["integrator"] == "dop853"
-
-
-def test_a_dense_frame_can_be_gone_on_from():
-    scene, options = SMALL.replace(spheres=()), {"rtol": 1e-6, "integrator": "dop853", "fps": 40}
-    first = cs.simulate(scene, 0.5, callback=lambda t, x, v: t > 0.2, **options)
-    rest = first.resume(0.5 - first.t[-1])
-    whole = cs.simulate(scene, 0.5, **options)
-    assert abs(rest.x[-1] - whole.x[-1]).max() < 3e-6 and rest.t[-1] == 0.5
-    np.testing.assert_allclose(rest.t, whole.t[len(first.t) - 1 :], rtol=1e-12)
-
-
-def test_a_run_without_its_final_state_is_not_resumed():
-    run = cs.simulate(SMALL, 0.01, dt=1e-3)
-    bare = cs.Run(run.scene, run.t, run.x, run.v, run.report)
-    with pytest.raises(ValueError, match="cannot be resumed"):
-        bare.resume(0.1)
-    for change, name in (
-        ({"duration": 0}, "duration"),
-        ({"every": 1}, "every"),
-        ({"callback": 1}, "callback"),
-        ({"times": [0.005]}, "times"),
-    ):
-        with pytest.raises((ValueError, TypeError), match=name):
-            run.resume(**{"duration": 0.1, **change})
 
 
 # Snapshots
@@ -213,17 +166,6 @@ def test_files_that_are_not_ours_are_refused(load, tmp_path, capsys):
     assert capsys.readouterr().out == ""
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "nowhere.npz")
-
-
-@pytest.mark.parametrize("name", ["a.h5", "a.csv", "a.npy", "a.tar.gz"])
-def test_other_endings_are_refused(name, tmp_path):
-    run = cs.simulate(SMALL, 0.01, dt=1e-3)
-    for one in (run, run.snapshot):
-        with pytest.raises(ValueError, match=f"path must end in .npz .*{name}"):
-            one.save(tmp_path / name)
-        with pytest.raises(TypeError, match="path must be a path"):
-            one.save(3)
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_file_of_another_schema_is_refused(tmp_path):
@@ -338,39 +280,3 @@ def test_set_scene_of_a_batch_keeps_frozen_members_and_contact_energy(same_bits)
     assert same_bits([stepper.positions[0]], [before[0]])
     assert not same_bits([stepper.positions[1]], [before[1]])
     np.testing.assert_array_equal(stepper.contact_energy, energy)
-
-
-@pytest.mark.parametrize(
-    "call, error, message",
-    [
-        (lambda s: s.set_scene(SCENE), ValueError, r"cloth of shape \(6, 7\), got \(32, 32\)"),
-        (lambda s: s.set_scene([SMALL]), ValueError, "scene must be a Scene, as the stepper"),
-        (lambda s: s.set_scene(3), TypeError, "scene must be"),
-        (lambda s: s.set_state(np.zeros((3, 6, 7, 3)), np.zeros((3, 6, 7, 3))), ValueError, "shape"),
-        (lambda s: s.set_state(np.zeros((6, 6, 3))), ValueError, "x must be"),
-        (lambda s: s.set_state(v=np.full((6, 7, 3), np.nan)), ValueError, "v must be"),
-        (lambda s: s.set_state(t=np.inf), ValueError, "t must be"),
-        (lambda s: s.advance(1e-3, 10), TypeError, r"look swapped: the order is advance\(steps, dt\)"),
-        (lambda s: cs.step(s.scene, s.positions, s.velocities, 10, 1e-3, t=0.0), TypeError, "swapped"),
-    ],
-)
-def test_a_refused_call_changes_nothing(call, error, message, same_bits):
-    stepper = cs.Stepper(SMALL)
-    stepper.advance(50, 1e-3)
-    twin = cs.Stepper.restore(stepper.snapshot())
-    with pytest.raises(error, match=message):
-        call(stepper)
-    for one in (stepper, twin):
-        one.advance(dt=1e-3, steps=20)
-    assert stepper.time == twin.time and same_bits([stepper.positions], [twin.positions])
-
-
-def test_a_short_text_of_a_stepper():
-    for scene, words in (
-        (SMALL, ["6 x 7 mass points", "1 sphere (moving, response ray)", "t = 0.02 s", "rk4 in double"]),
-        ([SMALL, SMALL.replace(spheres=())], ["a batch of 2, each 6 x 7", "0 to 1 spheres"]),
-    ):
-        stepper = cs.Stepper(scene)
-        stepper.advance(20, 1e-3)
-        text = repr(stepper)
-        assert all(word in text for word in words) and len(text) < 200 and "\n" not in text

@@ -239,7 +239,7 @@ except ImportError as error:
     print(error)
 """
     run = python(code)
-    assert "pip install '.[gpu]'" in run.stdout, run.stderr
+    assert "pip install 'clothsim[gpu]'" in run.stdout, run.stderr
 
 
 @pytest.mark.parametrize(

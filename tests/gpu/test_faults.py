@@ -2,21 +2,15 @@
 
 import os
 import signal
-import sys
 import threading
 import time
-from dataclasses import replace
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import AdapterLostError, block
+from clothsim.gpu import AdapterLostError
 from clothsim.gpu import safe as safe_copy
-from clothsim.gpu.block import MOST_STEPS_UNCHECKED
-from clothsim.gpu.device import Device
-from clothsim.gpu.parameters import CONTACT_SIZE
 from clothsim.gpu.simulation import Simulation
-from commands import python
 
 GPU = {"backend": "gpu", "precision": "single"}
 quiet = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
@@ -190,70 +184,6 @@ def test_the_state_is_copied_back_while_it_advances(monkeypatch):
     assert stepper.time == 5e-4
 
 
-@quiet
-@pytest.mark.parametrize("name", ["run", "bad_point"])
-def test_steps_that_cannot_be_ended_are_taken_back(name, same_bits, monkeypatch):
-    """Memory runs out before steps or behind them: state and clock stay together."""
-    scene = stiff()
-    dt = 0.5 * cs.max_stable_dt(scene)
-    stepper, other = cs.Stepper(scene, **GPU), cs.Stepper(scene, **GPU)
-    for each in (stepper, other):
-        each.advance(7, dt)
-    calls, real = [], getattr(block.Block, name)
-
-    def full(self, *args):
-        calls.append(self)
-        if len(calls) == 2:
-            raise MemoryError("full")
-        return real(self, *args)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(block.Block, name, full)
-        with pytest.raises(MemoryError, match="full"):
-            stepper.advance(400, dt)
-    done = round(stepper.time / dt) - 7
-    assert 0 <= done < 400
-    other.advance(done, dt)
-    assert stepper.time == other.time and same_bits(arrays(stepper), arrays(other))
-    for each in (stepper, other):
-        each.advance(20, dt)
-    assert same_bits(arrays(stepper), arrays(other))
-
-
-def test_a_batch_without_memory_to_be_made_anew_keeps_its_last_state(same_bits, monkeypatch):
-    scene, dt = stiff(), 1e-4
-    x = disturbed(scene)
-    stepper = cs.Stepper(scene, np.stack([x, -x]), np.zeros((2, *x.shape)), **GPU)
-    stepper.advance(9, dt)
-    before = arrays(stepper)
-
-    def full(self, size, *usages):
-        raise MemoryError("full")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Device, "create_buffer", full)
-        with pytest.raises(MemoryError, match="full"):
-            stepper.freeze(0)
-    assert stepper.time == 9 * dt and same_bits(arrays(stepper), before)
-    with pytest.raises(AdapterLostError, match=r"no longer on .* t = 0.0009 s is safe"):
-        stepper.advance(1, dt)
-    again = cs.Stepper.restore(stepper.snapshot())
-    again.advance(1, dt)
-    assert again.time == 10 * dt and same_bits([arrays(again)[0][0]], [before[0][0]])
-
-
-def test_a_table_of_more_bytes_than_a_buffer_is_refused(device):
-    """The places of the spheres of many scenes, not the state, are what is too large."""
-    narrow = Device(replace(device.adapter, largest_buffer=40_000))
-    ball = cs.Sphere((0, -1, 0), 0.1, cs.Linear((0, 1, 0)), response="ray", offset="edge")
-    scenes = [cs.Scene(cs.Cloth((3, 3)), ball.replace(radius=0.1 + 0.01 * k)) for k in range(9)]
-    Simulation(scenes[:2], 0.0, "single", False, narrow)
-    needed = (1 + MOST_STEPS_UNCHECKED) * len(scenes) * CONTACT_SIZE * (8 if device.float64 else 4)
-    told = f"graphics adapter: it needs a buffer of {needed:,} bytes, .* has at most 40,000"
-    with pytest.raises(ValueError, match=told):
-        Simulation(scenes, 0.0, "single", False, narrow)
-
-
 def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
     columns = device.adapter.largest_buffer // (6 * 4 * 1000) + 1
     cloth = cs.Cloth((1000, columns))
@@ -264,35 +194,3 @@ def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
     if device.adapter.largest_buffer < 2**28:
         with pytest.raises(ValueError, match="too large for the graphics adapter"):
             cs.Stepper(cs.Scene(cloth), **GPU)
-
-
-def test_a_batch_of_more_members_than_workgroups_is_refused(device):
-    members = device.groups_limit + 1
-    x = np.zeros((members, 1, 2, 3), np.float32)
-    with pytest.raises(ValueError, match=f"{members} cloths of shape .* workgroups"):
-        cs.step(cs.Scene(cs.Cloth((1, 2))), x, x, 1e-4, **GPU)
-
-
-def test_memory_that_does_not_suffice_is_a_memory_error(device):
-    """The process is given little more memory than it has; lavapipe's buffers come out of it."""
-    if not device.adapter.software or sys.platform != "linux":
-        pytest.skip("memory can be withheld from a software adapter on Linux only")
-    code = """
-import resource
-import clothsim as cs
-small, large = cs.Scene(cs.Cloth((4, 4))), cs.Scene(cs.Cloth((1500, 1500)))
-x = large.initial_position.astype("float32"); v = large.initial_velocity.astype("float32")
-stepper = cs.Stepper(small, backend="gpu", precision="single")
-stepper.advance(2, 1e-4)
-pages = int(open("/proc/self/statm").read().split()[0])
-resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 150 * 2**20,) * 2)
-try:
-    cs.Stepper(large, x, v, backend="gpu", precision="single")
-except MemoryError as error:
-    print(error)
-stepper.advance(2, 1e-4)
-print(round(stepper.time, 12))
-"""
-    run = python(code)
-    assert "is out of memory" in run.stdout, run.stdout + run.stderr
-    assert run.stdout.endswith("0.0004\n")

@@ -6,7 +6,6 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.methods.limiting import limiting_term
-from tables import each
 
 
 def given(category, run):
@@ -114,67 +113,6 @@ def test_a_run_of_more_than_a_million_steps_says_how_long_it_takes(monkeypatch):
     (message,) = given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))
     assert message == "7,200,000 steps of 1e-06 s will take about 2 hours"
     assert not given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))  # once
-
-
-@pytest.mark.parametrize("cost", [3e-6, 1e-2])
-def test_the_time_of_a_step_is_measured_on_a_copy(monkeypatch, cost):
-    """By a clock on which a step takes `cost` seconds."""
-    from clothsim.engine import state
-
-    stepper, taken = cs.Stepper(cs.scenes.paper_swing(), threads=1), []
-    before, advance = stepper.positions, state.State.advance
-
-    def counted(self, steps, dt):
-        taken.append(steps)
-        advance(self, steps, dt)
-
-    monkeypatch.setattr(state.State, "advance", counted)
-    monkeypatch.setattr("clothsim.base.clocks.perf_counter", lambda: cost * sum(taken))
-    assert stepper._state._seconds_per_step(1e-5) == pytest.approx(cost, rel=1e-9)
-    assert (stepper.positions == before).all() and stepper.time == 0.0
-
-
-@each(
-    "call",
-    [
-        lambda masked, scene: cs.energy(scene, masked, scene.initial_velocity),
-        lambda masked, scene: cs.largest_stretch(scene, masked),
-        lambda masked, scene: cs.penetration(masked, cs.Sphere()),
-        lambda masked, scene: cs.max_stable_dt(scene, x=masked),
-        lambda masked, scene: cs.step(scene, masked, scene.initial_velocity, 1e-3),
-        lambda masked, scene: cs.Stepper([scene, scene], [masked, masked]),
-        lambda masked, scene: cs.Scene(scene.cloth, position=masked),
-        lambda masked, scene: cs.Cloth((3, 3), mass=masked[..., 0]),
-        lambda masked, scene: cs.Cloth((3, 3), pins=masked[..., 0] > 0),
-        lambda masked, scene: cs.Sphere(center=masked[0, 0]),
-        lambda masked, scene: cs.Sphere().center_at(masked[0, 0]),
-        lambda masked, scene: cs.sweep(scene, {"stiffness": masked[0, :, 0]}, duration=1e-3),
-    ],
-)
-def test_masked_arrays_are_refused(call):
-    scene = cs.Scene(cs.Cloth((3, 3)))
-    masked = np.ma.masked_less(1.0 + scene.initial_position, 1.2)
-    with pytest.raises(TypeError, match=r"masked array.*\.filled"):
-        call(masked, scene)
-
-
-def test_a_measure_of_overflow_or_nan_names_the_point():
-    scene = cs.Scene(cs.Cloth((4, 5)))
-    x, v = scene.initial_position.copy(), scene.initial_velocity.copy()
-    x[2, 3, 1] = 1e200
-    for call in (lambda: cs.energy(scene, x, v), lambda: cs.largest_stretch(scene, x), lambda: cs.energy(scene, v, x)):
-        with pytest.raises(ValueError, match=r"1e\+200 at mass point \(2, 3\)"):
-            call()
-    with pytest.raises(ValueError, match=r"mass point \(2, 3\) of batch member 1"):
-        cs.energy(scene, [v, x], [v, v])
-    x[2, 3, 1] = np.nan
-    for call in (
-        lambda: cs.energy(scene, x, v),
-        lambda: cs.largest_stretch(scene, x),
-        lambda: cs.penetration(x, cs.Sphere()),
-    ):
-        with pytest.raises(ValueError, match=r"nan at index \(2, 3, 1\), mass point \(2, 3\)"):
-            call()
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,13 @@
 """A run's start time and frames, its callback, its progress bar, and what an early end leaves."""
 
-import math
 import signal
 import sys
 import threading
-import time
 import types
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run import recording
-from clothsim.run.fixed_steps import RunOptions, integrate, run_fixed
-from clothsim.run.recording import Recording, Watch
-from tables import each
 
 SCENE = cs.scenes.paper_swing()
 SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))
@@ -75,31 +69,6 @@ def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     some = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)
     expected = each.t[::count].tolist()
     assert some.t.tolist() == expected + ([] if expected[-1] == 0.3 else [0.3])
-
-
-@each(
-    "change, error, message",
-    [
-        ({"every": 0.1, "fps": 30}, ValueError, "at most one of .* got every and fps"),
-        ({"times": [0.1], "fps": 30}, ValueError, "got times and fps"),
-        ({"every": 1}, ValueError, "every='step' .* every=1.0"),
-        ({"times": []}, ValueError, "times must be"),
-        ({"times": [0.2, 0.1]}, ValueError, "increasing times .*got 0.1 at index \\(1,\\)"),
-        ({"times": [0.1, 0.1]}, ValueError, "increasing"),
-        ({"times": [0.1, 0.6]}, ValueError, "from 0 to 0.5, got 0.6 at index \\(1,\\)"),
-        ({"t": 1.0, "times": [0.5]}, ValueError, "from 1 to 1.5"),
-        ({"times": [math.nan]}, ValueError, "times must be"),
-        ({"times": 0.1}, ValueError, "one dimension"),
-        ({"times": ["a"]}, TypeError, "times must be"),
-        ({"times": [[0.1], [0.1, 0.2]]}, ValueError, "different lengths"),
-        ({"t": 1e12}, ValueError, "duration must be more than 1e-12 of the time t = 1e\\+12 s"),
-        ({"callback": 3}, TypeError, "callback must be callable"),
-        ({"callback": lambda t, x, v: x}, TypeError, "callback must return True .* an array of shape"),
-    ],
-)
-def test_refuses(change, error, message):
-    with pytest.raises(error, match=message):
-        cs.simulate(SMALL, 0.5, dt=1e-3, **change)
 
 
 # Start time
@@ -184,128 +153,20 @@ def test_the_callback_stops_the_run(options):
 # Early ends
 
 
-def interrupted(*arguments, **options):
-    """The error of a call that gets Ctrl-C after 0.3 s of stepping, and how late it ended.
-
-    The least of three tries, as other processes may hold up one.
-    """
-    found = []
-    for _ in range(3):
-        sent = []
-
-        def send(sent=sent):
-            sent.append(time.perf_counter())
-            signal.raise_signal(signal.SIGINT)
-
-        timer = threading.Timer(0.3, send)
-
-        def begin(t, x, v, timer=timer):
-            if not timer.is_alive():
-                timer.start()
-
-        with pytest.raises(KeyboardInterrupt) as raised:
-            cs.simulate(*arguments, callback=begin, **options)
-        found.append((time.perf_counter() - sent[0], raised.value))
-        timer.join()
-        if found[-1][0] < 0.1:
-            break
-    late, error = min(found, key=lambda one: one[0])
-    return error, late
-
-
-@pytest.mark.parametrize("call", ["simulate", "error control", "settle"])
-def test_a_second_ctrl_c_does_not_lose_the_run(call, monkeypatch):
-    """The second signal comes while the run so far is put together."""
-    module = sys.modules["clothsim.run.settle" if call == "settle" else "clothsim.run.simulate"]
-    name = "Run" if call == "settle" else "report"
-    original, again = getattr(module, name), []
-
-    def report(*arguments, **options):
-        if not again:
-            again.append(1)
-            signal.raise_signal(signal.SIGINT)
-        return original(*arguments, **options)
-
-    monkeypatch.setattr(module, name, report)
-    timer = threading.Timer(1.5 if call == "error control" else 0.3, signal.raise_signal, (signal.SIGINT,))
-    timer.start()
+@pytest.mark.parametrize("options", [{"dt": 5e-5}, {"rtol": 1e-6, "integrator": "dop853"}], ids=str)
+def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
+    timer = threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,))
     with pytest.raises(cs.RunInterrupted) as raised:
-        if call == "settle":
-            cs.settle(cs.scenes.paper_swing(), 1e-12)
-        else:
-            cs.simulate(SCENE, 400.0, **({"dt": 5e-5} if call == "simulate" else {"rtol": 1e-4}))
+        cs.simulate(SCENE, 1e3, every=2e3, threads=1, precision=precision, callback=lambda t, x, v: timer.start(), **options)
     timer.join()
-    assert again and raised.value.run is not None
-    assert "interrupted" in (raised.value.run.report["stopped"], raised.value.run.report.get("reason"))
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_ctrl_c_returns_the_finished_members(precision, same_bits):
-    dt = 5e-5
-    error, late = interrupted(SCENE, 40.0, dt=dt, every=50.0, threads=1, precision=precision)
-    assert isinstance(error, cs.RunInterrupted) and late < 0.1
-    run = error.run
-    assert run.report["stopped"] == "interrupted" and run.report["steps"] > 10
-    assert abs(run.t[-1] - run.report["steps"] * dt) < 1e-9
+    run = raised.value.run
+    assert run.report["stopped"] == "interrupted" and f"{run.t[-1]:g}" in str(raised.value)
     assert len(run.t) == 2 and run.t[0] == 0.0
-    assert f"{run.t[-1]:g}" in str(error)
-    x, v = SCENE.initial_position, SCENE.initial_velocity
-    again = cs.step(SCENE, x, v, dt, run.report["steps"], precision=precision, threads=1)
-    assert same_bits(frame(run, -1), again)
-
-
-@pytest.mark.unsanitized("address", reason="measures time")
-def test_ctrl_c_returns_thousands_of_frames():
-    error, late = interrupted(cs.scenes.paper_swing(), 50.0, dt=1e-4, every="step")
-    assert late < 0.1 and len(error.run) > 100
-
-
-def test_ctrl_c_with_error_control_counts_its_steps():
-    error, late = interrupted(SCENE, 1e3, rtol=1e-6, integrator="dop853", threads=1)
-    run = error.run
-    assert late < 0.1 and run.t[0] == 0 < run.t[-1] and len(run.t) == 2
-    assert run.report["steps"] > 4
-    assert 0 < run.report["dt"] < 0.1 and run.report["energy"]["end"]["kinetic"] > 0
-
-
-def test_ctrl_c_before_the_first_frame_of_another_run_leaves_the_run_before(monkeypatch):
-    def interrupt(recording):
-        raise KeyboardInterrupt
-
-    watch, options = Watch(), RunOptions()
-    run_fixed(SMALL, 0.01, 1e-3, options, watch=watch)
-    before = watch.recording
-    monkeypatch.setattr(Recording, "arrays_now", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        run_fixed(SMALL, 0.01, 1e-3, options, watch=watch)
-    assert watch.recording is before and before.t == [0.0, 0.01]
-
-
-@pytest.mark.parametrize(
-    ("call", "module", "name"),
-    [
-        (lambda run: cs.simulate(SMALL, 0.1, dt=1e-3, every=50), "fixed_steps", "sample_every"),
-        (lambda run: cs.simulate(SMALL, 0.1, rtol=1e-3), "attempts", "integrate"),
-        (lambda run: cs.simulate(SMALL, 0.1, rtol=1e-3, integrator="rk45"), "attempts", "integrate"),
-        (lambda run: run.resume(0.1), "simulate", "run_fixed"),
-    ],
-)
-def test_ctrl_c_before_the_first_frame_leaves_that_frame(call, module, name, monkeypatch):
-    run = cs.simulate(SMALL, 0.1, dt=1e-3)
-    monkeypatch.setattr(sys.modules[f"clothsim.run.{module}"], name, lambda *_, **__: signal.raise_signal(signal.SIGINT))
-    with pytest.raises(cs.RunInterrupted) as raised:
-        call(run)
-    monkeypatch.undo()
-    begun = raised.value.run
-    expected = run if "resume" in call.__code__.co_names else cs.simulate(SMALL, 1e-3, dt=1e-3)[:1]
-    assert begun.t.tolist() == [expected.t[-1]] and begun.x[0].tobytes() == expected.x[-1].tobytes()
-    assert begun.report["stopped"] == "interrupted" and begun.report["steps"] == 0
-    if name == "integrate":
-        with pytest.raises(ValueError, match="cannot be resumed"):
-            begun.resume(0.1)
-    else:
-        whole = call(run) if expected is not run else run.resume(0.1)
-        assert begun.resume(0.1).x[-1].tobytes() == whole.x[-1].tobytes()
+    if "dt" in options:
+        steps = run.report["steps"]
+        assert abs(run.t[-1] - steps * 5e-5) < 1e-9
+        x, v = SCENE.initial_position, SCENE.initial_velocity
+        assert same_bits(frame(run, -1), cs.step(SCENE, x, v, 5e-5, steps, precision=precision, threads=1))
 
 
 def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
@@ -378,23 +239,3 @@ def test_the_bar_counts_simulated_seconds(monkeypatch, options, same_bits):
     assert abs(bar.n - 0.4) < 1e-9
     # The bar cuts the run into several calls of the core; the result is the same.
     assert same_bits(frame(run, -1), frame(cs.simulate(SMALL, 0.4, t=3.0, threads=1, **options), -1))
-
-
-@pytest.mark.parametrize(("cost", "steps"), [(1e-4, 1000), (0.03, 3), (1.0, 1)])
-def test_a_bar_moves_ten_times_a_second(monkeypatch, cost, steps):
-    """A tenth of a second of steps, by a clock on which a step takes `cost` seconds."""
-    options, dt = RunOptions("rk4", "double", 1, "auto", False), 1e-5
-    run = Recording(options.state(SMALL), options, Watch(bar=Bar()), dt)
-    clock = types.SimpleNamespace(perf_counter=lambda: cost * run.state.core.time / dt)
-    monkeypatch.setattr(recording, "time", clock)
-    for _ in range(15):
-        run.advance(run._chunk, dt)
-    assert abs(run._chunk - steps) <= 1
-
-
-def test_a_run_without_observers_shows_its_bar():
-    """With error control, steps are single only where the error is observed."""
-    bar = Bar()
-    options = RunOptions("dop853", "double", 1, "auto", False)
-    integrate(SMALL, 0.4, 1e-12, options, watch=Watch(bar=bar))
-    assert len(bar.updates) > 3 and abs(bar.n - 0.4) < 1e-9

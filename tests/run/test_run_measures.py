@@ -2,7 +2,6 @@
 
 import io
 import json
-import math
 from contextlib import redirect_stdout
 
 import clothsim as cs
@@ -40,24 +39,6 @@ def test_penetration_at_the_times_of_a_batch():
 
 
 @pytest.mark.parametrize(
-    "x, t, error, message",
-    [
-        (X, None, ValueError, r"t must be given.*penetration\(run.x, sphere, run.t\)"),
-        (np.stack([X, X]), None, ValueError, "t must be given"),
-        (X, [0.1], ValueError, "one time for one state"),
-        (np.stack([X, X]), [0.1, 0.2, 0.3], ValueError, r"t must be .*shape \(2,\).*\(3,\)"),
-        (np.stack([X, X]), [0.1, math.nan], ValueError, "t must be .*index"),
-        (np.stack([X, X]), ["a", "b"], TypeError, "t must be"),
-        (X, "now", TypeError, "t must be"),
-        (X, math.inf, ValueError, "t must be"),
-    ],
-)
-def test_penetration_refuses(x, t, error, message):
-    with pytest.raises(error, match=message):
-        cs.penetration(x, MOVING, t)
-
-
-@pytest.mark.parametrize(
     "call",
     [
         lambda scene, **t: cs.step(scene, X, V, 1e-3, **t),
@@ -72,11 +53,6 @@ def test_time_is_required_where_a_sphere_moves(call):
         call(SCENE)
     call(SCENE, t=0.0)
     call(SCENE.replace(spheres=STILL))
-
-
-def test_a_stepper_of_the_scenes_own_state_starts_at_0():
-    assert cs.Stepper(SCENE).time == 0.0
-    assert cs.acceleration(SCENE, X, V).shape == X.shape  # spheres exert no force
 
 
 # Over frames
@@ -103,22 +79,6 @@ def test_energy_and_stretch_of_frames(run):
         assert {name: values[k] for name, values in energies.items()} == alone
         assert stretches["largest"][k] == cs.largest_stretch(SCENE, run.x[k])
     assert energies["total"][-1] == run.report["energy"]["end"]["total"]
-
-
-def test_measures_of_frames_without_spheres_or_springs():
-    cloth = cs.Cloth((2, 3), stiffness=0.0, damping=0.0, springs=())
-    run = cs.simulate(cs.Scene(cloth), 0.02, dt=1e-2)
-    np.testing.assert_array_equal(run.penetration()["triangles"], [0.0, 0.0])
-    np.testing.assert_array_equal(run.stretch()["largest"], [0.0, 0.0])
-    with pytest.raises(ValueError, match="sphere must be None"):
-        run.penetration(0)
-
-
-def test_penetration_refuses_a_sphere_that_is_not_there(run):
-    with pytest.raises(ValueError, match="sphere must be an integer >= 0 and <= 1, got 2"):
-        run.penetration(2)
-    with pytest.raises(TypeError, match="sphere must be"):
-        run.penetration(MOVING)
 
 
 # Shown and compared
@@ -156,14 +116,6 @@ def test_a_run_is_six_short_lines(run):
     assert stopped.t.tolist() == [0.0] and stopped.report["steps"] == 0
 
 
-def test_a_run_with_an_incomplete_report_can_be_shown(run):
-    told = {"penetration": {"points": math.nan, "triangles": math.nan, "reason": "not watched"}}
-    for report in ({}, told, {"energy": {"start": None}, "wall_time": 0.1}):
-        lines = printed(cs.Run(run.scene, run.t[:1], run.x[:1], run.v[:1], report))
-        assert len(lines) <= 6
-    assert any("not known: not watched" in line for line in printed(cs.Run(run.scene, run.t, run.x, run.v, told)))
-
-
 def test_runs_are_equal_if_their_results_are(run, tmp_path):
     again = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
     assert run == run and run == again and hash(run) == hash(again)
@@ -173,24 +125,6 @@ def test_runs_are_equal_if_their_results_are(run, tmp_path):
     assert run != cs.simulate(SCENE.replace(spheres=MOVING), 0.6, t=0.1, dt=1e-3, fps=40)
     one = cs.Stepper(SCENE).snapshot()
     assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1
-
-
-def test_the_summary_of_a_scene():
-    from clothsim.measure.summary import scene_lines
-
-    lines = scene_lines(SCENE)
-    assert len(lines) <= 6 and max(map(len, lines)) < 100
-    text = "\n".join(lines)
-    for part in (
-        "6 x 7 mass points",
-        "1 x 1 m",
-        "21 kg",
-        f"{SCENE.cloth.spring_count()} springs",
-        "2 pinned points",
-        "1 moving, response reflect; 1 response reflect",
-        "-9.80665",
-    ):
-        assert part in text
 
 
 def test_the_report_of_a_resumed_run_survives_json(run):

@@ -27,17 +27,6 @@ def test_only_a_part_with_the_last_frame_can_be_resumed(run, tmp_path):
     assert cs.load_run(run[:3].save(tmp_path / "part")) == run[:3]
 
 
-@pytest.mark.parametrize("frames", [slice(5, 5), slice(None, None, -1), slice(40, 50)])
-def test_a_slice_without_rising_frames_is_refused(run, frames):
-    with pytest.raises(ValueError, match="frames must be a rising slice of 0 to 11"):
-        run[frames]
-
-
-def test_a_single_index_is_refused_so_that_a_run_is_no_sequence_of_runs(run):
-    with pytest.raises(TypeError, match=r"frames must be a slice, as in run\[10:20\], got 3"):
-        run[3]
-
-
 def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
     found = run.at(-1, 5)
     assert np.array_equal(found["x"], run.x[:, 31, 5]) and np.array_equal(found["v"], run.v[:, 31, 5])
@@ -98,11 +87,3 @@ def test_only_times_that_both_have_stored_are_compared(run):
         assert found["max"].max() == 0
     with pytest.raises(ValueError, match=r"b must have a stored time of a.*fps= or times="):
         cs.difference(run[:1], other)
-
-
-def test_cloths_of_two_shapes_have_no_difference(run):
-    other = cs.simulate(cs.scenes.oscillator(), 0.2, dt=1e-3)
-    with pytest.raises(ValueError, match=r"b must be a run of a cloth of shape \(32, 32\), as a, got \(1, 2\)"):
-        cs.difference(run, other)
-    with pytest.raises(TypeError, match="a must be a Run, got 3"):
-        cs.difference(3, other)

@@ -116,30 +116,12 @@ def test_without_dt_a_safe_one_is_taken():
     np.testing.assert_allclose(run.x[-1, 0, 1, 1], -9.80665 / 8, rtol=1e-12)
 
 
-def test_save_and_load(tmp_path, same_bits):
-    run = cs.simulate(SCENE, 0.01, dt=1e-3, every=3)
-    for name in ("run", "run.npz"):
-        path = run.save(tmp_path / name)
-        assert path.suffix == ".npz" and path.exists()
-        again = cs.load_run(path)
-        assert again.scene == run.scene and repr(again.report) == repr(run.report)  # NaN is not NaN
-        assert same_bits((again.t, again.x, again.v), (run.t, run.x, run.v))
-    np.savez(tmp_path / "other.npz", a=1)
-    with pytest.raises(ValueError, match="is no run of clothsim"):
-        cs.load_run(tmp_path / "other.npz")
-
-
 def test_the_report_has_the_step_that_was_taken():
     scene = cs.scenes.oscillator()
     for given, taken, steps in [({"dt": 1.0}, 0.01, 1), ({"dt": 1e-3, "fps": 5000}, 1e-3, 10), ({"dt": 4e-3}, 4e-3, 3)]:
         run = cs.simulate(scene, 0.01, **given)
         assert run.report["steps"] == steps and abs(run.report["dt"] / taken - 1) < 1e-9
         assert f" of {taken:.4g} s by rk4" in str(run)
-
-
-def test_a_run_is_of_one_scene():
-    with pytest.raises(TypeError, match="scene must be a Scene"):
-        cs.simulate([SCENE], 0.01)
 
 
 def test_a_duration_that_no_clock_resolves_is_refused():

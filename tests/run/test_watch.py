@@ -97,23 +97,6 @@ def test_they_are_the_same_for_every_number_of_threads(name, kernel):
     assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])
 
 
-def test_a_large_cloth_in_strips():
-    """Strips of columns take the step one after the other (single, 66 x 2500)."""
-    cloth = cs.Cloth((66, 2500), (0.66, 25.0), mass=66 * 2500 * 1e-3, stiffness=200.0, damping=0.0)
-    spheres = [
-        ball(response="reflect", offset="none", center=(x, -0.1, 0.3), radius=0.1, motion=cs.Linear((0, y, 0)))
-        for x, y in ((3.0, 1.0), (12.5, 2.0), (20.0, 1.5))
-    ]
-    scene = cs.Scene(cloth, spheres)
-    stepper, deepest = cs.Stepper(scene, precision="single", threads=2), 0.0
-    for _ in range(12):
-        stepper.advance(1, 1e-3)
-        x = stepper.positions.astype(float)
-        deepest = max(deepest, *(s.radius - np.linalg.norm(x - s.center_at(stepper.time), axis=-1).min() for s in spheres))
-    report = cs.simulate(scene, 0.012, 1e-3, precision="single", threads=2).report
-    assert report["penetration"]["points"] == pytest.approx(deepest, rel=1e-12) and deepest > 1e-3
-
-
 def test_the_papers_failing_case_is_reported():
     """Method 1 as printed: the moving sphere goes through the cloth. Only two frames are stored.
 
@@ -156,32 +139,6 @@ def test_a_continuous_sphere_that_is_never_touched_leaves_a_plain_error_estimate
         assert report["first_contact"]["reason"] == "no sphere responded"
         longer = cs.simulate(cs.Scene(CLOTH, near), 0.4, **options).report
         assert longer["chaotic"] is True and longer["first_contact"]["reason"] == ""
-
-
-def test_steps_that_are_taken_back_leave_no_trace():
-    """One member becomes unstable: the others go back to its last good step, and on without it."""
-    wild = SCENES["three of them"].replace(cloth=CLOTH.replace(stiffness=2e6))
-    members = [SCENES["three of them"], wild, SCENES["face"]]
-    values = {}
-    for scenes in (members, members[:1], members[2:]):
-        stepper = cs.Stepper(scenes)
-        stepper._state.warned = True
-        stepper._state.core.set_watch(7, 0.0)
-        left = STEPS
-        while left:
-            try:
-                stepper.advance(left, DT)
-                left = 0
-            except cs.UnstableError as error:
-                assert error.member == 1 and error.step > 1
-                left -= error.step - 1
-                stepper.freeze(1)
-        watched = stepper._state.core.watched
-        for scene, one in zip(scenes, watched, strict=True):
-            one.pop("energy_gained")  # NaN, after a response
-            if scene is not wild:
-                assert values.setdefault(id(scene), one) == one
-    assert len(values) == 2 and all(one["point_depth"] > 1e-3 for one in values.values())
 
 
 def test_the_watch_changes_no_bit_and_a_stepper_has_none():

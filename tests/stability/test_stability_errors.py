@@ -44,17 +44,6 @@ def test_step_and_simulate_warn_at_the_callers_line():
     assert not caught(lambda: cs.simulate(scene, 3 * dt, 0.6 * dt, estimate_error=True))
 
 
-def test_by_default_a_loop_of_steps_warns_once():
-    scene = stiff()
-    x, v = scene.initial_position, scene.initial_velocity
-    with warnings.catch_warnings(record=True) as given:
-        warnings.resetwarnings()
-        warnings.simplefilter("default")
-        for _ in range(5):
-            x, v = cs.step(scene, x, v, 1.01 * cs.max_stable_dt(scene))
-    assert len(given) == 1
-
-
 def test_a_batch_names_the_member_with_the_lowest_limit():
     scenes = [stiff(), stiff(9e4), stiff(9e3)]
     limit = cs.max_stable_dt(scenes[1])
@@ -104,12 +93,6 @@ def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threa
         alone = cs.Stepper(scenes[k], t=0.5, **options)
         alone.advance(steps, dt)
         assert same_bits((stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities))
-
-
-@pytest.mark.parametrize("member, error", [(2, ValueError), (-1, ValueError), (0.0, TypeError)])
-def test_members_that_are_none(member, error):
-    with pytest.raises(error, match="member must be"):
-        cs.Stepper([stiff(), stiff()]).freeze(member)
 
 
 @quiet

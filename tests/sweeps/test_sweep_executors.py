@@ -83,7 +83,7 @@ def test_a_process_pool(expected, small_tasks, recorded, start):
         check(sweep(executor=pool), expected, recorded)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+@pytest.mark.torture
 def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(expected, small_tasks, recorded, tmp_path, monkeypatch):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
@@ -106,7 +106,7 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(expected, small
     check(sweep(store=path), expected, recorded)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+@pytest.mark.torture
 def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, recorded, monkeypatch):
     distributed = pytest.importorskip("distributed")
     learn, killed = Planner.learn, []

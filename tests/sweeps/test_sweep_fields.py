@@ -89,54 +89,6 @@ def test_every_argument_of_the_model_has_a_name():
         assert name in fields.NAMES
 
 
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [
-        ("stifness", "'stiffness'"),
-        ("sphere_radios", "'sphere_radius'"),
-        ("sphere1_radios", "'sphere_radius'"),
-        ("timestep", "sweepable()"),
-        (3, "sweepable()"),
-    ],
-)
-def test_an_unknown_name_is_refused_with_the_nearest(name, hint):
-    with pytest.raises(ValueError, match=hint):
-        cs.sweep(SCENE, {name: [1.0]}, progress=False)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"sphere2_radius": 1.0}, "scene has 2"),
-        ({"sphere0_period": 1.0}, "motion has it"),
-        ({"sphere_speed": -1.0}, ">= 0"),
-        ({"stiffness": -1.0}, "stiffness must be"),
-    ],
-)
-def test_values_that_do_not_fit_are_refused(values, message):
-    with pytest.raises(ValueError, match=message):
-        change_scene(SCENE, values)
-    with pytest.raises(ValueError, match="needs a sphere"):
-        change_scene(SCENE.replace(spheres=cs.Sphere()), {"sphere_speed": 1.0})
-    with pytest.raises(ValueError, match="shear springs"):
-        change_scene(cs.scenes.hanging(), {"stiffness_shear": 1.0})
-
-
-def test_units():
-    names = (
-        "stiffness_shear",
-        "damping",
-        "sphere1_speed",
-        "dt",
-        "gravity_y",
-        "sphere_center_x",
-        "mass",
-        "shape",
-        "precision",
-    )
-    assert [fields.units(name) for name in names] == ["N/m", "N s/m", "m/s", "s", "m/s^2", "m", "kg", "", ""]
-
-
 def test_numerics_make_no_other_physics():
     grid = make_grid(
         {

@@ -3,7 +3,6 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps.member import Member, SweepOptions
 
 pytest.importorskip("xarray")
 
@@ -115,24 +114,3 @@ def test_a_store_of_another_tolerance_is_refused(tmp_path):
     sweep(SCENE, rtol=1e-4, store=tmp_path / "s.zarr", metrics="stable")
     with pytest.raises(ValueError, match=r"settings.rtol \(0.0001 in the store, 1e-05 given\)"):
         sweep(SCENE, rtol=1e-5, store=tmp_path / "s.zarr", metrics="stable")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rtol": 1e-3, "dt": 1e-3}, "dt must be None with rtol"),
-        ({"over": {"atol": [1e-3]}, "dt": 1e-3}, "member atol=0.001.*dt must be None"),
-        ({"integrator": "auto", "dt": 1e-3}, "dt must be None"),
-        ({"over": {"rtol": [-1e-3]}}, "rtol must be"),
-        ({"rtol": 0.0}, "must be > 0, got 0 for both"),
-        ({"over": {"rtol": [1e-3]}, "integrator": "dop835"}, "integrator must be one of"),
-    ],
-)
-def test_bad_input_is_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        sweep(SCENE, **options)
-
-
-def test_members_with_error_control_cost_something():
-    member = Member.make(0, SCENE, {}, SweepOptions(rtol=1e-6))
-    assert member.controlled and member.expected_steps > 1.0 / cs.max_stable_dt(SCENE)

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from pages import frames, pixels, seek
 
-DARK = {"color_scheme": "dark"}
-
 
 @pytest.fixture(scope="module")
 def runs():
@@ -123,90 +121,3 @@ def test_a_focused_cloth_has_a_role_and_a_name_and_turns_by_keys(both, opened):
     assert np.array(after) - before == pytest.approx([0.16, -0.16, 0.2])
     page.tab.keyboard.press("0")
     assert page.tab.evaluate("page.camera.zoom") == 1 and frames(page) == [0, 0]
-
-
-@pytest.mark.slow
-def test_two_fingers_enlarge_and_move(both, opened):
-    page = opened(both)
-    page.ready()
-    script = """(steps) => {
-      const canvas = document.getElementById("canvas-0"), box = canvas.getBoundingClientRect();
-      canvas.setPointerCapture = () => {};
-      for (const [type, pointerId, x, y] of steps) canvas.dispatchEvent(new PointerEvent(type, {
-        pointerId, pointerType: "touch", button: 0, buttons: 1, bubbles: true,
-        clientX: box.x + box.width / 2 + x, clientY: box.y + box.height / 2 + y }));
-      return [page.camera.zoom, ...page.camera.target, page.camera.azimuth, page.state.probe];
-    }"""
-    start = page.tab.evaluate(script, [])
-    down = [["pointerdown", 1, -30, 0], ["pointerdown", 2, 30, 0]]
-    spread = [["pointermove", 1, -60, 0], ["pointermove", 2, 60, 0]]
-    zoom, *target, azimuth, _ = page.tab.evaluate(script, down + spread)
-    assert zoom == pytest.approx(2.0) and azimuth == start[4] and target == pytest.approx(start[1:4], abs=1e-3)
-    height = "(c) => 2 * page.camera.extent(c.clientWidth / c.clientHeight)[1] / c.clientHeight"
-    metre = page.tab.locator("#canvas-0").evaluate(height)
-    up = [["pointermove", 1, -60, 40], ["pointermove", 2, 60, 40], ["pointerup", 1, -60, 40], ["pointerup", 2, 60, 40]]
-    zoom, *moved, azimuth, probe = page.tab.evaluate(script, up)
-    assert np.linalg.norm(np.subtract(moved, target)) == pytest.approx(40 * metre, rel=1e-6)
-    assert probe is None and azimuth == start[4]
-
-
-@pytest.mark.slow
-def test_a_run_of_two_frames_has_marks_and_a_sentence(runs, both, tmp_path, opened):
-    page = opened(runs["ray"][::10].to_html(tmp_path / "two.html"))
-    page.ready()
-    assert "nothing between them is shown: give fps=30" in page.tab.inner_text("#few")
-    # Coloured pixels of a curve lie at its two ends alone.
-    script = """(c) => {
-      const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data, found = [];
-      for (let k = 0; k < d.length; k += 4)
-        if (d[k + 3] > 200 && d[k + 2] > d[k] + 80) found.push((k / 4) % c.width / c.width);
-      return found; }"""
-    places = np.array(page.tab.locator("#curves canvas").nth(1).evaluate(script))
-    assert len(places) > 20 and not ((places > 0.35) & (places < 0.9)).any()
-    assert opened(both).tab.locator("#few").count() == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, DARK], ids=["light", "dark"])
-def test_texts_have_a_contrast_of_four_and_a_half(both, opened, options):
-    page = opened(both, **options)
-    page.ready()
-    script = """() => {
-      const c = document.createElement("canvas").getContext("2d");
-      const rgb = (color) => {
-        c.fillStyle = color; c.fillRect(0, 0, 1, 1);
-        return [...c.getImageData(0, 0, 1, 1).data].slice(0, 3);
-      };
-      const texts = "h1, figcaption, figcaption b, label, button, select, [type=number], .small, #clock, #high";
-      return [...document.querySelectorAll(texts)].map((e) => {
-        let back = e;
-        while (getComputedStyle(back).backgroundColor === "rgba(0, 0, 0, 0)") back = back.parentElement;
-        return [e.outerHTML.slice(0, 60), rgb(getComputedStyle(e).color), rgb(getComputedStyle(back).backgroundColor)];
-      }); }"""
-    found = page.tab.evaluate(script)
-    assert len(found) > 20
-
-    def luminance(rgb):
-        part = np.array(rgb) / 255
-        return np.dot([0.2126, 0.7152, 0.0722], np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4))
-
-    for what, ink, ground in found:
-        low, high = sorted((luminance(ink), luminance(ground)))
-        assert (high + 0.05) / (low + 0.05) >= 4.5, what
-    corner = pixels(page)[2, 2]
-    assert (corner < 40).all() if options else (corner == 255).all()
-
-
-@pytest.mark.slow
-def test_a_narrow_page_has_one_column_and_eight_runs_fit_a_screen(runs, tmp_path, opened):
-    eight = {f"run {k}": runs["ray"][::5] for k in range(8)}
-    page = opened(cs.compare(eight).to_html(tmp_path / "eight.html"))
-    page.ready()
-    page.tab.set_viewport_size({"width": 1400, "height": 900})
-    bottom = page.tab.evaluate("document.getElementById('curves').getBoundingClientRect().bottom")
-    assert bottom <= 900
-    page.tab.set_viewport_size({"width": 390, "height": 844})
-    lefts = page.tab.evaluate("[...document.querySelectorAll('.stage')].map((s) => s.getBoundingClientRect().left)")
-    assert len(set(lefts)) == 1
-    assert page.tab.evaluate("document.documentElement.scrollWidth") == 390
-    assert page.said == []

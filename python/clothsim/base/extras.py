@@ -8,8 +8,8 @@ from typing import Any
 
 
 def how_to_install(extra: str) -> str:
-    """The command that installs an extra. It works in a clone, because no package index has clothsim yet."""
-    return f"run pip install '.[{extra}]' in a clone of clothsim"
+    """The command that installs an extra into the environment in which clothsim is installed already."""
+    return f"run pip install 'clothsim[{extra}]'"
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:

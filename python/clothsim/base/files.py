@@ -36,7 +36,8 @@ def folder_beside(path: Path) -> Iterator[Path]:
             yield Path(folder)
     except OSError as error:
         if error.errno:
-            error.filename, error.filename2 = str(path), None  # the user does not know the folder's name
+            error.filename = str(path)  # the user does not know the folder's name
+            del error.filename2  # None would be shown as " -> None"
         raise
 
 
