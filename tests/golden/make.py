@@ -1,13 +1,19 @@
-"""Writes the golden rows anew: python tests/golden/make.py (a processor with AVX-512 has all of them)."""
+"""Writes the golden rows, figures and pictures anew: python tests/golden/make.py [bits | figures]
 
+A processor of Intel with AVX-512 has all rows.
+"""
+
+import json
 import os
+import re
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import clothsim as cs
-from golden import rows
+import numpy as np
+from golden import figures, rows
 from pairwise import pairwise
 
 
@@ -22,7 +28,22 @@ def hashes():
             free = rows.scene_of(row).replace(spheres=())
             assert " free " in row or rows.digest(row, scene=free) != digest, f"no contact: {row}"
         yield row + ": " + " ".join("=".join(pair) for pair in found.items())
+    del os.environ["CLOTHSIM_ISA"]
+
+
+def make_figures():
+    figures.references.cache_clear()
+    solutions = {row: figures.solution(*row.split()[3:]) for row in figures.ROWS if row.startswith("error_control")}
+    np.savez_compressed(figures.REFERENCES, **solutions)
+    lines = [f"{json.dumps(row)}: {json.dumps(figures.compute(row))}" for row in figures.ROWS]
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    figures.FILE.write_text(re.sub(r"\d+\.\d+(e-\d+)?", lambda number: f"{float(number[0]):.7g}", text))
+    for name in figures.PICTURES:
+        figures.picture(name).save(figures.FOLDER / f"{name}.png")
 
 
 if __name__ == "__main__":
-    rows.FILE.write_text("\n".join(hashes()) + "\n")
+    if "figures" not in sys.argv:
+        rows.FILE.write_text("\n".join(hashes()) + "\n")
+    if "bits" not in sys.argv:
+        make_figures()

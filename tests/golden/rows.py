@@ -110,13 +110,16 @@ def _spheres(contact, motion, cloth):
     return (first, second) if cloth.columns >= 20 else first
 
 
+def arithmetic(kernel):
+    return {"kernel": "edge"} if kernel == "edge" else {"strict": True}
+
+
 def digest(row, threads=1, scene=None):
     """Hash of the state after 300 steps, 100 of an implicit method, on the instruction set of CLOTHSIM_ISA."""
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)
-    options = {"kernel": "edge"} if kernel == "edge" else {"strict": True}
     dt = 2.0**-14 if integrator == "explicit_euler" else 2.0**-12
     steps = 100 if integrator == "implicit_midpoint" else 300
     state = scene.initial_position, scene.initial_velocity
-    x, v = cs.step(scene, *state, dt, steps, 0.0, integrator, precision, threads, **options)
+    x, v = cs.step(scene, *state, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel))
     return hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]

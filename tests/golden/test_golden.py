@@ -1,11 +1,13 @@
-"""Bits and figures as they were when `python tests/golden/make.py` last ran."""
+"""Bits, figures and pictures as they were when `python tests/golden/make.py` last ran."""
 
+import numpy as np
 import pytest
-from golden import rows
+from golden import figures, rows
 from variants import INSTRUCTION_SETS
 
+pytestmark = [pytest.mark.filterwarnings(f"ignore::clothsim.{kind}Warning") for kind in ("Stability", "Order", "Contact")]
 
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning", "ignore::clothsim.OrderWarning")
+
 @pytest.mark.parametrize("isa", ["avx512", "avx2", "sse2"])
 @pytest.mark.parametrize("row", rows.golden())
 def test_bits(row, isa, monkeypatch):
@@ -17,3 +19,24 @@ def test_bits(row, isa, monkeypatch):
     monkeypatch.setenv("CLOTHSIM_ISA", isa)
     for threads in (1, 2, 3) if row in rows.OF_THREADS else (1,):
         assert rows.digest(row, threads) == expected, f"{row} on {isa} by {threads} thread(s)"
+
+
+@pytest.mark.parametrize("row", figures.golden())
+def test_figures(row):
+    if not row.startswith(("error_control", "max_stable_dt")):
+        pytest.importorskip("xarray")
+    found = figures.compute(row)
+    for name, value in figures.golden()[row].items():
+        rel, least = figures.TOLERANCES.get(name, figures.ROUNDING), figures.LEAST_ERROR if "error" in name else 1e-12
+        np.testing.assert_allclose(found[name], value, rel, least, err_msg=f"{row}: {name}")
+    if found.get("told"):
+        assert found["error"] <= found["estimate"]
+
+
+@pytest.mark.parametrize("name", figures.PICTURES)
+def test_pictures(name):
+    image = pytest.importorskip("PIL.Image")
+    expected = np.asarray(image.open(figures.FOLDER / f"{name}.png").convert("RGB"), int)
+    found = np.asarray(figures.picture(name).pixels, int)
+    assert found.shape == expected.shape
+    assert np.abs(found - expected).mean() <= 0.25, "mean difference of 0 ... 255"
