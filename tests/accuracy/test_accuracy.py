@@ -5,29 +5,16 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import cache as _cache
-from clothsim.accuracy import cache_directory, solution
+from clothsim.accuracy import solution
 
 DURATION = 0.2
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path / "cache"))
-    _cache.forget()
-    yield tmp_path / "cache"
-    _cache.forget()
 
 
 @pytest.fixture(scope="module")
 def swing():
     """A small sheet that swings down, and its reference."""
     scene = cs.Scene(cs.Cloth((6, 7), mass=21.0, damping=20.0))
-    return scene, cs.reference(scene, DURATION, every=0.1, cache=False)
-
-
-def files(folder):
-    return sorted((folder / "references").iterdir())
+    return scene, cs.reference(scene, DURATION, every=0.1)
 
 
 def test_reference_of_the_oscillator_is_the_closed_form():
@@ -58,61 +45,28 @@ def test_the_bound_sees_a_wrong_kernel(swing, monkeypatch):
     heavier = scene.replace(cloth=scene.cloth.replace(stiffness=35_000.0 * (1 + 1e-9)))
     original = solution.solve_in_double
     monkeypatch.setattr(solution, "solve_in_double", lambda s, *rest: original(heavier, *rest))
+    solution._compute.cache_clear()
     assert cs.reference(scene, DURATION).error_bound["max"][-1] > 1e-12
+    solution._compute.cache_clear()
 
 
-def test_a_solution_is_kept_in_memory_and_on_disk(own_cache, same_bits):
-    scene = cs.scenes.oscillator()
-    kept = [cs.reference(scene, 0.3)]
-    kept.append(cs.reference(scene, 0.3))
-    _cache.forget()
-    kept.append(cs.reference(scene, 0.3))
-    assert [one.report["kept"] for one in kept] == ["computed", "memory", "disk"]
-    for one in kept[1:]:
-        assert same_bits((one.t, one.x, one.v), (kept[0].t, kept[0].x, kept[0].v))
-        assert one.report["force_evaluations"] == kept[0].report["force_evaluations"]
+def test_a_solution_is_computed_once(monkeypatch):
+    scene, computed = cs.scenes.oscillator(), []
+    original = solution.solve_in_double
+    monkeypatch.setattr(solution, "solve_in_double", lambda *given: computed.append(given) or original(*given))
+    first, again = (cs.reference(cs.scenes.oscillator(), 0.31) for _ in range(2))
+    assert len(computed) == 1 and again == first
     with pytest.raises(ValueError, match="read-only"):
-        kept[1].x[0] = 0.0
-    assert len(files(own_cache)) == 1
-    assert cache_directory() == own_cache
+        again.x[0] = 0.0
+    for other, arguments in ((cs.scenes.oscillator(damping=1e-9), (0.31,)), (scene, (0.32,)), (scene, (0.31, 0.1))):
+        cs.reference(other, *arguments)
+    assert len(computed) == 4
 
 
-def test_the_key_is_scene_times_and_code(own_cache, monkeypatch):
-    scene = cs.scenes.oscillator()
-    cs.reference(scene, 0.3)
-    for other, arguments in ((cs.scenes.oscillator(damping=1e-9), (0.3,)), (scene, (0.3 + 1e-12,)), (scene, (0.3, 0.1))):
-        assert cs.reference(other, *arguments).report["kept"] == "computed"
-    monkeypatch.setattr(_cache, "code", lambda: "another")
-    assert cs.reference(scene, 0.3).report["kept"] == "computed"
-    assert len(files(own_cache)) == 5
-
-
-def test_without_cache_nothing_is_kept(own_cache):
-    for _ in range(2):
-        assert cs.reference(cs.scenes.oscillator(), 0.1, cache=False).report["kept"] == "computed"
-    assert not own_cache.exists()
-
-
-def test_a_file_that_is_not_its_own_is_computed_again_and_replaced(own_cache):
-    scene = cs.scenes.oscillator()
-    x = cs.reference(scene, 0.3).x
-    (path,) = files(own_cache)
-    cs.reference(scene, 0.4)
-    other = next(p for p in files(own_cache) if p != path).read_bytes()
-    for content in (other, b"not a file"):
-        path.write_bytes(content)
-        _cache.forget()
-        again = cs.reference(scene, 0.3)
-        assert again.report["kept"] == "computed" and (again.x == x).all()
-        _cache.forget()
-        assert cs.reference(scene, 0.3).report["kept"] == "disk"
-
-
-def test_contact_is_refused_and_said_why(own_cache):
+def test_contact_is_refused_and_said_why():
     scene = cs.scenes.paper_static()
     with pytest.raises(ValueError, match=r"contact radius of spheres\[0\] at about 0\.22.* chaotic"):
         cs.reference(scene, 0.4)
-    assert not own_cache.exists()
 
 
 def test_a_sphere_out_of_reach_changes_nothing(swing):

@@ -3,18 +3,14 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import cache as _cache
 
 # Largest distance of a mass point from the reference [m] at a time [s], RK4 in double, dt = 5e-5 s.
 DOUBLE = {0.25: 5e-12, 0.5: 5e-11, 1.0: 5e-10}
 
 
 @pytest.fixture(scope="module")
-def solution(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield cs.reference(cs.scenes.paper_swing(bend=True), 1.0, every=0.25)
-    _cache.forget()
+def solution():
+    return cs.reference(cs.scenes.paper_swing(bend=True), 1.0, every=0.25)
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import cache as _cache
 from clothsim.accuracy import fastest, methods
 from clothsim.accuracy import work_table as tables
 from clothsim.accuracy.front import Front, Row, cheapest
@@ -22,13 +21,6 @@ DURATION = 0.1
 SHAPE = (6, 7)
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path / "cache"))
-    yield
-    _cache.forget()
-
-
 @pytest.fixture(scope="module")
 def scene():
     return cs.Scene(cs.Cloth(SHAPE, mass=21.0, damping=20.0))
@@ -36,7 +28,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def solution(scene):
-    return cs.reference(scene, DURATION, cache=False)
+    return cs.reference(scene, DURATION)
 
 
 @pytest.fixture(scope="module")

@@ -41,9 +41,8 @@ def _strict(text):
         "live paper_swing --out OUT/live.html",
     ],
 )
-def test_every_command_prints_strict_json(capsys, tmp_path, monkeypatch, command):
+def test_every_command_prints_strict_json(capsys, tmp_path, command):
     pytest.importorskip("xarray")
-    monkeypatch.setenv("CLOTHSIM_CACHE_DIR", str(tmp_path))
     code, out, _ = run(capsys, *command.replace("OUT", str(tmp_path)).split(), "--json")
     assert code == 0 and _strict(out)
 

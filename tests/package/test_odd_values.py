@@ -23,7 +23,7 @@ STATE = {"scene": SCENE, "x": X, "v": V}
 RUN = cs.simulate(SCENE, 0.02, dt=0.01)
 FILM = cs.simulate(SCENE, 0.03, dt=0.01, every="step")
 STEPPER = cs.Stepper(SCENE)
-REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1, cache=False)
+REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 
 
 class Number(fractions.Fraction):
@@ -169,7 +169,7 @@ CALLS = {
     cs.triangles: {"shape": (2, 3)},
     cs.load_scene: {"path": "no/such/file.toml"},
     cs.save_scene: {"scene": SCENE, "path": "/no/such/folder/file.toml"},
-    cs.reference: {"scene": SCENE, "duration": 0.02, "cache": False},
+    cs.reference: {"scene": SCENE, "duration": 0.02},
     REFERENCE.error_of: {"x": REFERENCE.x[-1]},
     cs.convergence: {"scene": REFERENCE.scene, "duration": 0.1, "dts": [0.05], "reference": REFERENCE},
     cs.stability_map: {"scene": SCENE, "stiffness": [1.0], "dt": [0.01], "steps": 1},
@@ -196,7 +196,7 @@ TAKEN = {
     "amplitude": lambda n: abs(n) < 1,
     "steps": lambda n: isinstance(n, int) and n == 0,
     "t": lambda n: True,
-    **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames", "cache", "track_contact_energy"), bool),
+    **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames", "track_contact_energy"), bool),
     **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), []),
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), []),
     **dict.fromkeys(("position", "force", "offsets"), []),

@@ -178,7 +178,7 @@ def test_the_references_error_is_within_its_bound(solution):
 
 
 def test_the_reference_is_the_solution_in_double_of_cs_reference():
-    own = cs.reference(LOOSE, 0.15, cache=False)
+    own = cs.reference(LOOSE, 0.15)
     reference = solve(LOOSE, 0.15)
     distance = np.linalg.norm(reference.x - own.x[-1], axis=-1).max()
     assert 0 < distance < own.error_bound["max"][-1] <= distance + 2.3e-16

@@ -1,6 +1,5 @@
 """Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
-from .cache import cache_directory
 from .front import fastest
 from .methods import RTOLS, Method, Outcome, extent, step_sizes
 from .order import Convergence, convergence
@@ -14,7 +13,6 @@ __all__ = [
     "Method",
     "Outcome",
     "Reference",
-    "cache_directory",
     "convergence",
     "extent",
     "fastest",

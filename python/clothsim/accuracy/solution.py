@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,12 @@ from .. import _core
 from ..base import Floats, check
 from ..base.clocks import Stopwatch
 from ..base.keywords import suggests
-from ..base.record import EqualByValue
+from ..base.record import EqualByValue, frozen
 from ..engine.options import Options
 from ..engine.stepper import Stepper
 from ..methods.bound import stable_dt
 from ..model.as_core import core_pins
 from ..model.scene import Scene
-from . import cache as _cache
 from .in_double import solve_in_double
 
 # Of the time in which the cloth's size is crossed: how far apart the looks are at most.
@@ -53,9 +53,6 @@ def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
     return None
 
 
-# Raise it when what is kept on disk, or how it is computed, changes.
-_FORMAT = 1
-
 # The extrapolation that is returned, and the looser one of other order that it is compared with.
 # The tolerances are per step and of the cloth's extent; long double has 5e-20.
 _TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
@@ -84,8 +81,7 @@ class Reference(EqualByValue):
         The likely error of `x`, with the same keys: the distance to a looser extrapolation of another order, in long
         double.
     report : dict
-        "methods", "force_evaluations" (of each method), "wall_time" [s] of the computation and
-        "kept": the place of the solution, "computed", "memory" or "disk".
+        "methods", "force_evaluations" (of each method) and "wall_time" [s] of the computation.
 
     Examples
     --------
@@ -133,7 +129,7 @@ class Reference(EqualByValue):
         Examples
         --------
         >>> import clothsim as cs
-        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, cache=False)
+        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1)
         >>> solution.error_of(solution.x[-1])
         {'max': 0.0, 'rms': 0.0}
         """
@@ -151,9 +147,7 @@ class Reference(EqualByValue):
 
 
 @suggests
-def reference(
-    scene: Scene, duration: float, every: float | None = None, *, threads: int | None = None, cache: bool = True
-) -> Reference:
+def reference(scene: Scene, duration: float, every: float | None = None, *, threads: int | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
     Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
@@ -162,9 +156,7 @@ def reference(
     code with the kernels. The Dormand-Prince method of order 8 in double uses the kernels. Its
     steps are halved until only rounding changes the result.
 
-    The last 32 solutions are kept in memory. All are kept on disk, in the folder that
-    `clothsim.accuracy.cache_directory` names. The key is a hash of scene, times and the code that
-    computes. Any number of processes may share the folder.
+    The last 32 solutions are kept in memory.
 
     Parameters
     ----------
@@ -176,8 +168,6 @@ def reference(
         Seconds between frames. Default: only the first and the last state.
     threads : int, optional
         Threads used, 1 to 256; the solution does not depend on it. Default: all available threads.
-    cache : bool, default True
-        False computes the solution anew and keeps nothing.
 
     Returns
     -------
@@ -200,7 +190,7 @@ def reference(
     >>> import math
     >>> import clothsim as cs
     >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
-    >>> solution = cs.reference(scene, 2.0, every=1.0, cache=False)
+    >>> solution = cs.reference(scene, 2.0, every=1.0)
     >>> exact = 1.0 + 0.1 * math.cos(10.0 * 2.0)
     >>> abs(float(solution.x[-1, 0, 1, 0]) - exact) < 3e-16
     True
@@ -213,23 +203,17 @@ def reference(
         every = check.number("every", every, minimum=0, exclusive=True)
         check.frame_count(duration, every)
     threads = Options(threads=threads).threads_for(scene.cloth.shape)
-    check.boolean("cache", cache)
-    times = _times(duration, every)
-    key = _cache.key_of({"format": _FORMAT, "code": _cache.code(), "scene": scene.to_dict(), "times": times})
-    found = _cache.load(key) if cache else None
-    if found is None:
-        arrays = _compute(scene, times, threads)
-        found = (_cache.save(key, arrays) if cache else arrays), "computed"
-    return _assemble(scene, *found)
+    return _assemble(scene, _compute(scene, _times(duration, every), threads))
 
 
-def _times(duration: float, every: float | None) -> list[float]:
+def _times(duration: float, every: float | None) -> tuple[float, ...]:
     """Times of the frames after 0: each multiple of `every` before the end, and the end."""
     count = 1 if every is None else math.ceil(duration / every - 1e-9)
-    return [*(k * (every or 0.0) for k in range(1, count)), duration]
+    return *(k * (every or 0.0) for k in range(1, count)), duration
 
 
-def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.ndarray]:
+@lru_cache(maxsize=32)
+def _compute(scene: Scene, times: tuple[float, ...], threads: int) -> dict[str, np.ndarray]:
     contact = first_contact(scene, times[-1])
     if contact is not None:
         t, k = contact
@@ -252,7 +236,7 @@ def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.nda
     initial = scene.initial_position, scene.initial_velocity
     # The solution is rounded to float64: half a unit in the last place, but for the state given.
     rounding = np.spacing(np.abs(x).max()) / 2 * (np.arange(len(times) + 1) > 0)
-    return {
+    arrays = {
         "t": np.array([0.0, *times]),
         "x": np.concatenate([initial[0][None], x]),
         "v": np.concatenate([initial[1][None], v]),
@@ -261,16 +245,16 @@ def _compute(scene: Scene, times: list[float], threads: int) -> dict[str, np.nda
         "force_evaluations": np.array([evaluations + more, double.force_evaluations]),
         "wall_time": np.array(watch.seconds),
     }
+    return {name: frozen(array) for name, array in arrays.items()}
 
 
-def _assemble(scene: Scene, arrays: dict[str, np.ndarray], kept: str) -> Reference:
+def _assemble(scene: Scene, arrays: dict[str, np.ndarray]) -> Reference:
     frames = arrays["t"], arrays["x"], arrays["v"]
     bound, estimate = (dict(zip(("max", "rms"), arrays[name], strict=True)) for name in ("bound", "estimate"))
     report = {
         "methods": METHODS,
         "force_evaluations": dict(zip(METHODS, map(int, arrays["force_evaluations"]), strict=True)),
         "wall_time": float(arrays["wall_time"]),
-        "kept": kept,
     }
     return Reference(scene, *frames, bound, estimate, report)
 
