@@ -27,7 +27,6 @@ lint: $(VENV)/.lint
 	PYTHONPATH=python $(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/python tools/check_examples.py
-	$(BIN)/python tools/check_english.py
 
 $(VENV)/.lint: pyproject.toml tools/requirements.py | $(BIN)/python
 	$(BIN)/python tools/requirements.py dev | xargs -d '\n' $(BIN)/pip install --quiet --disable-pip-version-check
