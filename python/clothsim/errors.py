@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from .base.keywords import suggesting
-
 
 class StabilityWarning(UserWarning):
     """The time step is above the guaranteed stable step (`max_stable_dt`).
@@ -129,7 +127,6 @@ class ContactWarning(UserWarning):
     """
 
 
-@suggesting
 class RunInterrupted(KeyboardInterrupt):
     """Ctrl-C has ended a call of `simulate`; `run` has the run so far.
 

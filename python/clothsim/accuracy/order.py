@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
-from ..base.keywords import suggests
 from ..base.record import EqualByValue
 from ..base.table import aligned
 from ..errors import UnstableError
@@ -159,7 +158,6 @@ class Convergence(EqualByValue):
     __repr__ = __str__
 
 
-@suggests
 def convergence(
     scene: Scene,
     duration: float,

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check
 from ..base.clocks import Stopwatch
-from ..base.keywords import suggests
 from ..base.record import EqualByValue, frozen
 from ..engine.options import Options
 from ..engine.stepper import Stepper
@@ -146,7 +145,6 @@ class Reference(EqualByValue):
         return {"max": float(largest), "rms": float(rms)}
 
 
-@suggests
 def reference(scene: Scene, duration: float, every: float | None = None, *, threads: int | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from ..base import check
 from ..base.extras import check_progress, needed
-from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
 from ..model.scene import Scene
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     import xarray
 
 
-@suggests
 def work_precision(
     scene: Scene,
     duration: float,

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggesting, suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import check_driven_pins, scenes_of, sphere_targets
@@ -20,7 +19,6 @@ from .state import State
 from .stepper_view import StepperView
 
 
-@suggesting
 class Stepper(StepperView):
     """A scene whose state stays in the core between calls.
 
@@ -188,7 +186,6 @@ class Stepper(StepperView):
         members = len(self._state.scenes)
         self._state.core.set_frozen(check.integer("member", member, minimum=0, maximum=members - 1), True)
 
-    @suggests
     def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
         """Replace the positions, the velocities or the time.
 
@@ -224,7 +221,6 @@ class Stepper(StepperView):
         """
         self._state.replace_state(x, v, t)
 
-    @suggests
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scene, and keep the state.
 

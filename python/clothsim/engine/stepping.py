@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.keywords import suggests
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import FloatArray, check_driven_pins, out_array, out_arrays, refuse_none, start_time, state_arrays
@@ -80,7 +79,6 @@ def give_back(waiting: Waiting | None, state: State) -> None:
         waiting.append(state)
 
 
-@suggests
 def step(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -191,7 +189,6 @@ def step(
     return results
 
 
-@suggests
 def acceleration(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -248,7 +245,6 @@ def acceleration(
     return result
 
 
-@suggests
 def reference_step(
     scene: Scene,
     x: npt.ArrayLike,

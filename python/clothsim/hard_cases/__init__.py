@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ..base.keywords import suggests
 from .case import Figure, HardCase, HardCaseResult
 from .contacts import contact
 from .forces import masses_and_speeds, stiffness, time_steps
@@ -11,7 +10,6 @@ from .geometries import geometry
 __all__ = ["Figure", "HardCase", "HardCaseResult", "hard_cases"]
 
 
-@suggests
 def hard_cases() -> dict[str, HardCase]:
     """Scenes that strain the method or the arithmetic, each with the outcome to expect, by name.
 

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..base.keywords import suggests
 
 
-@suggests
 def build_config() -> dict[str, Any]:
     """The build of clothsim, and its settings on this machine.
 

@@ -6,14 +6,12 @@ from typing import get_args
 
 from .. import _core
 from ..base import check
-from ..base.keywords import suggests
 from ..typing import Precision
 
 BYTES_IN_SHARED_CACHE = _core.bytes_in_shared_cache
 """Size of an array above which the core counts each pass over it as memory traffic [bytes]."""
 
 
-@suggests
 def multiply_add_peak(precision: Precision = "double", threads: int = 1) -> float:
     """The rate of independent multiply-adds in registers, a multiply-add counting as two operations.
 
@@ -43,7 +41,6 @@ def multiply_add_peak(precision: Precision = "double", threads: int = 1) -> floa
     return _core.multiply_add_peak(precision, _threads(threads))
 
 
-@suggests
 def memory_bandwidth(threads: int = 1, size: int = 1 << 29) -> dict[str, float]:
     """Bytes per second that the threads read and write in arrays of one size.
 

@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.keywords import suggests
 from ..engine.arrays import state_arrays
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
@@ -36,7 +35,6 @@ def _refuse_overflow(what: str, values: npt.NDArray[np.float64], **states: npt.N
     )
 
 
-@suggests
 def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
     """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
 
@@ -84,7 +82,6 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-@suggests
 def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
@@ -167,7 +164,6 @@ def _times(t: npt.ArrayLike | None, sphere: Sphere, batch: tuple[int, ...]) -> n
     return check.array("t", given, batch, accepted)
 
 
-@suggests
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
 

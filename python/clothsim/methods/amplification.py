@@ -9,11 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.keywords import suggests
 from .data import METHODS, integrator_name
 
 
-@suggests
 def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
     """The matrix by which a step maps (x, dt v) of the damped oscillator.
 
@@ -60,7 +58,6 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
     return result
 
 
-@suggests
 def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
     """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
 

@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..base.keywords import suggests
 from ..base.record import ReadOnly
 from ..base.table import aligned
 from ..errors import OrderWarning, warn_caller
@@ -202,7 +201,6 @@ class _Integrators(ReadOnly[Integrator]):
 _INTEGRATORS = _Integrators({method.name: method for method in _TABLE})
 
 
-@suggests
 def integrators() -> Mapping[str, Integrator]:
     """The time integration methods by name, each an `Integrator`.
 

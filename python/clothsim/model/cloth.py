@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggesting
 from ..base.record import Record, frozen
 from ..typing import Family, Numbers, Pins, Shape
 from .motion import Motion
@@ -53,7 +52,6 @@ _ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
 _SPRINGS_AT_ONCE = 2**18
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloth(Record):
     """A rectangular sheet of mass points and springs (Kim et al., section 2; defaults Table 2).

@@ -7,12 +7,10 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.keywords import suggests
 
 GROUP = (_core.group_size, _core.group_size, 1)
 
 
-@suggests
 def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
     """The thread of the compute shader for each mass point (Kim et al., section 3.1).
 
@@ -59,7 +57,6 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     return _core.thread_ids(rows, columns)
 
 
-@suggests
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """The triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1, column).
 

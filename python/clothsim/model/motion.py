@@ -15,13 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggesting
 from ..base.record import frozen
 from ..typing import Numbers
 from .motion_base import BaseMotion, Vectors
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Linear(BaseMotion):
     """Constant velocity: c(t) = c0 + velocity t, with c0 the sphere's ``center``.
@@ -65,7 +63,6 @@ class Linear(BaseMotion):
         return np.broadcast_to(self.velocity, (*t.shape, 3)).copy()
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Reciprocate(BaseMotion):
     """Back and forth about the sphere's ``center``, fast at first and slow at the turning points.
@@ -185,7 +182,6 @@ class Reciprocate(BaseMotion):
         return velocity
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Keyframes(BaseMotion):
     """A table of times and centres or displacements, with straight lines at constant speed between them.

@@ -13,7 +13,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..base import check
-from ..base.keywords import suggests
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
 from .fabrics import FABRICS, fabric_scene
@@ -29,7 +28,6 @@ def _paper_cloth(bend: bool) -> Cloth:
     return Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear"))
 
 
-@suggests
 def paper_static(
     response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", as_printed: bool = False
 ) -> Scene:
@@ -65,7 +63,6 @@ def paper_static(
     return Scene(_paper_cloth(bend), (sphere,))
 
 
-@suggests
 def paper_moving(
     response: Response = "ray",
     bend: bool = False,
@@ -110,7 +107,6 @@ def paper_moving(
     return Scene(_paper_cloth(bend), (sphere,))
 
 
-@suggests
 def paper_swing(bend: bool = False) -> Scene:
     """The paper's cloth swings down and meets nothing (Kim et al., Table 2, without a sphere).
 
@@ -132,7 +128,6 @@ def paper_swing(bend: bool = False) -> Scene:
     return Scene(_paper_cloth(bend))
 
 
-@suggests
 def hanging(
     shape: Shape = (16, 16),
     size: Numbers = (1.0, 1.0),
@@ -199,7 +194,6 @@ def hanging(
     return Scene(cloth, position=position)
 
 
-@suggests
 def oscillator(
     stiffness: float = 100.0, mass: float = 1.0, amplitude: float = 0.1, length: float = 1.0, damping: float = 0.0
 ) -> Scene:
@@ -256,7 +250,6 @@ def oscillator(
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)
 
 
-@suggests
 def cotton(
     shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
 ) -> Scene:
@@ -299,7 +292,6 @@ def cotton(
     return fabric_scene(FABRICS["cotton"], shape, size, damping_ratio, fold)
 
 
-@suggests
 def denim(
     shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
 ) -> Scene:

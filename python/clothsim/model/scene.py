@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggesting
 from ..base.record import Record, frozen
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
@@ -34,7 +33,6 @@ _CHANGES = {
 """The way from an older layout to this one."""
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Record):
     """A cloth, the spheres it meets, gravity and the initial state.

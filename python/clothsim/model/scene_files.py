@@ -10,7 +10,6 @@ from typing import Any
 
 from ..base import check, files
 from ..base.extras import how_to_install
-from ..base.keywords import suggests
 from .scene import Scene
 
 _END = "file"  # the last table; its only entry shows that the file has not been cut
@@ -43,7 +42,6 @@ _COMMENTS = {
 }
 
 
-@suggests
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
@@ -95,7 +93,6 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         raise kind(f"{path}: {error}") from None
 
 
-@suggests
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
 

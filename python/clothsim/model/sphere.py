@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.keywords import suggesting
 from ..base.record import Record
 from ..typing import Numbers, Offset, Response
 from .cloth import Cloth
@@ -41,7 +40,6 @@ CONTACT_COSTS: dict[Offset, ContactCost] = {
 }
 
 
-@suggesting
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Record):
     """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.

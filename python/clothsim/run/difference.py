@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..base import Floats, check
-from ..base.keywords import suggests
 from .frames import NEGLIGIBLE
 from .result import Run
 
 
-@suggests
 def difference(a: Run, b: Run) -> dict[str, Floats]:
     """Distance of the mass points of two runs at equal times, as for one scene in two settings.
 

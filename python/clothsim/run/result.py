@@ -15,7 +15,6 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
-from ..base.keywords import suggests
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
@@ -97,7 +96,6 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
         adaptive = self.continuation is not None and self.continuation.dt is None
         return "\n".join(run_lines(self.scene, self.t, self.report, adaptive))
 
-    @suggests
     def resume(
         self,
         duration: float,
@@ -291,7 +289,6 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
         return dataset
 
 
-@suggests
 def load_run(path: str | os.PathLike[str]) -> Run:
     """Read a run that `Run.save` wrote. Nothing in the file is executed.
 

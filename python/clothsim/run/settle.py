@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ..base import Floats, check
-from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.stepper import SilentStepper
 from ..engine.stepping import acceleration
@@ -69,7 +68,6 @@ class _Best:
             self.mark, self.halved = residual, steps
 
 
-@suggests
 def settle(
     scene: Scene,
     tolerance: float = 1e-6,

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggests
 from ..engine.snapshot import take
 from ..errors import ContactError, UnstableError
 from ..methods.data import integrator_name
@@ -26,7 +25,6 @@ from .recording import Recording, StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
 
-@suggests
 def simulate(
     scene: Scene,
     duration: float,

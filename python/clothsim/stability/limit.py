@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggests
 from ..engine.arrays import state_array, state_arrays
 from ..methods.bound import stable_dt
 from ..methods.data import integrator_name
@@ -15,7 +14,6 @@ from ..typing import Integrator
 from .spectrum import stable_dt_at
 
 
-@suggests
 def max_stable_dt(
     scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
 ) -> float:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check
 from ..base.extras import check_installed, check_progress, needed
-from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..engine.options import Options
 from ..engine.stepper import SilentStepper
@@ -125,7 +124,6 @@ class StabilityMap:
         return dataset
 
 
-@suggests
 def measure_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
@@ -169,7 +167,6 @@ def measure_map(
     )
 
 
-@suggests
 def stability_map(
     scene: Scene,
     stiffness: npt.ArrayLike,

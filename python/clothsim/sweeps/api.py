@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from ..base import check
 from ..base.extras import check_installed, needed
 from ..base.interrupts import Interrupts
-from ..base.keywords import suggests
 from ..base.progress import ProgressBar
 from ..errors import warn_caller
 from ..machine.build import build_config
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     import xarray
 
 
-@suggests
 def sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,

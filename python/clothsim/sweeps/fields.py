@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base import check
-from ..base.keywords import suggests
 from ..model.cloth import FAMILIES, Cloth
 from ..model.motion import MOTIONS, Linear, Reciprocate
 from ..model.scene import Scene
@@ -79,7 +78,6 @@ def check_name(name: Any) -> str:
     raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
 
 
-@suggests
 def sweepable() -> dict[str, str]:
     """Every name that `sweep` takes in ``over``, with its unit.
 

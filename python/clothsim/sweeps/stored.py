@@ -22,7 +22,6 @@ import numpy as np
 
 from ..base import check
 from ..base.extras import needed
-from ..base.keywords import suggests
 from .grid import sha256
 from .member import DONE
 from .results import ATTRIBUTE, FRAMES, SCHEMA, SESSIONS
@@ -222,7 +221,6 @@ class Lock:
             self._handle = None
 
 
-@suggests
 def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Open the store of a sweep, finished or not.
 

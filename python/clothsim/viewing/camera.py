@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from ..base.keywords import suggesting
 from ..typing import Numbers
 
 DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view
@@ -27,7 +26,6 @@ DIRECTIONS = {
 """Named views: from the scene towards the eye. A cloth with the default pins swings across "front"."""
 
 
-@suggesting
 @dataclass(frozen=True)
 class Camera:
     """A view of a scene.

@@ -19,7 +19,6 @@ import numpy as np
 
 from ..base import check
 from ..base.files import write_bytes
-from ..base.keywords import suggests
 from ..base.plots import COLORS
 from ..base.progress import ProgressBar
 from ..model.scene import Scene
@@ -133,7 +132,6 @@ class Comparison:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
 
 
-@suggests
 def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     r"""Put runs side by side, to play them with a common clock.
 

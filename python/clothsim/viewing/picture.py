@@ -11,7 +11,6 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, files
 from ..base.extras import needed
-from ..base.keywords import suggesting, suggests
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from . import png
@@ -84,7 +83,6 @@ class Drawing:
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
 
 
-@suggesting
 class Picture:
     """An RGB picture that a notebook shows, and that saves itself.
 
@@ -175,7 +173,6 @@ def file_path(name: str, value: Any) -> Path:
     return path
 
 
-@suggests
 def picture(
     scene: Scene,
     x: npt.ArrayLike | None = None,
