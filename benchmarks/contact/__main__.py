@@ -41,7 +41,7 @@ UNITS = {
     "made": "J",
     "kinetic_at_impact": "J",
     "elastic_afterwards": "J",
-    "contact_energy": "J",
+    "energy_gained": "J",
 }
 
 # Figure: what it shows, and its arguments in short and in full.

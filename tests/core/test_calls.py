@@ -102,19 +102,6 @@ def test_a_restored_state_is_not_undone(kernel, same_bits):
     assert same_bits(arrays(first), arrays(second))
 
 
-def test_energy_of_contact_is_that_of_the_steps_that_stand(kernel):
-    """Going back over steps does not count their contacts twice."""
-    scene, x, dt = stiff(cs.Sphere((0.5, -0.4, 0.5), 0.4, restitution=0.3, response="ray", offset="edge"))
-    # In single a square overflows within 64 steps; in double the exact root of one that has is still right.
-    options = {"kernel": kernel, "precision": "single", "track_contact_energy": True}
-    stepper = unwatched(scene, x, **options)
-    done, _ = run(stepper, 1000, 3 * dt)
-    assert done < 64  # all of them are done again
-    expected = unwatched(scene, x, **options)
-    expected.advance(done, 3 * dt)
-    assert stepper.contact_energy == expected.contact_energy != 0
-
-
 @cases()
 def test_one_number_that_is_not_finite_is_found_wherever_it_is(variant, overflowing):
     for shape in [(2, 2), (3, 33), (5, 16), (4, 100)]:

@@ -54,7 +54,7 @@ def test_no_triangle_dips_in_the_papers_scenes_and_at_100_m_per_s(scene, end, dt
     row = follow(scene, "continuous, face", end, 1, dt)
     assert row["failure"] is None
     assert row["points"] == 0 and row["triangles"] == 0 and row["crossings"] == 0
-    assert abs(row["contact_energy"]) > 0
+    assert abs(row["energy_gained"]) > 0
 
 
 @pytest.mark.parametrize("response", ["reflect, corrected", "ray, corrected", "continuous"])

@@ -81,33 +81,6 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
         assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
 
 
-def test_energy_of_contact_is_counted_once(crumpled):
-    """By one thread, after all strips of a step."""
-    ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response="ray", offset="edge")
-    scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
-    energies = []
-    for kernel in ("gather", "edge"):
-        stepper = cs.Stepper(scene, x, v, kernel=kernel, track_contact_energy=True)
-        stepper.advance(STEPS, dt)
-        energies.append(stepper.contact_energy)
-    assert abs(energies[0]) > 1e-6
-    assert energies[1] == pytest.approx(energies[0], rel=1e-9, abs=0)
-
-
-@pytest.mark.parametrize("z", [0.0, 0.45, 0.9], ids=["first rows", "middle", "last rows"])
-def test_counting_energy_changes_nothing_else(options, crumpled, same_bits, z):
-    """Its contacts come after all strips: halos are brought once more, in the rows that begin and end a step too."""
-    ball = cs.Sphere((0.65, -0.2, z), 0.25, response="ray", offset="edge")
-    scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
-    ends = []
-    for counted in (False, True):
-        stepper = cs.Stepper(scene, x, v, **options, threads=1, track_contact_energy=counted)
-        stepper.advance(STEPS, dt)
-        assert stepper._state.core.contacts[0] > 100
-        ends.append((stepper.positions, stepper.velocities))
-    assert same_bits(*ends)
-
-
 def test_a_restored_state_continues_with_the_same_bits(options, crumpled, same_bits):
     """What is kept at the borders is of the state in memory."""
     scene, x, v, dt = crumpled(shape=SHAPES[0])

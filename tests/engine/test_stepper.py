@@ -1,4 +1,4 @@
-"""The state that stays in the core: snapshots, contact energy, and what an unstable run leaves."""
+"""The state that stays in the core: snapshots, and what an unstable run leaves."""
 
 import pickle
 
@@ -48,7 +48,7 @@ def test_a_restored_snapshot_continues_with_the_same_bits(variant, crumpled, sam
     scene, x, v, dt = crumpled(spheres=BALL)
     if batch:
         x, v = np.stack([x] * batch), np.stack([v * (1 + k) for k in range(batch)])
-    stepper = cs.Stepper(scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options, track_contact_energy=True)
+    stepper = cs.Stepper(scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options)
     stepper.advance(40, dt)
     snapshot = pickle.loads(pickle.dumps(stepper.snapshot()))
     stepper.advance(60, dt)
@@ -58,8 +58,8 @@ def test_a_restored_snapshot_continues_with_the_same_bits(variant, crumpled, sam
         assert other.positions.shape == x.shape
         assert same_bits(arrays(other), arrays(stepper))
         assert other.time == stepper.time
-        np.testing.assert_array_equal(other.contact_energy, stepper.contact_energy)
-    assert np.all(np.asarray(stepper.contact_energy) != 0)
+        np.testing.assert_array_equal(other.impulses, stepper.impulses)
+    assert np.all(stepper.impulses != 0)
 
 
 def test_a_snapshot_of_a_batch_of_scenes(crumpled, same_bits):
@@ -103,53 +103,6 @@ def test_the_clock_does_not_drift():
     assert stepper.time == 10**6 * 5e-6
     stepper.advance(10, 1e-3)
     assert abs(stepper.time - 5.01) < 1e-14
-
-
-@each("response", ["reflect", "ray"])
-def test_contact_energy_is_the_energy_added_by_collision_passes(variant, crumpled, response):
-    """Total energy after a step, less that after the same step without spheres, step by step."""
-    spheres = [
-        cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0, 1, 0)), response, friction=0.1, offset="edge", restitution=1.0),
-        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, offset="edge"),
-    ]
-    scene, x, v, dt = crumpled(spheres=spheres)
-    stepper = cs.Stepper(scene, x, v, t=0.0, **variant.options, track_contact_energy=True)
-    free = scene.replace(spheres=())
-    expected, changes = 0.0, 0
-    for _ in range(40):
-        before = cs.step(free, *arrays(stepper), dt, **variant.options)
-        stepper.advance(1, dt)
-        change = cs.energy(scene, *arrays(stepper))["total"] - cs.energy(scene, *before)["total"]
-        expected += change
-        changes += change != 0
-    assert changes > 10 and abs(expected) > 0.1
-    bound = {"double": 1e-11, "single": 1e-5}[variant.precision]
-    assert abs(stepper.contact_energy - expected) < bound * abs(expected)
-
-
-def test_tracking_contact_energy_changes_no_bit(variant, crumpled, same_bits):
-    scene, x, v, dt = crumpled(spheres=BALL)
-    results = []
-    for track in (False, True):
-        stepper = cs.Stepper(scene, x, v, t=0.0, **variant.options, track_contact_energy=track)
-        stepper.advance(60, dt)
-        results.append(arrays(stepper))
-    assert same_bits(*results)
-
-
-def test_contact_energy_of_a_batch_is_per_member(crumpled):
-    scene, x, v, dt = crumpled(spheres=BALL)
-    both = cs.Stepper(scene, np.stack([x, x]), np.stack([v, 2 * v]), t=0.0, track_contact_energy=True)
-    both.advance(20, dt)
-    for k in range(2):
-        one = cs.Stepper(scene, x, (1 + k) * v, t=0.0, track_contact_energy=True)
-        one.advance(20, dt)
-        assert both.contact_energy[k] == one.contact_energy != 0
-
-
-def test_contact_energy_not_tracked_is_refused(crumpled):
-    with pytest.raises(RuntimeError, match="track_contact_energy=True"):
-        cs.Stepper(crumpled().scene).contact_energy
 
 
 def stiff(shape=(9, 20)):

@@ -210,8 +210,7 @@ def test_out_is_written_and_inputs_are_not(crumpled, same_bits):
 
 
 @pytest.mark.parametrize(
-    "name, value",
-    [("kernel", "edge"), ("threads", 2), ("track_contact_energy", True), ("integrator", "verlet"), ("precision", "half")],
+    "name, value", [("kernel", "edge"), ("threads", 2), ("integrator", "verlet"), ("precision", "half")]
 )
 def test_what_it_does_not_have_is_refused(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):

@@ -166,7 +166,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     return Snapshot({**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]), core)
 
 
-def take(state: Any, scene: Scene | Sequence[Scene], options: Options, track: bool = False) -> Snapshot:
+def take(state: Any, scene: Scene | Sequence[Scene], options: Options) -> Snapshot:
     """A snapshot of a state that was made with these options."""
-    arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene, "track_contact_energy": track}
+    arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene}
     return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())

@@ -34,9 +34,6 @@ class Stepper(StepperView):
         state.
     integrator, precision, threads, kernel, strict, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
-    track_contact_energy : bool, default False
-        True counts the energy that the collision passes add (`contact_energy`). The passes are
-        then done by one thread. Not with the backend "gpu".
 
     Raises
     ------
@@ -69,14 +66,11 @@ class Stepper(StepperView):
         kernel: Kernel = "auto",
         strict: bool = False,
         backend: Backend = "cpu",
-        track_contact_energy: bool = False,
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, strict, backend)
         self._scene = scene
-        self._track = check.boolean("track_contact_energy", track_contact_energy)
         self._state = State(scene, x, v, t, self._options)
         self._announce()
-        self._state.core.set_track_contact_energy(self._track)
 
     def _announce(self) -> None:
         if self._announces:
@@ -325,7 +319,7 @@ class Stepper(StepperView):
         >>> cs.Stepper.restore(start).time
         0.0
         """
-        return take(self._state, self._scene, self._options, self._track)
+        return take(self._state, self._scene, self._options)
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError(
@@ -372,11 +366,9 @@ class Stepper(StepperView):
             raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
         scene = snapshot.scene
         stepper = cls.__new__(cls)
-        stepper._track = snapshot.arguments["track_contact_energy"]
         stepper._scene, stepper._options = scene, snapshot.options
         zeros = np.zeros(snapshot.shape, snapshot.dtype)
         state = State(scene, zeros, zeros, snapshot.time, stepper._options, inspect=False)
-        state.core.set_track_contact_energy(stepper._track)
         state.core.restore(snapshot.core)
         stepper._state = state
         stepper._announce()

@@ -26,7 +26,6 @@ class StepperView:
     _state: State
     _scene: Scene | Sequence[Scene]
     _options: Options
-    _track: bool
 
     @property
     def frozen(self) -> npt.NDArray[np.bool_]:
@@ -93,24 +92,6 @@ class StepperView:
     def backend(self) -> str:
         """Backend used, "cpu" or "gpu"."""
         return self._options.backend
-
-    @property
-    def contact_energy(self) -> float | npt.NDArray[np.float64]:
-        """Energy that the collision passes have added so far [J]; per member for a batch.
-
-        Each response changes the kinetic, elastic and gravity energy of a mass point. The value is the sum of these
-        changes. An elastic, frictionless contact at the exact time of impact gives 0 in exact arithmetic. Any other
-        value is energy that the method makes or loses.
-
-        Raises
-        ------
-        RuntimeError
-            If the stepper was made without ``track_contact_energy=True``.
-        """
-        if not self._track:
-            raise RuntimeError("contact_energy is counted by Stepper(..., track_contact_energy=True)")
-        energy = self._state.core.contact_energy
-        return np.array(energy) if self._state.batched else float(energy[0])
 
     @property
     def impulses(self) -> npt.NDArray[np.float64]:

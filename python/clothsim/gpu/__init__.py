@@ -6,6 +6,6 @@ is enough. The first use of an adapter imports wgpu.
 """
 
 from .device import Adapter, AdapterLostError, adapters, using
-from .probe import arithmetic, memory_bandwidth, thread_ids
+from .probe import arithmetic, thread_ids
 
-__all__ = ["Adapter", "AdapterLostError", "adapters", "arithmetic", "memory_bandwidth", "thread_ids", "using"]
+__all__ = ["Adapter", "AdapterLostError", "adapters", "arithmetic", "thread_ids", "using"]

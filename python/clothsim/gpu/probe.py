@@ -1,8 +1,7 @@
-"""Measurements of an adapter: the mass point of each invocation, the rounding of its arithmetic, its memory."""
+"""Measurements of an adapter: the mass point of each invocation, and the rounding of its arithmetic."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -160,44 +159,3 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             found[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())
         sets[name] = found
     return sets
-
-
-def memory_bandwidth(device: Device | None = None, size: int = 1 << 28) -> float:
-    """Bytes per second that the adapter reads and writes, copying between two buffers; the best of five copies.
-
-    Parameters
-    ----------
-    device : Device, optional
-        An opened adapter. Default: the adapter that new states take.
-    size : int, default 256 MiB
-        Bytes of a buffer; at most the adapter's limit counts.
-
-    Returns
-    -------
-    float
-        [B/s]
-
-    Raises
-    ------
-    ImportError, RuntimeError
-        Without wgpu, or without an adapter.
-
-    Examples
-    --------
-    >>> from clothsim.gpu import memory_bandwidth
-    >>> memory_bandwidth() > 1e8  # doctest: +SKIP
-    True
-    """
-    device = device or opened()
-    size = min(size, device.adapter.largest_buffer)
-    first, second = (device.create_buffer(size, "COPY_SRC", "COPY_DST") for _ in range(2))
-    queue, best = device.handle.queue, 0.0
-    for _ in range(5):
-        queue.read_buffer(second, 0, 4)  # waits until the adapter is idle
-        encoder = device.handle.create_command_encoder()
-        encoder.copy_buffer_to_buffer(first, 0, second, 0, first.size)
-        begin = time.perf_counter()
-        queue.submit([encoder.finish()])
-        queue.read_buffer(second, 0, 4)
-        best = max(best, 2 * first.size / (time.perf_counter() - begin))
-    return best

@@ -147,7 +147,6 @@ class Simulation:
             return {
                 **fields,
                 "origins": self._origins.copy(),
-                "contact_energy": np.zeros(self._members),
                 "contact_member": np.zeros(0, np.int64),
                 "contact_feature": np.zeros(0, np.int64),
                 "contact_place": np.zeros((0, 3)),
@@ -181,13 +180,6 @@ class Simulation:
             self._take(parts)
 
     # The rest of the core's interface -------------------------------------------------------------
-
-    def set_track_contact_energy(self, on: bool) -> None:
-        if on:
-            raise ValueError(
-                "track_contact_energy must be False with backend 'gpu': the energy of a contact is "
-                "counted one point after the other, which is what backend 'cpu' does"
-            )
 
     def set_sphere(self, sphere: int, centers: Any, motions: Any) -> None:
         raise ValueError("centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand")

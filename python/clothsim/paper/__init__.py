@@ -18,9 +18,9 @@ from clothsim.scenes import PAPER_DT
 from ..base import check
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from . import gpu_report, gpu_runs, paper_report, performance, pictures
 from . import paper_page as page
 from . import paper_plots as plots
+from . import paper_report, performance, pictures
 from . import published as paper
 from . import responses as contact
 from .paper_page import write_gallery
@@ -146,13 +146,13 @@ def _contact(
         "page": pictures.play(experiment, cases, folder),
         "live": LIVE[number],
         "plot": plots.history(experiment, cases, folder),
-        "plot_caption": "Deepest triangle and cumulated contact energy, frame by frame.",
+        "plot_caption": "Deepest triangle and energy gained, frame by frame.",
     }
     return (experiment, cases), entry
 
 
 def _notes(entry: dict[str, Any]) -> list[str]:
-    """Lines below the tables: runs that ended early, agreement of the steppers, and the shader over sizes."""
+    """Lines below the tables: runs that ended early, and agreement of the steppers."""
     notes = [
         f"Method {h['method']}, {h['variant']}, ended early: {h['failure']}."
         for h in entry.get("histories", ())
@@ -163,8 +163,6 @@ def _notes(entry: dict[str, Any]) -> list[str]:
         notes.append(
             f"After {entry['agreement_steps']} steps, positions of core and reference differ by at most {agreement} m."
         )
-    if "gpu" in entry:
-        notes += [*entry["gpu"]["warnings"], *entry["gpu"]["crossovers"]]
     return notes
 
 
@@ -207,15 +205,11 @@ def _performance(number: str, settings: Settings, threads: int, progress: bool, 
             f"The paper has {paper.FRAMES_PER_SECOND} frames/s, each of one step."
         )
     else:
-        adapters, missing = gpu_runs.available()
+        adapters, missing = performance.available_adapters()
         variants = 1 + 2 * len({1, threads}) + sum(1 + a.float64 for a in adapters)
         with _bar(progress, number, variants * settings.runs, "run") as bar:
             entry = performance.speedup(settings, threads=threads, adapters=adapters, advance=bar.advance)
         entry["gpu_missing"] = missing
-        if adapters:
-            total = gpu_runs.count(gpu_runs.settings_of(settings), adapters)
-            with _bar(progress, number, total, "run") as bar:
-                entry["gpu"] = gpu_report.over_sizes(settings, adapters, folder, advance=bar.advance)
         entry["title"] = "Method 2: SIMD core and compute shader against one scalar thread"
         entry["setting"] = (
             f"{settings.speedup_steps} steps of {dt:g} s a run, fewer where they take more than "

@@ -68,9 +68,6 @@ def _experiment(key: str, experiment: dict[str, Any], folder: Path) -> list[str]
     if "plot" in experiment:
         plot = _image(folder, experiment["plot"], experiment["plot_caption"])
         parts.append(f"<figure>{plot}</figure>")
-    if "gpu" in experiment:
-        caption = "CPU against GPU over sizes, and the first frames of a run, apart."
-        parts.append(f"<figure>{_image(folder, experiment['gpu']['plot'], caption)}</figure>")
     return parts
 
 

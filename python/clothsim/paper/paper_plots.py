@@ -1,4 +1,4 @@
-"""Plots: depth and contact energy over the frames, and the counterparts of Figures 9 and 10."""
+"""Plots: depth and energy over the frames, and the counterparts of Figures 9 and 10."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ SHALLOWEST = 1e-3  # mm; the bottom of the depth axis, where no penetration is d
 
 
 def history(experiment: Experiment, cases: Sequence[Case], folder: Path) -> str:
-    """Deepest triangle and cumulated contact energy, frame by frame."""
+    """Deepest triangle and energy gained, frame by frame."""
     drawn, ((depth,), (energy,)) = figure(8, 5.2, 2, sharex=True)
     for case in cases:
         style = {"color": COLORS[case.method], "ls": STYLES[case.variant]}
         frames = case.history["frame"]
         triangles = np.maximum(1e3 * np.array(case.history["triangles"]), SHALLOWEST)
         depth.plot(frames, triangles, **style, label=f"method {case.method}, {case.variant}")
-        energy.plot(frames, case.history["contact_energy"], **style)
+        energy.plot(frames, case.history["energy_gained"], **style)
     for panel in (depth, energy):
         for frame in experiment.frames:
             panel.axvline(frame, color=GREY, lw=0.8, zorder=0)
     depth.set(yscale="log", ylim=(SHALLOWEST, None), ylabel="deepest triangle [mm]")
     depth.legend(ncols=4, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    energy.set(ylabel="contact energy [J]", xlabel="frame (grey: those of the paper's table)")
-    energies = (abs(value) for case in cases for value in case.history["contact_energy"])
+    energy.set(ylabel="energy gained [J]", xlabel="frame (grey: those of the paper's table)")
+    energies = (abs(value) for case in cases for value in case.history["energy_gained"])
     if max(energies, default=0.0) > LINEAR_ENERGY:
         energy.set_yscale("symlog", linthresh=LINEAR_ENERGY)
         energy.set_ylim(bottom=-LINEAR_ENERGY)

@@ -34,10 +34,6 @@ class Settings:
         Steps in one measurement of experiment 4.
     speedup_seconds : float
         Wall time after which such a measurement ends early [s].
-    gpu_sizes, gpu_batches : tuple of int
-        Sides of the square cloths, and numbers of 32 x 32 cloths, in experiment 4 with a graphics adapter.
-    gpu_seconds : float
-        Wall time after which such a measurement ends early [s].
     comparison_part : float
         Part of its scenes' durations that experiment 5 runs.
     picture_width : int
@@ -56,9 +52,6 @@ class Settings:
     window_frames: int = 200
     speedup_steps: int = 20_000
     speedup_seconds: float = 5.0
-    gpu_sizes: tuple[int, ...] = (32, 64, 128, 256, 512, 1024)
-    gpu_batches: tuple[int, ...] = (4, 16, 64, 256, 1024)
-    gpu_seconds: float = 0.5
     comparison_part: float = 1.0
     picture_width: int = 520
 
@@ -80,9 +73,6 @@ QUICK = Settings(
     runs=3,
     speedup_steps=1_000,
     speedup_seconds=1.0,
-    gpu_sizes=(32, 128),
-    gpu_batches=(16,),
-    gpu_seconds=0.05,
     comparison_part=0.4,
     picture_width=400,
 )
@@ -109,9 +99,4 @@ def reductions(settings: Settings) -> list[str]:
     ):
         if getattr(settings, name) < getattr(FULL, name):
             lines.append(f"{what}: {getattr(settings, name)} instead of {getattr(FULL, name)}")
-    if (settings.gpu_sizes, settings.gpu_batches) != (FULL.gpu_sizes, FULL.gpu_batches):
-        lines.append(
-            f"sizes and batches for a graphics adapter in experiment 4: {settings.gpu_sizes} and "
-            f"{settings.gpu_batches} instead of {FULL.gpu_sizes} and {FULL.gpu_batches}"
-        )
     return lines

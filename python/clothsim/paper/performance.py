@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import clothsim as cs
-from clothsim.gpu import using
+from clothsim.gpu import Adapter, adapters, using
 from clothsim.scenes import PAPER_DT
 from clothsim.typing import Backend, Precision
 
@@ -69,8 +69,17 @@ def methods(settings: Settings, *, advance: Callable[..., Any] = lambda runs: No
     return {"rows": rows, "frame_steps": frame_steps, "threads": 1}
 
 
+def available_adapters() -> tuple[list[Adapter], str]:
+    """The graphics adapters, and the reason if there is none."""
+    try:
+        found = adapters()
+    except ImportError as error:
+        return [], str(error)
+    return found, "" if found else "this machine has no graphics adapter that wgpu can use"
+
+
 def speedup(
-    settings: Settings, *, threads: int, adapters: Sequence[Any] = (), advance: Callable[..., Any] = lambda runs: None
+    settings: Settings, *, threads: int, adapters: Sequence[Adapter] = (), advance: Callable[..., Any] = lambda runs: None
 ) -> dict[str, Any]:
     """Experiment 4: method 2 by the SIMD core, the scalar spring-by-spring reference, and the shader on some adapters.
 
@@ -111,7 +120,9 @@ def speedup(
     return {"rows": rows, "frame_steps": frame_steps, "agreement": difference, "agreement_steps": AGREEMENT_STEPS}
 
 
-def _variants(settings: Settings, start: Start, t: float, threads: int, adapters: Sequence[Any]) -> dict[Variant, Measure]:
+def _variants(
+    settings: Settings, start: Start, t: float, threads: int, adapters: Sequence[Adapter]
+) -> dict[Variant, Measure]:
     """Measures by what is compared, the reference first. Each steps from the state `start` at the time `t`."""
     dt, steps = settings.timing_dt, settings.speedup_steps
 
@@ -129,7 +140,7 @@ def _variants(settings: Settings, start: Start, t: float, threads: int, adapters
 
         return measure
 
-    def shader(precision: Precision, adapter: Any) -> Measure:
+    def shader(precision: Precision, adapter: Adapter) -> Measure:
         def measure() -> tuple[float, float]:
             with using(adapter):
                 return core(precision, None, backend="gpu")()

@@ -96,7 +96,8 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance: Callab
     scene = scene_of(experiment, case.method, case.variant)
     sphere = scene.spheres[0]
     steps = settings.steps_per_frame(experiment.dt)
-    stepper = cs.Stepper(scene, threads=1, track_contact_energy=True)
+    stepper = cs.Stepper(scene, threads=1)
+    start = float(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"])
     deepest = {"points": 0.0, "triangles": 0.0}
     record = []
     every = -(-max(experiment.frames) // PLAYED)
@@ -111,14 +112,15 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance: Callab
         positions = stepper.positions
         depth = cs.penetration(positions, sphere, stepper.time)
         deepest = {name: max(deepest[name], float(depth[name])) for name in deepest}
-        record.append((frame, depth["points"], depth["triangles"], stepper.contact_energy))
+        energy = {name: float(value) for name, value in cs.energy(scene, positions, stepper.velocities).items()}
+        gained = energy["total"] - start
+        record.append((frame, depth["points"], depth["triangles"], gained))
         advance(1)
         if frame % every == 0 or frame in experiment.frames:
             velocities = stepper.velocities.copy()
             case.played.append((float(stepper.time), positions.copy(), velocities))
         if frame in experiment.frames:
             case.states[frame] = positions.copy(), stepper.time
-            energy = cs.energy(scene, positions, stepper.velocities)
             case.cells.append(
                 {
                     "method": case.method,
@@ -128,8 +130,8 @@ def _run(experiment: Experiment, settings: Settings, case: Case, advance: Callab
                     "penetration": {name: float(depth[name]) for name in deepest},
                     "deepest_so_far": deepest,
                     "points_touching": _touching(positions, scene, stepper.time),
-                    "contact_energy": float(stepper.contact_energy),
-                    "energy": {name: float(value) for name, value in energy.items()},
+                    "energy_gained": gained,
+                    "energy": energy,
                 }
             )
     case.history = _thinned(record)
@@ -164,7 +166,7 @@ def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) 
                         "dt": dt,
                         "method": case.method,
                         "penetration": [cell["penetration"] for cell in case.cells],
-                        "contact_energy": case.cells[-1]["contact_energy"],
+                        "energy_gained": case.cells[-1]["energy_gained"],
                     }
                 )
     return rows
@@ -172,7 +174,7 @@ def step_study(experiment: Experiment, settings: Settings, *, threads: int = 1) 
 
 def _thinned(record: list[tuple[Any, ...]]) -> dict[str, list[float]]:
     """At most HISTORY_POINTS entries: the deepest of each stretch of frames, the last energy."""
-    names = ("frame", "points", "triangles", "contact_energy")
+    names = ("frame", "points", "triangles", "energy_gained")
     if not record:
         return {name: [] for name in names}
     stretches = np.array_split(np.array(record, float), min(HISTORY_POINTS, len(record)))
