@@ -4,7 +4,7 @@ import clothsim as cs
 
 for name, case in cs.scenes.hard_cases().items():
     if case.steps > 5_000:
-        continue  # `clothsim stability --hard-cases` runs all of them
+        continue  # the tests run all of them
     result = case.run(case.precisions[0])
     print(f"{name:28} {'as expected' if result.passed else 'NOT as expected'}: {case.expected}")
 

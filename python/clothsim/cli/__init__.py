@@ -1,15 +1,14 @@
-"""The `clothsim` command: one module per subcommand.
+"""The `clothsim` command: one module per subcommand, with ``add_arguments(parser)`` and ``run(args)``.
 
-A subcommand is a line of `COMMANDS` and a module with two functions. ``add_parser(subparsers)`` defines the options,
-and ``run(args)`` does the work. Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input,
-130 interrupted. Every failure is one line on stderr.
+Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input, 130 interrupted. Every failure is
+one line on stderr.
 """
 
 from __future__ import annotations
 
 import argparse
-import difflib
 import os
+import shutil
 import sys
 import warnings
 from collections.abc import Sequence
@@ -19,7 +18,32 @@ import clothsim as cs
 
 from ..base.on_demand import module_of
 from ..base.progress import print_above
-from ._common import COMMANDS, MODULES, SCRIPTS, Narrow
+
+COMMANDS = {
+    "run": "Simulate a scene, print its report, and write files of it.",
+    "live": "Write a page that simulates a scene in the browser, by WebGPU.",
+    "reproduce": "Run the experiments of Kim et al. and write a report.",
+    "info": "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
+}
+"""The help of every command; each is a module of this package."""
+
+IN_PYTHON = {
+    "sweep": 'cs.sweep(scene, {"stiffness": [1e3, 1e4]}, duration=1.0, store="s.zarr")',
+    "work-precision": "cs.work_precision(scene, 0.5).clothsim.plot()",
+    "stability": "cs.stability_map(scene, stiffness, dt).clothsim.plot()",
+    "plot": 'cs.load_run("run.npz").plot("run.png")',
+    "export": 'cs.load_run("run.npz").export("run.usdc")',
+    "scene": "cs.save_scene(scene, path), or clothsim run SCENE --save-scene FILE",
+    "view": "cs.view(scene)",
+}
+"""What an earlier version had as commands (docs/runs.md)."""
+
+
+class _Narrow(argparse.HelpFormatter):
+    """Help of at most 80 columns, also in a wide terminal."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(80, shutil.get_terminal_size().columns) - 2)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -27,16 +51,18 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def parser(chosen: str | None) -> argparse.ArgumentParser:
+def _parser(chosen: str | None) -> argparse.ArgumentParser:
     """The parser of the whole command line. Only the module of the chosen command is imported."""
-    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.", formatter_class=Narrow)
+    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.", formatter_class=_Narrow)
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, text in COMMANDS.items():
+        command = subparsers.add_parser(name, help=text, description=text, formatter_class=_Narrow, allow_abbrev=False)
         if name == chosen:
-            module_of("clothsim.cli." + MODULES.get(name, name.replace("-", "_"))).add_parser(subparsers)
-        else:
-            subparsers.add_parser(name, help=text)
+            module = module_of(f"clothsim.cli.{name}")
+            command.set_defaults(run=module.run, command=name)
+            module.add_arguments(command)
+            command.add_argument("--json", action="store_true", help="print JSON instead of text")
     return top
 
 
@@ -51,23 +77,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     given = sys.argv[1:] if argv is None else list(argv)
     chosen = next((one for one in given if not one.startswith("-")), None)
-    top = parser(chosen)
-    if chosen in SCRIPTS:
-        top.error(f"{chosen} is a script of a clone now: {SCRIPTS[chosen]}")
-    args, unknown = top.parse_known_args(given)
-    if unknown:
-        _refuse(args.parser, unknown)
+    parser = _parser(chosen)
+    if chosen in IN_PYTHON:
+        parser.error(f"there is no command {chosen}; in Python: {IN_PYTHON[chosen]}")
+    args = parser.parse_args(given)
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
         return _run(args)
-
-
-def _refuse(command: argparse.ArgumentParser, unknown: Sequence[str]) -> NoReturn:
-    if unknown[0] in SCRIPTS:
-        command.error(f"{unknown[0]} is a script of a clone now: {SCRIPTS[unknown[0]]}")
-    known = [option for action in command._actions for option in action.option_strings]
-    close = difflib.get_close_matches(unknown[0], known, 1) if unknown[0].startswith("-") else []
-    command.error(f"unrecognized arguments: {' '.join(unknown)}{f' (did you mean {close[0]}?)' if close else ''}")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -76,23 +92,13 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
     except (ValueError, TypeError) as error:
         return _failed(args, 2, error)
+    except BrokenPipeError:  # the reader left, as in `clothsim info | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (ArithmeticError, ImportError, MemoryError, OSError, RuntimeError) as error:
-        if isinstance(error, BrokenPipeError):  # the reader left, as in `clothsim info | head -1`
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 0
-        return _failed(args, 1, _in_words(error))
+        return _failed(args, 1, error)
     except KeyboardInterrupt as stop:
         return _failed(args, 130, f"interrupted; {stop}" if str(stop) else "interrupted")
     return 0
-
-
-def _in_words(error: Exception) -> object:
-    """An error of a file in words, others as they are."""
-    if not isinstance(error, OSError) or error.filename is None:
-        return error
-    kinds = {FileNotFoundError: "there is no file", IsADirectoryError: "a folder is no file:"}
-    kinds[PermissionError] = "you may not read or write"
-    return f"{kinds.get(type(error), error.strerror)} {error.filename!r}"
 
 
 def _failed(args: argparse.Namespace, code: int, error: object) -> int:

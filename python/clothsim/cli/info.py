@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import clothsim as cs
 from clothsim.gpu import adapters
 
 from ..base.plain_json import as_json
-from ._common import add_command, as_text
 
 
-def add_parser(subparsers: Any) -> None:
-    add_command(subparsers, "info", run)
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """It has none."""
 
 
 def _adapters() -> Any:
@@ -36,4 +36,13 @@ def _adapters() -> Any:
 
 def run(args: argparse.Namespace) -> None:
     config = {**cs.build_config(), "graphics_adapters": _adapters()}
-    print(as_json(config) if args.json else as_text(config))
+    print(as_json(config) if args.json else "\n".join(_lines(config)))
+
+
+def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    for name, value in data.items():
+        if isinstance(value, Mapping):
+            yield f"{indent}{name}:"
+            yield from _lines(value, indent + "  ")
+        else:
+            yield f"{indent}{name}: {', '.join(map(str, value)) if isinstance(value, list) else value}"

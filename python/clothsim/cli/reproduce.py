@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from clothsim.paper import EXPERIMENTS, reproduce, text
 
 from ..base.plain_json import as_json
 from ..base.progress import wanted_by_command
-from ._common import add_command, count
 
 
-def add_parser(subparsers: Any) -> None:
-    command = add_command(subparsers, "reproduce", run)
+def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--quick", action="store_true", help="fewer and coarser steps: about a minute and a half on two cores"
     )
     command.add_argument("--out", default="report", metavar="DIR", help="folder of the report (default: report)")
-    command.add_argument("--threads", type=count, metavar="N", help="threads (default: all)")
+    command.add_argument("--threads", type=int, metavar="N", help="threads (default: all)")
     command.add_argument(
         "--experiment",
         type=int,

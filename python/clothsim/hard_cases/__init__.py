@@ -16,8 +16,8 @@ def hard_cases() -> dict[str, HardCase]:
     Stiffnesses of 1e6 to 1e12 N/m and of 1e7 beside 1 N/m; time steps right below and above the
     limit, of 5e-6 s in single, a million of them; springs without length, points that coincide, a
     collapsed cloth; a mass ratio of 1e6; strips of one row; 1e6 m from the origin; denormal speeds;
-    pins and points inside a sphere, and a sphere at 100 m/s. The tests and
-    ``clothsim stability --hard-cases`` run them all.
+    pins and points inside a sphere, and a sphere at 100 m/s. The tests
+    run them all.
 
     Returns
     -------

@@ -1,0 +1,151 @@
+"""The bar of a sweep, and the pictures of its results."""
+
+import io
+import re
+import sys
+import warnings
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweeps import workers
+from clothsim.viewing import sweep_plots as plots
+
+pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+plt = pytest.importorskip("matplotlib.pyplot")
+
+
+def terminal_of(monkeypatch):
+    """What a terminal gets."""
+    shown = io.StringIO()
+    shown.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", shown)
+    return shown
+
+
+def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
+    terminal = terminal_of(monkeypatch)
+    cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
+    last = terminal.getvalue().split("\r")[-1]
+    assert "100%" in last and "2/2 members, 1 unstable, " in last and "/s [" in last and "<00:00]" in last
+
+
+def test_the_bar_moves_while_a_long_member_runs(monkeypatch):
+    terminal = terminal_of(monkeypatch)
+    monkeypatch.setattr(workers, "_SECONDS_BETWEEN_SIGNS", 0.05)
+    cs.sweep(cs.scenes.hanging(shape=(24, 24)), {"stiffness": [1e3]}, duration=40.0, dt=2e-4, threads=1)
+    parts = [int(text) for text in re.findall(r"(\d+)%", terminal.getvalue())]
+    assert parts == sorted(parts) and len({part for part in parts if 0 < part < 100}) >= 3
+
+
+def test_warnings_go_above_the_bar(monkeypatch):
+    terminal = terminal_of(monkeypatch)
+
+    def warning(run):
+        warnings.warn("mind the gap", RuntimeWarning, stacklevel=1)
+        return 0.0
+
+    show = warnings.showwarning
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
+        cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0]}, dt=0.01, metrics=warning)
+    assert warnings.showwarning is show
+    before, line = terminal.getvalue().split("warning: mind the gap\n")[0], terminal.getvalue().count("mind the gap")
+    # The bar is wiped before, so the warning begins at the left of an empty line.
+    assert line == 1 and before.endswith("\r") and before.split("\r")[-2].strip() == ""
+
+
+@pytest.fixture(scope="module")
+def swept():
+    scene = cs.scenes.hanging(shape=(6, 7))
+    return cs.sweep(
+        scene,
+        {"stiffness": np.geomspace(500, 5e4, 4), "dt": [1e-3, 2e-3, 4e-3, 3e-2]},
+        duration=0.3,
+        metrics=["error", "largest_stretch"],
+        progress=False,
+    )
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+def test_a_fan_over_tolerances():
+    scene = cs.Scene(cs.Cloth((5, 5), mass=1.0, stiffness=200.0, damping=0.2))
+    over = {"rtol": [1e-3, 1e-5, 1e-15], "stiffness": [100.0, 200.0]}
+    swept = cs.sweep(scene, over, duration=0.1, metrics="error", progress=False)
+    axes = swept.clothsim.plot()
+    assert axes.get_xlabel() == "rtol" and axes.get_xscale() == axes.get_yscale() == "log"
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    assert np.array_equal(lines["200"].get_ydata(), swept.error.sel(stiffness=200.0).sortby("rtol"))
+    assert "order 4" not in lines
+    unsure = (swept.error < swept.reference_error).values.sum()
+    assert unsure > 0 and "below the\nreference's own" in lines
+
+
+def test_the_convergence_fan(swept):
+    axes = swept.clothsim.plot()
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    for stiffness in swept.stiffness.values:
+        line = lines[f"{stiffness:.4g}"]
+        assert np.array_equal(line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True)
+        assert np.array_equal(line.get_xdata(), swept.dt)
+    slope = np.diff(np.log(lines["order 4"].get_ydata())) / np.diff(np.log(swept.dt.values))
+    assert slope == pytest.approx([4, 4, 4], rel=1e-9)
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.get_xlabel() == "dt [s]" and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    crosses = sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == "x")
+    assert crosses == int((swept.status == 2).sum()) > 0
+
+
+def test_the_stability_map(swept):
+    axes = swept.clothsim.plot.stability()
+    (mesh,) = axes.collections
+    assert np.array_equal(mesh.get_array(), swept.status.values.T)
+    line = axes.get_lines()[0]
+    assert np.array_equal(line.get_ydata(), swept.max_stable_dt.isel(dt=0))
+    assert np.array_equal(line.get_xdata(), swept.stiffness)
+
+
+def test_heat_maps(swept):
+    axes = swept.clothsim.plot.heatmap("largest_stretch", x="dt", y="stiffness")
+    mesh = axes.collections[0]
+    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
+    line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
+    assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
+    corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}
+    framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, frames=True, progress=False)
+    axes = framed.clothsim.plot.heatmap()  # of a metric with one number a member, not of frames
+    assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
+    assert plots.suggested(swept.drop_vars("error")) == "stability"
+    assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
+
+
+def test_labels_on_an_axis():
+    over = {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]}
+    result = cs.sweep(cs.scenes.paper_swing(), over, duration=0.01, dt=1e-4, progress=False)
+    axes = result.clothsim.plot.heatmap("energy_drift")
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["4x4", "4x8", "8x8"]
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda ds: plots.convergence(ds.drop_vars("error")), "needs the metric 'error'"),
+        (lambda ds: plots.convergence(ds.isel(dt=0)), "needs a sweep over 'dt'"),
+        (lambda ds: plots.stability(ds.isel(stiffness=0)), "beside dt"),
+        (lambda ds: plots.stability(ds.expand_dims(mass=[1, 2])), r"ds.isel\(stiffness=0\)"),
+        (lambda ds: plots.heatmap(ds, "eror"), "'error'"),
+        (lambda ds: plots.heatmap(ds.expand_dims(mass=[1, 2])), "two dimensions"),
+        (lambda ds: plots.heatmap(ds.isel(dt=0, stiffness=0)), "longer than one"),
+        (lambda ds: plots.plot(ds, "pie"), "kind must be"),
+    ],
+)
+def test_pictures_that_cannot_be(swept, draw, message):
+    with pytest.raises(ValueError, match=message):
+        draw(swept)
