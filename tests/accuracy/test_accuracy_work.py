@@ -1,19 +1,14 @@
-"""Error against cost: the measurements, their tables and pictures, and the search for settings."""
+"""Error against cost: the measurements."""
 
-import csv
-import json
 import math
 from dataclasses import dataclass, field
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import fastest, methods
-from clothsim.accuracy import work_table as tables
-from clothsim.accuracy.front import Front, Row, cheapest
-from clothsim.accuracy.measured import Measured, pareto
+from clothsim.accuracy import methods
+from clothsim.accuracy.measured import pareto
 from clothsim.accuracy.methods import Outcome, own_methods
-from clothsim.cli import main
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 
@@ -121,125 +116,6 @@ def test_pareto():
     rms = np.array([[1e-3, 1e-4, np.inf], [1e-3, 1e-5, 1e-9]])
     cost = np.array([[1.0, 3.0, 0.1], [2.0, 3.0, np.nan]])
     assert pareto(rms, cost).tolist() == [[True, False, False], [False, True, False]]
-
-
-def test_cheapest_finds_the_setting_and_asks_little():
-    asked = []
-
-    def error(dt):
-        asked.append(dt)
-        return math.inf if dt > 0.3 else dt**4
-
-    found = cheapest(error, 1.0, 1e-6, 1e-12)
-    assert 0.97e-3 < found <= 1e-3
-    assert len(asked) < 20
-    assert cheapest(error, 0.1, 1e-6, 1.0) == 0.1
-    assert cheapest(error, 1.0, 1e-2, 1e-12) is None
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_the_fastest_are_found_with_each_method_at_its_cheapest_setting(scene, solution):
-    found = fastest(
-        scene, DURATION, [1e-7, 1e-10], methods=["rk4", "dop853"], precisions=["double"], windows=2, reference=solution
-    )
-    assert found.errors == (1e-7, 1e-10)
-    for error in found.errors:
-        rows = found.at(error)
-        assert "rk4" in {row.result.method.name for row in rows}
-        times = [found.wall_time(row) for row in rows]
-        assert times == sorted(times)
-        for row in rows:
-            assert row.result.rms <= error
-            # The search ends within 3 % of a setting that fails; how the steps divide the duration
-            # makes the error jump, so not all larger ones do.
-            more = [factor * row.result.setting for factor in (1.01, 1.02, 1.03, 1.05)]
-            name = row.result.method.name
-            assert max(_error(scene, solution, name, dt) for dt in more) > error
-    # Where the run stands it, a setting is above what is guaranteed for any state.
-    coarsest = {row.result.method.name: row.result.setting for row in found.at(1e-7)}
-    assert all(dt > cs.max_stable_dt(scene, name) for name, dt in coarsest.items())
-
-
-def _error(scene, solution, integrator, dt):
-    try:
-        run = cs.simulate(scene, DURATION, dt, integrator=integrator)
-    except cs.UnstableError:
-        return math.inf
-    return solution.error_of(run.x[-1])["rms"]
-
-
-def _front_of(*entries):
-    """A `Front` over 0.5 s with (error, name, library, seconds)."""
-    rows = []
-    for error, name, library, seconds in entries:
-        method = Known(None, name=name, library=library)
-        result = Measured(method, 1e-3, error / 2, error, 100, 0.0, 0.0, [seconds, 2 * seconds])
-        rows.append(Row(error, result))
-    rows.sort(key=lambda row: (-row.error, row.result.fastest))
-    errors = tuple(sorted({row.error for row in rows}, reverse=True))
-    return Front(cs.scenes.oscillator(), 0.5, errors, tuple(rows))
-
-
-def test_the_statement_names_the_fastest_the_next_and_the_best_peer():
-    found = _front_of(
-        (1e-6, "rk4", "clothsim", 0.010),
-        (1e-6, "dop853", "clothsim", 0.004),
-        (1e-6, "DOP853", "SciPy", 0.044),
-        (1e-6, "rk4", "numba", 0.030),
-    )
-    (one,) = found.statement()
-    assert one["fastest"] == "dop853 double" and one["next"] == "rk4 double"
-    assert one["wall_time"] == pytest.approx(0.008, rel=1e-12, abs=0)
-    assert one["next_ratio"] == pytest.approx(2.5, rel=1e-12, abs=0)
-    assert one["peer"] == "rk4 double" and one["peer_ratio"] == pytest.approx(7.5, rel=1e-12, abs=0)
-    text = str(found)
-    assert "dop853 double" in text and "7.50x" in text
-
-
-def test_csv_and_picture(data, tmp_path):
-    table, *pictures = tables.write_runs(data, tmp_path / "runs")
-    lines = table.read_text().splitlines()
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    assert len(rows) == 12 and tuple(rows[0]) == tables.COLUMNS
-    assert float(rows[1]["rms_error"]) == float(data["rms_error"][0, 1])
-    assert rows[0]["rms_error"] == "inf" and rows[1]["solver"] == "rk4 double"
-    assert any(line.startswith("# duration: 0.1") for line in lines)
-    pytest.importorskip("matplotlib")
-    (path,) = pictures
-    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 20_000
-
-
-def test_the_command(tmp_path, capsys):
-    options = "oscillator --duration 0.2 --method rk4 --precision double --windows 1 --out"
-    arguments = ["work-precision", *options.split(), str(tmp_path / "out")]
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
-    assert "rk4 double" in text and "oscillator.csv" in text
-    assert (tmp_path / "out" / "oscillator.csv").exists()
-    assert main([*arguments, "--json"]) == 0
-    runs = json.loads(capsys.readouterr().out)["runs"]
-    assert len(runs) == 7 and runs[0]["solver"] == "rk4 double"
-    assert main([*arguments[:-2], "--fastest"]) == 0
-    assert "next method" in capsys.readouterr().out
-    assert main([*arguments[:-2], "--fastest", "--errors", "1e-3,2e-6", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [one["error"] for one in found] == [1e-3, 2e-6]
-    assert main([*arguments[:-2], "--fastest", "--errors", "1e-3 2e-6"]) == 2
-    assert "--errors must be numbers with commas" in capsys.readouterr().err
-    assert main([*arguments, "--errors", "1e-3"]) == 2
-    assert "--errors needs --fastest" in capsys.readouterr().err
-    assert main([*arguments, "--bend"]) == 2
-    assert "--bend does not go with oscillator" in capsys.readouterr().err
-    (tmp_path / "file").write_text("")
-    assert main([*arguments[:-1], str(tmp_path / "file")]) == 2
-    assert main(["work-precision", "paper_static", "--duration", "0.4"]) == 2
-    assert "chaotic" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("arguments, option", [("--fastest --out x", "--out")])
-def test_the_command_ignores_no_option(capsys, arguments, option):
-    assert main(["work-precision", *arguments.split()]) == 2
-    assert f"{option} does not go with --fastest" in capsys.readouterr().err
 
 
 def test_a_tolerance_below_rounding_ends(scene, monkeypatch):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base import check
-from ..base.plots import BLACK, BLUE, GREY, figure, name_lines, save, shown_axes, style
+from ..base.plots import BLACK, BLUE, GREY, name_lines, shown_axes, style
 from .methods import OWN
 
 if TYPE_CHECKING:
@@ -16,15 +14,6 @@ if TYPE_CHECKING:
 
 _DASHES = {"double": "-", "single": ":"}
 _SIZE = 13.0, 6.4
-
-
-def plot_work_precision(data: Any, path: str | Path) -> Path:
-    """Write the picture of `draw_work_precision`, in a format that matplotlib knows."""
-    path = check.path("path", path)
-    drawn, axes = figure(*_SIZE, 1, 2, sharey=True)
-    draw_work_precision(data, axes)
-    save(drawn, path)
-    return path
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:

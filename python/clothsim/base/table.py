@@ -1,14 +1,8 @@
-"""Tables of text, and CSV files."""
+"""Tables of text."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any
-
-from .files import replacing
+from collections.abc import Collection, Iterable, Sequence
 
 
 def aligned(
@@ -48,13 +42,3 @@ def aligned(
         ).rstrip()
         for row in table
     )
-
-
-def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], comments: Mapping[str, Any] = MappingProxyType({})) -> Path:
-    """Write mappings of equal keys as lines of a CSV file, below `comments` as lines that begin with #."""
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {name}: {value}\n" for name, value in comments.items())
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
