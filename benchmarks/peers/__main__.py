@@ -18,7 +18,6 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import clothsim as cs
-from clothsim import accuracy
 from common import aligned
 
 from peers.solvers import installed_peers, refused
@@ -54,8 +53,10 @@ def main(argv: list[str] | None = None) -> None:
         )
     else:
         args.out.mkdir(parents=True, exist_ok=True)
-        written = accuracy.write_runs(data, args.out / f"{args.scene}{'_bend' if args.bend else ''}_peers")
-        print("Written: " + ", ".join(map(str, written)))
+        start = args.out / f"{args.scene}{'_bend' if args.bend else ''}_peers"
+        data.to_dataframe().dropna(subset=["setting"]).to_csv(f"{start}.csv")
+        data.clothsim.plot()[0].figure.savefig(f"{start}.png")
+        print(f"Written: {start}.csv, {start}.png")
     for reason in missing:
         print(f"Not measured: {reason}", file=sys.stderr)
 
