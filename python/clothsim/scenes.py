@@ -1,24 +1,14 @@
-"""Ready scenes: the scenes of Kim et al., a hanging sheet, an oscillator, two fabrics, and the hard cases."""
+"""Ready scenes: the scenes of Kim et al., a hanging sheet, an oscillator, and the hard cases."""
 
 from typing import TYPE_CHECKING
 
 from .base.on_demand import on_demand as _on_demand
-from .model.ready import PAPER_DT, cotton, denim, hanging, oscillator, paper_moving, paper_static, paper_swing
+from .model.ready import PAPER_DT, hanging, oscillator, paper_moving, paper_static, paper_swing
 
 if TYPE_CHECKING:
     from .hard_cases import hard_cases
 
-__all__ = [
-    "PAPER_DT",
-    "cotton",
-    "denim",
-    "hanging",
-    "hard_cases",
-    "oscillator",
-    "paper_moving",
-    "paper_static",
-    "paper_swing",
-]
+__all__ = ["PAPER_DT", "hanging", "hard_cases", "oscillator", "paper_moving", "paper_static", "paper_swing"]
 
 __getattr__, __dir__ = _on_demand(globals(), {"hard_cases": "clothsim.hard_cases"})
 del TYPE_CHECKING

@@ -147,7 +147,6 @@ CALLS = {
     SCENE.to_live_html: {"path": "live.html"},
     cs.compare: {"runs": {"a": RUN}},
     cs.Camera: {"direction": (0, 1, 0), "target": (0, 0, 0), "width": 1.0, "height": 1.0},
-    cs.scenes.denim: {"shape": (3, 3)},
     partial(cs.simulate, MOVING, 0.02): {"dt": 0.01},
     RUN.resume: {"duration": 0.02},
     RUN.penetration: {"sphere": 0},

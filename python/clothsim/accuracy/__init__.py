@@ -1,5 +1,6 @@
 """Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
+from ..base.on_demand import on_demand as _on_demand
 from .methods import RTOLS, Method, Outcome, extent, step_sizes
 from .order import Convergence, convergence
 from .solution import Reference, reference
@@ -17,3 +18,5 @@ __all__ = [
     "step_sizes",
     "work_precision",
 ]
+
+__getattr__, __dir__ = _on_demand(globals(), {})

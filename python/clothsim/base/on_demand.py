@@ -7,11 +7,18 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+_LEFT = {
+    **dict.fromkeys(("cotton", "denim"), "examples/light_fabric.py has its figures"),
+    "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
+    **dict.fromkeys(("multiply_add_peak", "memory_bandwidth", "core_round_trip"), "benchmarks of the processor measure it"),
+}
+"""Names of an earlier version, and what serves instead."""
+
 
 def on_demand(
     namespace: dict[str, Any], places: Mapping[str, str], also: Sequence[str] = ()
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of the package with that namespace (PEP 562).
+    """`__getattr__` and `__dir__` of the module with that namespace (PEP 562).
 
     `places` has the module of each name, relative to the package. `dir` lists `__all__`, the names
     of Python itself and those in `also`.
@@ -20,7 +27,8 @@ def on_demand(
 
     def get(name: str) -> Any:
         if name not in places:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            left = f"; {_LEFT[name]}" if name in _LEFT else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{left}")
         value = namespace[name] = getattr(import_module(places[name], package), name)
         return value
 

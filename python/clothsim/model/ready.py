@@ -1,4 +1,4 @@
-"""Ready scenes: the scenes of Kim et al., two scenes with a solution in closed form, and two fabrics.
+"""Ready scenes: the scenes of Kim et al., and two scenes with a solution in closed form.
 
 The paper's scenes take its Table 2: 1 m x 1 m, 32 x 32 mass points, 512 kg, stiffness 35,000 N/m,
 damping 100. The 3,906 springs are structural and shear; section 2 of the paper also describes bend
@@ -15,7 +15,6 @@ import numpy as np
 from ..base import check
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
-from .fabrics import FABRICS, fabric_scene
 from .motion import Reciprocate
 from .scene import Scene
 from .sphere import Sphere
@@ -248,76 +247,3 @@ def oscillator(
     position = cloth.rest_positions.copy()
     position[0, 1, 0] += amplitude
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)
-
-
-def cotton(
-    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
-) -> Scene:
-    """A sheet of measured cotton: a rib knit of 95 % cotton and 5 % spandex, 0.276 kg/m^2.
-
-    The figures are those of Wang, O'Brien and Ramamoorthi, ACM Trans. Graph. 30(4) 71 (2011);
-    ``clothsim.model.fabrics.FABRICS["cotton"].source`` names each. `clothsim.model.fabrics` has the formulas
-    that make them springs. The sheet starts flat and level, pinned at the two ends of the side
-    x = 0.
-
-    Parameters
-    ----------
-    shape : (int, int), default (32, 32)
-        Rows and columns, each >= 3.
-    size : (float, float), default (1.0, 1.0)
-        Extent along the rows and along the columns [m].
-    damping_ratio : float, default 0.1
-        Damping ratio of the grid's fastest waves, >= 0. Slower waves have a lower ratio, in proportion to their
-        frequency. This is a numerical choice, because the source measures no damping.
-    fold : float, default 1.0
-        Angle between neighbouring springs [rad] at which the bend springs store the fabric's
-        bending energy. They store less energy at smaller angles, and none to second order near the flat sheet.
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> cloth = cs.scenes.cotton(size=(0.5, 0.5)).cloth
-    >>> round(cloth.mass, 3), {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
-    (0.069, {'structural': 56.4, 'shear': 41.6, 'bend': 2.5})
-    """
-    return fabric_scene(FABRICS["cotton"], shape, size, damping_ratio, fold)
-
-
-def denim(
-    shape: tuple[int, int] = (32, 32), size: tuple[float, float] = (1.0, 1.0), damping_ratio: float = 0.1, fold: float = 1.0
-) -> Scene:
-    """A sheet of measured denim: 11 oz, 99 % cotton and 1 % spandex, 0.324 kg/m^2.
-
-    `cotton` names the source and the formulas.
-
-    Parameters
-    ----------
-    shape, size, damping_ratio, fold
-        As for `cotton`.
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as for `cotton`.
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> cloth = cs.scenes.denim(damping_ratio=0.0).cloth
-    >>> {f: round(k, 1) for f, k in cloth.family_stiffness.items()}
-    {'structural': 1187.4, 'shear': 26.7, 'bend': 1.3}
-    """
-    return fabric_scene(FABRICS["denim"], shape, size, damping_ratio, fold)
