@@ -221,7 +221,6 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
 
 
 def test_a_family_that_the_edge_kernel_lacks_is_left_to_the_gather_kernel(monkeypatch):
-    """As docs/howto/add-a-spring-family.md has it."""
     scene = cs.Scene(cs.Cloth((4, 5), springs=("structural", "bend")))
     assert cs.Stepper(scene).kernel == "edge"
     monkeypatch.setattr(plan._core, "edge_families", ("structural", "shear"))
