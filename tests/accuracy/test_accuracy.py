@@ -121,6 +121,7 @@ def test_convergence_of_pefrl_where_nothing_is_damped():
     assert abs(found.order - 4) < 0.15
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_convergence_fits_errors_between_rounding_and_instability(swing):
     scene, found = swing
     dts = [1e-2, 1e-3, 5e-4, 2.5e-4, 5e-6, 2.5e-6]

@@ -30,6 +30,8 @@ def test_the_acceleration_is_the_force_over_the_mass(double_variant, crumpled):
     assert np.abs(added - expected).max() < 1e-12 * np.abs(expected).max()
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", cs.integrators())
 def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, crumpled, relative):
     scene, x, v, dt = crumpled(shape=(7, 9))

@@ -22,6 +22,8 @@ def end(run):
 # Runs
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", integrators())
 def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}

@@ -13,6 +13,7 @@ def scene_of(response, offset="edge", friction=0.3):
     return cs.Scene(cloth, cs.Sphere(tuple(PLACE), 0.2, response=response, offset=offset, friction=friction))
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize(
     "response, offset", [("ray", "edge"), ("reflect", "edge"), ("continuous", "edge"), ("continuous", "face")]
 )
@@ -35,6 +36,7 @@ def test_a_frame_per_call_is_the_motion_of_one_run(response, offset, kernel):
     assert by_hand.scene == scene.replace(spheres=scene.spheres[0].replace(center=tuple(center)))
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 def test_a_step_that_fails_leaves_the_sphere_on_its_way():
     cloth = cs.Cloth((5, 5), mass=1.0, stiffness=5e4, damping=0.0)
     stepper = cs.Stepper(

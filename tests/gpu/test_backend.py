@@ -83,6 +83,7 @@ def test_a_batch_is_its_members_bit_for_bit(crumpled, same_bits, dtype):
         assert same_bits([part[k] for part in result], alone)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("float64", [True, False])
 @pytest.mark.parametrize("ball", [BALL, BALL.replace(response="continuous", offset="cell")], ids=lambda ball: ball.response)
 def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, float64, crumpled, same_bits, device, monkeypatch):

@@ -92,6 +92,7 @@ def test_arrays_of_an_unstable_step_are_as_they_were():
     assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.LongRunWarning")
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
     scene, dt = cs.scenes.paper_swing(), 1e-4
     before = signal.getsignal(signal.SIGINT)

@@ -271,6 +271,7 @@ def test_the_better_run_is_no_better_than_needed():
     assert run.report["estimate_evaluations"] < 3 * run.report["solution_evaluations"]
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", ["dop853", "dopri5"])
 def test_frames_do_not_shorten_steps(integrator):
     scene = scene_of("swing with bend")

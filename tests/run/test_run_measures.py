@@ -13,6 +13,8 @@ STILL = cs.Sphere((0.3, -0.2, 0.2), 0.1, None, "reflect", "none")
 SCENE = cs.Scene(cs.Cloth((6, 7), mass=21.0), [MOVING, STILL])
 X, V = SCENE.initial_position, SCENE.initial_velocity
 
+pytestmark = pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+
 
 @pytest.fixture(scope="module")
 def run():

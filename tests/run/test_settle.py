@@ -46,6 +46,7 @@ def test_the_rest_state_is_the_minimum_of_the_energy(scene):
     assert (run.v[-1] == 0).all() and (run.x[-1][~free] == scene.initial_position[~free]).all()
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_a_chain_of_two_springs_hangs_by_its_weight():
     """m g = K (l - L) for the lower spring, 2 m g for the upper one."""
     cloth = cs.Cloth((2, 3), (1.0, 1.0), mass=6.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (1, 0)])

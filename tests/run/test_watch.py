@@ -67,6 +67,7 @@ def extremes(report):
     return {name: report[name] for name in REPORTED}
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 @pytest.mark.parametrize(
     ("name", "integrator", "precision"),
     [(name, "rk4", "double") for name in SCENES]

@@ -47,6 +47,7 @@ def test_members_have_the_bits_of_simulate(crumpled):
                     assert np.array_equal(result.time, alone.t)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, precision):
     # A call is shared with it only where its divergence was not foreseen.
     monkeypatch.setattr(Member, "likely_unstable", False)
@@ -73,6 +74,7 @@ def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, preci
 UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize(("scene", "dt", "first"), [(SMALL, 2e-2, 1), (UNDAMPED, 7.6e-3, 65)])
 def test_a_member_that_diverges_is_marked(scene, dt, first):
     with pytest.warns(RuntimeWarning, match="'abs'"):
@@ -346,6 +348,7 @@ def test_dt_is_by_default_half_of_the_stable_one():
     assert result.ends_steps.values.tolist() == steps.tolist() and steps[1] > 4 * steps[0]
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_sag_is_that_of_the_rest_state():
     scene = cs.Scene(
         cs.Cloth((2, 2), mass=4.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (0, 1)]), gravity=(0, 0, 10)
