@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from clothsim.model.motion import Keyframes, Linear, Reciprocate, motion_from_dict
-from tables import each
 
 CENTER = (0.5, -0.5, 0.25)
 MOTIONS = [
@@ -104,35 +103,3 @@ def test_keyframes_stand_still_outside_and_are_right_continuous():
     ]
     with pytest.raises(ValueError, match="read-only"):
         motion.times[0] = 0.0
-
-
-NAN = float("nan")
-REFUSED = [
-    (lambda: Linear((1, NAN, 0)), ValueError, r"velocity\[1\].*finite.*nan"),
-    (lambda: Linear((1, True, 0)), TypeError, r"velocity\[1\].*True"),
-    (lambda: Reciprocate((0, 0, 0)), ValueError, "direction must not be the zero vector"),
-    (lambda: Reciprocate((1, 0, 0), phase=1.0), ValueError, "phase.*< 1, got 1.0"),
-    (lambda: Keyframes([0.0], [(0, 0, 0)]), ValueError, "times must have at least 2.*got 1"),
-    (lambda: Keyframes([0, 1, 1], np.zeros((3, 3))), ValueError, "times.*increasing.*index .2"),
-    (lambda: Keyframes([0.0, NAN], np.zeros((2, 3))), ValueError, "times.*nan"),
-    (lambda: Keyframes([0, 1], np.zeros((3, 3))), ValueError, r"centers.*\(2, 3\).*\(3, 3\)"),
-    (lambda: Keyframes([0, 1], [(0, 0, 0), (0, NAN, 0)]), ValueError, r"centers.*index \(1, 1\)"),
-    (lambda: Linear((1, 0, 0)).center_at(NAN, CENTER), ValueError, "t must be.*nan"),
-    (lambda: Linear((1, 0, 0)).velocity_at("now"), TypeError, "t must be.*now"),
-    (lambda: motion_from_dict({"kind": "liner"}), ValueError, "did you mean 'linear'"),
-    (lambda: motion_from_dict({"velocity": [1, 0, 0]}), ValueError, "motion kind must be one of"),
-    (lambda: motion_from_dict({"kind": "linear"}), ValueError, "lacks the key 'velocity'"),
-    (lambda: motion_from_dict("linear"), TypeError, "motion must be a mapping"),
-    (
-        lambda: motion_from_dict({"kind": "linear", "velocity": [1, 0, 0], "speed": 1}),
-        ValueError,
-        "Linear has the unknown key 'speed'",
-    ),
-    (lambda: Linear.from_dict(MOTIONS[1].to_dict()), ValueError, "Linear has the unknown key"),
-]
-
-
-@each(("call", "error", "message"), REFUSED)
-def test_refused(call, error, message):
-    with pytest.raises(error, match=message):
-        call()

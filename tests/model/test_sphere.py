@@ -10,7 +10,6 @@ import pytest
 from clothsim.model.cloth import Cloth
 from clothsim.model.motion import Keyframes, Linear
 from clothsim.model.sphere import Sphere
-from tables import each
 
 
 def eq_13(rest_length, radius):
@@ -63,25 +62,6 @@ def test_center_and_velocity():
     assert moving.velocity_at(2.0).tolist() == [1, 0, -1]
     keyed = Sphere(center=(9, 9, 9), motion=Keyframes([0, 1], [(0, 0, 0), (1, 0, 0)]))
     assert keyed.center_at(0.5).tolist() == [0.5, 0, 0]
-
-
-NAN = float("nan")
-REFUSED = [
-    ({"center": (0, 0, NAN)}, ValueError, r"center\[2\].*nan"),
-    ({"response": "bounce"}, ValueError, "'reflect', 'ray', 'continuous', got 'bounce'"),
-    ({"response": None}, TypeError, "response must be one of"),
-    ({"offset": "cells"}, ValueError, "offset.*'none', 'edge', 'cell', 'face'.*length.*got 'cells'"),
-    ({"offset": "face", "response": "ray"}, ValueError, "offset 'face' needs response 'continuous', got 'ray'"),
-    ({"offset": None}, TypeError, "offset"),
-    ({"as_printed": True}, ValueError, "as_printed must be False with response 'continuous'"),
-    ({"response": "continous"}, ValueError, "did you mean 'continuous'"),
-]
-
-
-@each(("arguments", "error", "message"), REFUSED)
-def test_refused(arguments, error, message):
-    with pytest.raises(error, match=message):
-        Sphere(**arguments)
 
 
 def test_from_dict_names_the_nearest_key():

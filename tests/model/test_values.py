@@ -89,11 +89,3 @@ def test_long_arrays_print_as_their_shape():
     assert "mass=<array of shape (64, 48)>" in text and "position=<array of shape (64, 48, 3)>" in text
     assert "pins=<3072 entries, the first (0, 0)>" in text
     assert "spheres=<50 entries, the first Sphere(center=(0.0, 0.0, 0.0), " in text
-
-
-def test_an_assignment_names_replace():
-    for value, name in ((cs.Cloth(), "mass"), (cs.Sphere(), "radius"), (cs.Linear((1, 0, 0)), "velocity")):
-        with pytest.raises(AttributeError, match=rf"a {type(value).__name__} cannot be changed; replace\({name}=...\)"):
-            setattr(value, name, 3)
-    with pytest.raises(AttributeError, match="has no argument 'stifness'"):
-        cs.Cloth().stifness = 3

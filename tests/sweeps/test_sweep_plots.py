@@ -1,14 +1,11 @@
 """The bar of a sweep, and the pictures of its results."""
 
 import io
-import re
 import sys
-import warnings
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import workers
 from clothsim.viewing import sweep_plots as plots
 
 pytest.importorskip("xarray")
@@ -29,32 +26,6 @@ def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = terminal.getvalue().split("\r")[-1]
     assert "100%" in last and "2/2 members, 1 unstable, " in last and "/s [" in last and "<00:00]" in last
-
-
-def test_the_bar_moves_while_a_long_member_runs(monkeypatch):
-    terminal = terminal_of(monkeypatch)
-    monkeypatch.setattr(workers, "_SECONDS_BETWEEN_SIGNS", 0.05)
-    cs.sweep(cs.scenes.hanging(shape=(24, 24)), {"stiffness": [1e3]}, duration=40.0, dt=2e-4, threads=1)
-    parts = [int(text) for text in re.findall(r"(\d+)%", terminal.getvalue())]
-    assert parts == sorted(parts) and len({part for part in parts if 0 < part < 100}) >= 3
-
-
-def test_warnings_go_above_the_bar(monkeypatch):
-    terminal = terminal_of(monkeypatch)
-
-    def warning(run):
-        warnings.warn("mind the gap", RuntimeWarning, stacklevel=1)
-        return 0.0
-
-    show = warnings.showwarning
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
-        cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0]}, dt=0.01, metrics=warning)
-    assert warnings.showwarning is show
-    before, line = terminal.getvalue().split("warning: mind the gap\n")[0], terminal.getvalue().count("mind the gap")
-    # The bar is wiped before, so the warning begins at the left of an empty line.
-    assert line == 1 and before.endswith("\r") and before.split("\r")[-2].strip() == ""
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,11 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.base import plots
-from clothsim.paper import paper_plots
-from clothsim.stability import measure_map
-from clothsim.viewing import sweep_plots
 from clothsim.viewing.page import SHADING
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("xarray")
 
-import matplotlib
 import xarray
 from colors import LEAST, check_lines, distance, lab
 from matplotlib import pyplot
@@ -31,13 +27,6 @@ def test_the_palette_is_that_of_every_figure_and_page():
     assert SHADING["colors"] == plots.COLORS
     styles = [tuple(map(str, plots.style(k).values())) for k in range(72)]
     assert len(set(styles)) == 72
-
-
-@pytest.fixture(autouse=True)
-def no_display():
-    matplotlib.use("Agg")
-    yield
-    pyplot.close("all")
 
 
 def test_curves_of_a_run_have_names_at_their_ends():
@@ -104,43 +93,3 @@ def test_a_convergence_draws_its_errors_order_and_floor():
     data = found.to_xarray()
     assert data["rms"].values.tolist() == found.rms.tolist() and data.attrs["order"] == found.order
     assert data["dt"].attrs == {"units": "s"} and data.attrs["duration"] == 0.5
-
-
-def test_a_stability_map_draws_what_the_command_draws():
-    found = measure_map(cs.scenes.oscillator(), [100.0, 10_000.0], [0.02, 0.2, 0.3])
-    axes = found.to_xarray().clothsim.plot()
-    stable, unstable, limit, guarantee = check_lines(axes)
-    assert len(stable.get_xdata()) == 3 == len(unstable.get_xdata())
-    assert limit.get_ydata().tolist() == found.limit.tolist()
-    assert guarantee.get_ydata().tolist() == found.guarantee.tolist()
-    with pytest.raises(ValueError, match="dataset must be of sweep, stability_map or work_precision"):
-        sweep_plots.plot(xarray.Dataset({"a": 1.0}))
-
-
-def test_a_fan_of_all_methods_has_lines_that_differ():
-    over = {"dt": [0.02, 0.01], "integrator": list(cs.integrators())}
-    scene = cs.scenes.oscillator()
-    ds = cs.sweep(scene, over, duration=0.1, metrics="error", threads=1, progress=False)
-    assert len(check_lines(ds.clothsim.plot.convergence())) >= 9
-
-
-def test_figures_of_the_paper_have_lines_that_differ(tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(paper_plots, "save", lambda figure, path: drawn.append(figure))
-    window = {"steps_per_second": 40_000.0, "lower_quartile": 39_000.0, "upper_quartile": 41_000.0}
-    rows = [{"method": m, "windows": [{k: m * v for k, v in window.items()}] * 3} for m in (1, 2)]
-    paper_plots.methods({"rows": rows, "frame_steps": 2000, "window_frames": 10}, tmp_path)
-    kinds = [
-        {"kind": k, "precision": p, "threads": t, "speedup": 2.0, "runs": [1e4, 2e4]}
-        for k in "ab"
-        for p in "ds"
-        for t in (1, 2)
-    ]
-    paper_plots.speedup({"rows": kinds}, tmp_path)
-    (nine,), (ten,) = (figure.axes for figure in drawn)
-    assert len(check_lines(nine)) == 2 and len(check_lines(ten)) == 8
-    # The axis holds the data alone: 19.5 to 41 frames/s, and not the paper's 350.
-    low, high = nine.get_ylim()
-    assert 15 < low < 19.5 and 41 < high < 45
-    names = [text.get_text() for text in ten.texts]
-    assert len(names) == 8 and "a, d, 1 thread (2.0x)" in names and "b, s, 2 threads (2.0x)" in names

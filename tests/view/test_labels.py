@@ -89,18 +89,6 @@ def test_the_length_in_a_label_is_that_of_the_picture(width, scene_width):
     assert len(longest) == pytest.approx(length / scene_width * width, abs=1.5)
 
 
-def test_lengths_are_in_words():
-    words = [lettering.length_in_words(lettering.nice_length(k)) for k in (0.26, 3.0, 12.0, 0.0011, 1.0)]
-    assert words == ["20 cm", "2 m", "10 m", "1 mm", "1 m"]
-
-
-def test_letters_differ_and_the_units_have_all_they_need():
-    needed = set("0123456789 .-+e%=>ts" + "".join(title + unit for title, unit, _ in palette.TITLES.values()) + "cm mm m")
-    assert needed <= set(lettering.STROKES)
-    shapes = {lettering._glyph(letter, 3.0).tobytes() for letter in lettering.STROKES}
-    assert len(shapes) == len(lettering.STROKES)
-
-
 def test_the_shadow_of_a_ball_lies_on_the_ground_away_from_the_light():
     """The light comes from (0.3, 1, 0.25): a ball 1 m above the ground shades the place 0.3 m and 0.25 m beside it."""
     from clothsim.viewing.raster import Ball, Ground, render
@@ -132,11 +120,6 @@ def test_the_shadow_of_a_sheet_lies_below_it_and_is_sharper_the_nearer():
         assert (on_ground > 0.9 * full).sum() > 100
         edges.append(((on_ground > 0.1 * full) & (on_ground < 0.9 * full)).sum())
     assert edges[1] > 2 * edges[0] > 0
-
-
-def test_a_sheet_without_folds_does_not_shade_itself():
-    plain, shaded = (cs.picture(FLAT, camera=(1, 0.8, 0.5), width=200, shadow=s).pixels for s in (False, True))
-    assert np.array_equal(plain, shaded)
 
 
 def test_a_ground_is_seen_from_above_alone_and_lies_under_all():

@@ -8,9 +8,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
-from clothsim.viewing.chart import PARTS
 from clothsim.viewing.packing import pack, point_stretch
-from clothsim.viewing.page import _page
 from pages import frames, pixels, seek
 
 FRAMES = 300
@@ -295,46 +293,6 @@ def test_a_notebook_plays_the_run_in_a_frame(runs, tmp_path, opened):
     frame.locator("#forth").click()
     assert frame.locator("#runs canvas").get_attribute("data-frame") == "1"
     assert page.said == []
-
-
-@pytest.mark.slow
-def test_a_cell_that_is_shown_late_is_drawn_then(runs, tmp_path, opened):
-    """A notebook lays out a cell after its scripts have run, and hides cells."""
-    cell = f"<!DOCTYPE html><meta charset=utf-8><div hidden>{runs['method 2'].show()._repr_html_()}</div>"
-    (tmp_path / "cell.html").write_text(cell)
-    page = opened(tmp_path / "cell.html")
-    frame = page.tab.frame_locator("iframe")
-    page.tab.wait_for_timeout(1000)
-    page.tab.evaluate("document.querySelector('div').hidden = false")
-    frame.locator("body[data-ready]").wait_for(timeout=30_000)
-    frame.locator("#forth").click()
-    assert frame.locator("#problem").is_hidden()
-    for canvas in (frame.locator("#runs canvas"), frame.locator("#curves canvas").first):
-        script = "(c) => [c.width, c.getContext('2d')?.getImageData(9, 9, 200, 90).data.some((v) => v) ?? true]"
-        width, drawn = canvas.evaluate(script)
-        assert width > 200 and drawn
-    assert page.said == []
-
-
-@pytest.mark.parametrize(
-    ("given", "error", "words"),
-    [
-        ({}, ValueError, "1 to 8 labels to runs, got 0"),
-        ([1], TypeError, "runs must be a mapping"),
-        ({"a": 3}, TypeError, "got 'a': int"),
-        ({3: None}, TypeError, "got 3: NoneType"),
-    ],
-)
-def test_runs_that_cannot_be_compared_are_named(given, error, words):
-    with pytest.raises(error, match=words):
-        cs.compare(given)
-
-
-def test_progress_counts_all_frames(runs):
-    counted = []
-    _page("both", runs, counted.append)
-    assert sum(counted) == (PARTS + 2) * sum(len(run.t) for run in runs.values())
-    assert counted.count(1) == sum(len(run.t) for run in runs.values())  # the longest part, frame by frame
 
 
 def test_a_cloth_that_was_thrown_off_makes_no_other_run_small(tmp_path):

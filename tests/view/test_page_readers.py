@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from pages import frames, pixels, seek
+from pages import pixels, seek
 
 
 @pytest.fixture(scope="module")
@@ -82,42 +82,3 @@ def test_a_difference_needs_two_runs_with_equal_times(runs):
     with pytest.raises(ValueError, match="times of 'b' that 'a' has stored too, got 6 of 11: give fps= or times="):
         cs.compare({"a": runs["ray"][::2], "b": runs["ray"]}, difference=True)
     assert cs.compare({"a": runs["ray"], "b": runs["ray"][::2]}, difference=True).difference is True
-
-
-@pytest.mark.slow
-def test_keys_work_wherever_the_focus_is_except_in_text_fields(both, opened):
-    page = opened(both)
-    page.ready()
-    for k, place in enumerate(("#canvas-1", "#back", "#mode", "#time", "button:text-is('top')")):
-        page.tab.focus(place)
-        page.tab.keyboard.press("ArrowRight")
-        assert frames(page) == [k + 1, k + 1], place
-        page.tab.keyboard.press(" ")
-        assert page.tab.evaluate("page.state.playing") is True, place
-        page.tab.keyboard.press(" ")
-        assert page.tab.evaluate("page.state.playing") is False, place
-        seek(page, k + 1)
-    page.tab.click("#forth")
-    page.tab.click("#forth")
-    assert frames(page) == [7, 7]
-    page.tab.click("#back")
-    page.tab.click("#back")
-    page.tab.focus("#row")
-    page.tab.keyboard.press("ArrowRight")
-    page.tab.keyboard.press(" ")
-    assert frames(page) == [5, 5] and page.tab.evaluate("page.state.playing") is False
-
-
-@pytest.mark.slow
-def test_a_focused_cloth_has_a_role_and_a_name_and_turns_by_keys(both, opened):
-    page = opened(both)
-    page.ready()
-    canvas = page.tab.get_by_role("application", name="Cloth and spheres of ray")
-    canvas.focus()
-    before = page.tab.evaluate("[page.camera.azimuth, page.camera.elevation, page.camera.zoom]")
-    for key in ("Shift+ArrowLeft", "Shift+ArrowUp", "+"):
-        page.tab.keyboard.press(key)
-    after = page.tab.evaluate("[page.camera.azimuth, page.camera.elevation, page.camera.zoom]")
-    assert np.array(after) - before == pytest.approx([0.16, -0.16, 0.2])
-    page.tab.keyboard.press("0")
-    assert page.tab.evaluate("page.camera.zoom") == 1 and frames(page) == [0, 0]
