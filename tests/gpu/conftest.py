@@ -54,7 +54,7 @@ def needs_float64(device):
 
 @pytest.fixture(scope="session")
 def rounding():
-    from clothsim.gpu import arithmetic
+    from gpu_probe import arithmetic
 
     return arithmetic()
 

@@ -1,9 +1,9 @@
-"""What is left out and what is not done: absent features, traffic, submissions."""
+"""What is left out and what is not done: absent features, traffic."""
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import block, parameters, safe
+from clothsim.gpu import block, parameters
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, response="ray", offset="edge")
 GPU = {"backend": "gpu", "precision": "single", "strict": True}
@@ -61,43 +61,9 @@ def test_the_state_stays_on_the_adapter_between_calls(crumpled, monkeypatch, sam
     with monkeypatch.context() as patched:
         patched.setattr(block.Block, "upload", moved)
         patched.setattr(block.Block, "download", moved)
-        patched.setattr(safe, "SECONDS_BETWEEN_COPIES", np.inf)  # however slow the machine
         for n in (1, 5, 40):
             stepper.advance(n, dt)
         with pytest.raises(AssertionError, match="was moved"):
             stepper.positions
     other.advance(46, dt)
     assert same_bits((stepper.positions,), (other.positions,))
-
-
-class Queue:
-    """A queue that counts submissions."""
-
-    def __init__(self, real):
-        self.real, self.submissions = real, 0
-
-    def submit(self, commands):
-        self.submissions += 1
-        return self.real.submit(commands)
-
-    def __getattr__(self, name):
-        return getattr(self.real, name)
-
-
-@pytest.mark.parametrize("members", [1, 3])
-def test_32_steps_of_all_members_are_one_submission(members, crumpled, monkeypatch):
-    scenes = [crumpled(seed=k, spheres=BALL.replace(radius=0.2 + 0.02 * k)).scene for k in range(members)]
-    x, dt = np.stack([scene.cloth.rest_positions for scene in scenes]), crumpled().dt
-    stepper = cs.Stepper(scenes, x, 0 * x, **GPU)
-    stepper.advance(1, dt)
-    core = stepper._state.core
-    queue = Queue(core.device.handle.queue)
-    monkeypatch.setattr(type(core.device.handle), "queue", property(lambda self: queue))
-    counts = []
-    for steps in (1, 32, 33, 96):
-        queue.submissions = 0
-        core._steps_unchecked = block.MOST_STEPS_UNCHECKED  # of a quick adapter
-        stepper.advance(steps, dt)
-        counts.append(queue.submissions - 1)  # one reads the results
-    assert counts == [1, 1, 2, 3]
-    assert stepper.time == 163 * dt

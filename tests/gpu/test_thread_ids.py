@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import thread_ids
+from gpu_probe import thread_ids
 
 
 @pytest.mark.parametrize(
@@ -15,14 +15,3 @@ def test_every_point_has_the_same_ids_on_the_adapter_and_in_the_core(shape):
     for name in expected.dtype.names:
         np.testing.assert_array_equal(written[name], expected[name], err_msg=name)
     assert sorted(written["index"].ravel()) == list(range(shape[0] * shape[1]))
-
-
-def test_the_papers_cloth_takes_two_by_two_groups():
-    ids = thread_ids((32, 32))
-    assert ids["group_x"].max() == ids["group_y"].max() == 1
-    assert ids["thread_x"].max() == ids["thread_y"].max() == 15
-
-
-def test_a_shape_that_is_none_is_refused():
-    with pytest.raises(ValueError, match=r"shape\[1\] must be an integer >= 1"):
-        thread_ids((4, 0))

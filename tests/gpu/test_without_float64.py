@@ -40,23 +40,6 @@ def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
 
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_the_papers_scene_follows_the_core_from_before_contact_into_it(response):
-    """Contact begins at 0.23 s; rounding grows from there on."""
-    scene, dt = cs.scenes.paper_static(response), 4e-4
-    fallen = cs.Stepper(scene, **STRICT)
-    fallen.advance(480, dt)  # the adapter, which may be a CPU, need not do that too
-    start = {"x": fallen.positions, "v": fallen.velocities, "t": fallen.time}
-    gpu, cpu = (cs.Stepper(scene, **start, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
-    free = cs.Stepper(scene.replace(spheres=()), **start, **STRICT)
-    for stepper in (gpu, cpu, free):
-        stepper.advance(160, dt)
-    assert np.abs(cpu.positions - free.positions).max() > 1e-3
-    assert np.abs(gpu.positions - cpu.positions).max() < 1e-5
-    run = cs.simulate(scene, 0.01, dt=dt, backend="gpu", precision="single")
-    assert run.report["backend"] == "gpu" and run.report["steps"] == 25
-
-
-@pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_a_response_errs_by_units_in_the_last_place(narrow, response):
     """A cloud of free points in a sphere 18 radii from the origin, one step without forces.
 

@@ -111,10 +111,7 @@ class Stepper(StepperView):
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step, at the time `time`.
         RuntimeError
-            If another thread is advancing this stepper.
-        clothsim.gpu.AdapterLostError
-            If the graphics adapter stops answering. The stepper then stands at the last state that
-            was copied back, at most about a second of work ago.
+            If another thread is advancing this stepper, or the graphics adapter stops answering: the state is then lost.
 
         Warns
         -----

@@ -5,7 +5,6 @@ needs the extra "gpu" (wgpu) and a Vulkan, Metal or Direct3D 12 adapter. Mesa's 
 is enough. The first use of an adapter imports wgpu.
 """
 
-from .device import Adapter, AdapterLostError, adapters, using
-from .probe import arithmetic, thread_ids
+from .device import Adapter, adapters, using
 
-__all__ = ["Adapter", "AdapterLostError", "adapters", "arithmetic", "thread_ids", "using"]
+__all__ = ["Adapter", "adapters", "using"]

@@ -23,34 +23,6 @@ _ORDER = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU", "Unknown")
 _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 
 
-class AdapterLostError(RuntimeError):
-    """The graphics adapter stopped answering: unplugged, reset, or its device destroyed.
-
-    A `Stepper` then stands at the last state that was copied back, at the time `time`. You can still read its
-    ``positions``, ``velocities``, ``time`` and ``snapshot``.
-
-    Parameters
-    ----------
-    message : str
-    time : float, optional
-        Time of the last safe state [s].
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> from clothsim.gpu import AdapterLostError
-    >>> stepper = cs.Stepper(cs.scenes.paper_static(), precision="single", backend="gpu")  # doctest: +SKIP
-    >>> try:  # doctest: +SKIP
-    ...     stepper.advance(100_000, 1e-4)
-    ... except AdapterLostError as error:
-    ...     stepper = cs.Stepper.restore(stepper.snapshot())  # on the adapter that is left, from the time `error.time`
-    """
-
-    def __init__(self, message: str, time: float | None = None) -> None:
-        self.time = time
-        super().__init__(message)
-
-
 def load_wgpu() -> Any:
     """The module wgpu, or an ImportError that names the extra."""
     try:
@@ -264,12 +236,6 @@ def using(adapter: Adapter) -> Iterator[None]:
         yield
 
 
-def forget(device: Device) -> None:
-    """Let the next state open its adapter again, for example after a loss."""
-    for key in [key for key, value in _opened.items() if value is device]:
-        del _opened[key]
-
-
 @contextmanager
 def translated(adapter: Adapter) -> Iterator[None]:
     """Translate errors of wgpu into errors of clothsim."""
@@ -279,7 +245,9 @@ def translated(adapter: Adapter) -> Iterator[None]:
     except wgpu.GPUError as error:
         text = " ".join(str(error).split())
         if "lost" in text.lower():
-            raise AdapterLostError(f"the graphics adapter {adapter.name} was lost") from error
+            _opened.clear()
+            told = f"the graphics adapter {adapter.name} was lost, and with it the state; go on from a snapshot"
+            raise RuntimeError(told) from error
         if isinstance(error, wgpu.GPUOutOfMemoryError) or "memory" in text.lower():
             raise MemoryError(f"the graphics adapter {adapter.name} is out of memory") from error
         raise RuntimeError(f"the graphics adapter {adapter.name} failed: {text}") from error

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,32 @@ from ..base.interrupts import Interrupts
 from ..model.scene import Scene
 from . import device as devices
 from .block import MOST_STEPS_UNCHECKED, Block
-from .device import AdapterLostError, Device, translated
+from .device import Device, translated
 from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
-from .safe import Clock, SafeCopy
 from .shader import check_scenes
 
 # The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
 
 _NOT_WATCHED = "the graphics adapter does not watch the states between frames"
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times in s, with the core's bits: that of step k is counted from an origin, so that rounding does not add up."""
+
+    origin: float
+    steps: int = 0
+    dt: float = 0.0
+
+    def at(self, further: int) -> float:
+        return self.origin + float(self.steps + further) * self.dt
+
+    def now(self) -> float:
+        return self.at(0)
+
+    def after(self, steps: int) -> Clock:
+        return replace(self, steps=self.steps + steps)
 
 
 class Simulation:
@@ -52,19 +70,16 @@ class Simulation:
         self._stable_dt = [math.inf] * self._members
         self._frozen = [False] * self._members
         self._contacts = [0] * self._members
+        self.evaluations = [0] * self._members  # as in the core, which counts those of fused RK4 by its steps
         self._origins = np.zeros((self._members, 3))
         self._make_block()
         self._busy = threading.Lock()
         self._steps_unchecked = 1
-        self._lost = False
+        self._parts: list[np.ndarray] = []  # the state in host memory, as `split` gives it; up to date for frozen members
 
     def _make_block(self) -> None:
         self._block: Block | None = None  # frees the memory of the one that there is
-        try:
-            self._block = self._new_block(self._scenes)
-        except MemoryError:
-            self._lost = True
-            raise
+        self._block = self._new_block(self._scenes)
         self._step_set = 0.0
 
     def _new_block(self, scenes: Sequence[Scene]) -> Block | None:
@@ -100,7 +115,6 @@ class Simulation:
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
         """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
         with self._used():
-            self._need_adapter()
             check_scenes(scenes)
             parts = [np.array(part) for part in self._state()]
             block = self._new_block(scenes)
@@ -112,20 +126,14 @@ class Simulation:
             self._take(parts)
 
     def _take(self, parts: Sequence[np.ndarray]) -> None:
-        self._safe = SafeCopy([np.array(part) for part in parts], self._clock)
+        self._parts = [np.array(part) for part in parts]
         if self._block:
             self._block.upload(parts)
 
-    def _copy_back(self) -> None:
-        start = time.monotonic()
-        parts = self._block.download(self._safe.parts) if self._block else self._safe.parts
-        self._safe = SafeCopy(parts, self._clock, time.monotonic() - start)
-
     def _state(self) -> list[np.ndarray]:
-        """The state, or the last safe copy once the adapter is lost."""
-        if not self._lost:
-            self._copy_back()
-        return self._safe.parts
+        if self._block:
+            self._parts = self._block.download(self._parts)
+        return self._parts
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes, or None."""
@@ -138,7 +146,7 @@ class Simulation:
     def snapshot(self) -> dict[str, Any]:
         """The clock and the whole state, with the fields of the core's; there are no contact memory and no impulses."""
         with self._used():
-            parts, clock = self._state(), self._safe.clock
+            parts, clock = self._state(), self._clock
             shape = (self._members, *self._scenes[0].cloth.shape, 3)
             fields: dict[str, Any] = {}
             for name, part in zip(("", "_low"), parts):
@@ -166,11 +174,11 @@ class Simulation:
             self._frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
             self._make_block()
             self._clock = Clock(float(fields["clock_origin"]), int(fields["clock_steps"]), float(fields["clock_step"]))
-            self._take([part.astype(self._safe.parts[0].dtype) for part in parts])
+            self._take([part.astype(self._parts[0].dtype) for part in parts])
 
     @property
     def time(self) -> float:
-        return (self._safe.clock if self._lost else self._clock).now()
+        return self._clock.now()
 
     @time.setter
     def time(self, time: float) -> None:
@@ -196,9 +204,8 @@ class Simulation:
         with self._used():
             parts = self._state()
             self._frozen[member] = frozen
-            if not self._lost:
-                self._make_block()
-                self._take(parts)
+            self._make_block()
+            self._take(parts)
 
     @property
     def frozen(self) -> list[bool]:
@@ -243,7 +250,6 @@ class Simulation:
     def advance(self, steps: int, dt: float, threads: int, optional: bool) -> dict[str, Any]:
         """Take steps and return the outcome in the core's form: steps done, and the bad point if there is one."""
         with self._used(), Interrupts() as interrupts, self._all_or_nothing():
-            self._need_adapter()
             self._set_step(dt)
             self._found: dict[str, Any] = {}
             return {**self._advance(steps, interrupts), **self._found}
@@ -261,8 +267,6 @@ class Simulation:
             seconds = time.monotonic() - start
             wanted = int(SECONDS_BETWEEN_CHECKS * count / max(seconds, 1e-9))
             self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
-            if self._safe.is_old:
-                self._copy_back()
             interrupts.deliver()
         return {"steps": done}
 
@@ -299,43 +303,23 @@ class Simulation:
             self._accept(1)
         raise RuntimeError(f"the graphics adapter {self.adapter.name} gave another result for the same steps")
 
-    # Faults ---------------------------------------------------------------------------------------
-
     @contextmanager
     def _used(self) -> Any:
-        """Admit one caller at a time. Where the adapter is lost, keep the last safe state and raise our own error."""
+        """Admit one caller at a time, and translate errors of wgpu."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
             raise RuntimeError("this state is being advanced by another thread; give each thread a Stepper of its own")
         try:
             with translated(self.adapter):
                 yield
-        except AdapterLostError as error:
-            if not self._lost:
-                self._lost = True
-                devices.forget(self.device)
-            raise AdapterLostError(f"{error}; {self._what_is_safe()}", self.time) from error
         finally:
             self._busy.release()
 
     @contextmanager
     def _all_or_nothing(self) -> Any:
-        """Undo steps that were not accepted if an error occurs, unless the adapter is lost."""
+        """Undo steps that were not accepted if an error occurs."""
         try:
             yield
         except Exception:
             self._take_back()
             raise
-
-    def _need_adapter(self) -> None:
-        if self._lost:
-            name = self.adapter.name
-            raise AdapterLostError(f"the state is no longer on the graphics adapter {name}")
-
-    def _what_is_safe(self) -> str:
-        if not hasattr(self, "_safe"):
-            return "no state had been copied to it"
-        return (
-            f"the state at t = {self.time:g} s is safe: positions and velocities give it, and "
-            "Stepper.restore(stepper.snapshot()) goes on from it"
-        )

@@ -160,7 +160,7 @@ def simulate(
         frames so far as ``error.run`` too.
     RunInterrupted
         On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step, at least its first frame.
-    ImportError, MemoryError, clothsim.gpu.AdapterLostError, RuntimeError
+    ImportError, MemoryError, RuntimeError
         With the backend "gpu" only; see `step`.
 
     Warns

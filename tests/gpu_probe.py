@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from ..model.cloth import Cloth
-from ..model.mesh import thread_grid
-from ..model.scene import Scene
-from . import parameters
-from .block import workgroups
-from .device import Device, opened, translated
-from .shader import Features, keep, shader_text, source
+from clothsim import Cloth, Scene, thread_grid
+from clothsim.gpu import parameters
+from clothsim.gpu.block import workgroups
+from clothsim.gpu.device import Device, opened, translated
+from clothsim.gpu.shader import Features, keep, shader_text, source
 
 _COUNT = 1 << 14
 # Of `results` in layout.wgsl.
 _RESULTS = 8
+_PROBE = Path(__file__).with_suffix(".wgsl").read_text()
 
 # Result of each probe from a and b, here and in WGSL; `z` is a zero that no compiler knows.
 _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
@@ -62,35 +61,7 @@ def _run(
 
 
 def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
-    """`thread_grid` as the adapter has it: every invocation of the shader writes its own ids.
-
-    The code is in the shader module of the stages, with an equal dispatch. The ids of a point lie where the stages keep
-    its state.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the cloth.
-
-    Returns
-    -------
-    numpy.ndarray
-        Structured, shape (rows, columns), with the fields of `thread_grid`.
-
-    Raises
-    ------
-    ValueError, TypeError
-        For a shape that is not two integers >= 1.
-    ImportError, RuntimeError
-        Without wgpu, or without an adapter.
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> from clothsim.gpu import thread_ids
-    >>> bool((thread_ids((20, 33)) == cs.thread_grid((20, 33))).all())  # doctest: +SKIP
-    True
-    """
+    """`thread_grid` as the adapter has it: each invocation of the shader writes its own."""
     dtype = thread_grid(shape).dtype
     rows, columns = shape
     device = opened()
@@ -110,32 +81,10 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
 
 
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
-    """The adapter's rounding of each operation, measured with numbers over 40 powers of two.
+    """The adapter's rounding of each operation, by type: the largest difference from the correctly rounded result, in units
+    in the last place, of numbers over 40 powers of two.
 
-    An adapter can give the core's strict bits if every entry except "compensation" is 0. WGSL lets a compiler fuse
-    products with sums and replace (a + b) - a by b. The shader therefore passes these values through `keep`.
-
-    Parameters
-    ----------
-    device : Device, optional
-        An opened adapter. Default: the adapter that new states take.
-
-    Returns
-    -------
-    dict
-        "float32", and "float64" where the adapter has it: for every operation the largest
-        difference from the correctly rounded result in units in the last place; 0 is exact.
-
-    Raises
-    ------
-    ImportError, RuntimeError
-        Without wgpu, or without an adapter.
-
-    Examples
-    --------
-    >>> from clothsim.gpu import arithmetic
-    >>> arithmetic()["float32"]["product"]  # doctest: +SKIP
-    0.0
+    WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes such values through `keep`.
     """
     device = device or opened()
     types = {"float32": "f32", **({"float64": "f64"} if device.float64 else {})}
@@ -151,7 +100,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             # A function of every binding, so that none is left out of the automatic layout.
             write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
             out = f"let value = {wgsl}; {write}"
-            code = f"alias T = {word};\n{keep(word, zero='z')}\n{shader_text('probe').replace('OUT', out)}"
+            code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
             result, exact = np.frombuffer(raw, name), numpy(a, b)
