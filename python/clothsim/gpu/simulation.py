@@ -70,7 +70,6 @@ class Simulation:
         self._stable_dt = [math.inf] * self._members
         self._frozen = [False] * self._members
         self._contacts = [0] * self._members
-        self.evaluations = [0] * self._members  # as in the core, which counts those of fused RK4 by its steps
         self._origins = np.zeros((self._members, 3))
         self._make_block()
         self._busy = threading.Lock()
