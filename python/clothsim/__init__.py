@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from .stability.map import stability_map
     from .sweeps.api import sweep
     from .sweeps.fields import sweepable
-    from .sweeps.stored import open_sweep
+    from .sweeps.store import open_sweep
     from .viewing.camera import Camera
     from .viewing.page import compare
     from .viewing.picture import Picture, picture
@@ -119,7 +119,7 @@ __getattr__, __dir__ = _on_demand(
         "reference": ".accuracy",
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
-        "open_sweep": ".sweeps.stored",
+        "open_sweep": ".sweeps.store",
         "sweep": ".sweeps.api",
         "sweepable": ".sweeps.fields",
         "Camera": ".viewing.camera",

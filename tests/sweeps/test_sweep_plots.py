@@ -25,7 +25,7 @@ def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
     terminal = terminal_of(monkeypatch)
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = terminal.getvalue().split("\r")[-1]
-    assert "100%" in last and "2/2 members, 1 unstable, " in last and "/s [" in last and "<00:00]" in last
+    assert "sweep, 1 unstable: 100%" in last and "2/2 [" in last and "<00:00, " in last and "member/s]" in last
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import api, store, stored, workers
+from clothsim.sweeps import api, store, workers
 
 xarray = pytest.importorskip("xarray")
 zarr = pytest.importorskip("zarr")
@@ -45,8 +45,7 @@ def counted(monkeypatch):
         return run_task(task, **options)
 
     monkeypatch.setattr(workers, "run_task", counting)
-    for name in ("SHORTEST", "SHORTEST_HERE", "LONGEST"):
-        monkeypatch.setattr(workers, name, 1e-9)
+    monkeypatch.setattr(workers, "LARGEST_BATCH", 1)
     monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 0.0)
     return indices
 
@@ -162,35 +161,34 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, m
     assert readable == sorted(readable) and set(readable) == {0, 1, 2, 3, 4}
 
 
-# A sweep with tasks of a member and a write after each. It waits half-way, to be stopped there.
+# With tasks of a member and a write after each. It waits half-way, to be stopped there.
 SCRIPT = """
 import sys, time
 import clothsim as cs
 from clothsim.sweeps import store, workers
-workers.SHORTEST = workers.SHORTEST_HERE = workers.LONGEST = 1e-9
-store._SECONDS_BETWEEN_WRITES = 0.0
-learn, done = workers.Planner.learn, []
+workers.LARGEST_BATCH, store._SECONDS_BETWEEN_WRITES = 1, 0.0
+flush, flushed = store.Store.flush, []
 
-def halting(self, result):
-    learn(self, result)
-    done.append(result)
-    if len(done) == 3:
+def halting(self, final=False):
+    flush(self, final)
+    flushed.append(final)
+    if len(flushed) == 3:
         print("half-way", flush=True)
         time.sleep(60)
 
-workers.Planner.learn = halting
+store.Store.flush = halting
 over = {"stiffness": [1e4, 2e4, 3e4, 4e4], "dt": [1e-4, 2e-3]}
-options = {"metrics": ["stable", "energy_drift"], "threads": 1, "store": sys.argv[1], "progress": False}
-cs.sweep(cs.scenes.paper_swing(), over, duration=0.1, **options)
+cs.sweep(cs.scenes.paper_swing(), over, duration=0.1, metrics=["stable", "energy_drift"], threads=1, store=sys.argv[1],
+         progress=False)
 """
-COMMAND = [sys.executable, "-c", SCRIPT]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
     path = tmp_path / "s.zarr"
-    process = subprocess.Popen([*COMMAND, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-c", SCRIPT, str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "half-way\n"
     process.send_signal(how)
     _, err = process.communicate(timeout=30)
@@ -214,12 +212,12 @@ def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, counted, mon
         signals.append(signal.raise_signal(signal.SIGINT))
         write(self, variable)
 
-    def record(self, result):
+    def advance(self, count):
         monkeypatch.setattr(store.Store, "_write", interrupted)
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(store, "_SECONDS_BETWEEN_WRITES", 1e9)
-    monkeypatch.setattr(api._Bar, "record", record)
+    monkeypatch.setattr(api.ProgressBar, "advance", advance)
     path = tmp_path / "s.zarr"
     with pytest.raises(KeyboardInterrupt) as caught:
         sweep(path)
@@ -259,8 +257,8 @@ def test_a_store_of_another_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(api, "build_config", lambda: {"version": "99.0"})
     with pytest.raises(ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'):
         sweep(tmp_path / "s.zarr")
-    monkeypatch.setattr(stored, "SCHEMA", 4)
-    with pytest.raises(ValueError, match="schema 3, the version read here is 4"):
+    monkeypatch.setattr(store, "SCHEMA", 5)
+    with pytest.raises(ValueError, match="schema 4, the version read here is 5"):
         sweep(tmp_path / "s.zarr")
 
 
@@ -304,25 +302,31 @@ cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"mass": [1.0]}, dt=1e-3, metrics=wait
 
 @pytest.mark.skipif(os.name != "posix", reason="locks")
 def test_one_writer_at_a_time(tmp_path):
-    path = tmp_path / "s.zarr"
+    path = tmp_path / "poetry"
+    (tmp_path / "poetry.lock").write_text("mine")
     with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True) as writer:
         assert writer.stdout.readline() == "writing\n"
-        with pytest.raises(ValueError, match=f"s.zarr' is being written by process {writer.pid} on .*; wait for its end"):
+        with pytest.raises(ValueError, match="poetry' is being written by a sweep; wait for its end"):
             sweep(path, {"mass": [1.0]}, dt=1e-3)
         writer.kill()
-    # The lock of a dead process is taken over, and none is left behind.
-    assert f"process {writer.pid} " in (tmp_path / "s.zarr.lock").read_text()
-    shutil.rmtree(path, ignore_errors=True)  # it is made while the first member runs
-    sweep(path)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["s.zarr"]
-    lock = stored.Lock(path)  # of two threads of one process too
-    with pytest.raises(ValueError, match=f"being written by process {os.getpid()}; "):
+    # The lock of a dead process is taken over, and nothing lies beside the store.
+    with pytest.raises(ValueError, match="of another sweep"):
         sweep(path)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["poetry", "poetry.lock"]
+    assert (tmp_path / "poetry.lock").read_text() == "mine"
+    shutil.rmtree(path)
+    sweep(path)
+    lock = store.Lock(path)  # of two threads of one process too
     (tmp_path / "link.zarr").symlink_to(path)
-    with pytest.raises(ValueError, match=f"link.zarr' is being written by process {os.getpid()}; "):
-        sweep(tmp_path / "link.zarr")
+    for one in (path, tmp_path / "link.zarr"):
+        with pytest.raises(ValueError, match=f"{one.name}' is being written by a sweep; "):
+            sweep(one)
     lock.release()
     sweep(path)
+    (path / "status/lock").unlink()
+    (path / "status/lock").symlink_to(tmp_path / "poetry.lock")
+    with pytest.raises(OSError, match="status/lock"):
+        sweep(path)
 
 
 def test_members_that_failed_are_tried_again(tmp_path, counted):

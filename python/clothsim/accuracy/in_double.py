@@ -58,11 +58,6 @@ def solve_in_double(
     return InDouble(positions, changes, _EVALUATIONS_PER_STEP * steps, contact)
 
 
-def steps_in_double(duration: float, limit: float) -> float:
-    """Steps of all runs together, if three halvings are enough; `limit` is the stable step of RK4 [s]."""
-    return (1 + 2 + 4 + 8) * max(duration / (_COARSEST * limit), _FEWEST_STEPS)
-
-
 def _run(
     scene: Scene, times: list[float], largest: float, threads: int | None, pause: Callable[[], None]
 ) -> tuple[Floats, int, bool]:

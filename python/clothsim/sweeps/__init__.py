@@ -4,7 +4,7 @@ Each file has one concept:
 
 - `api` runs a whole sweep: `workers` cuts it into tasks and executes them.
 - `fields` has the names that can be swept, `grid` the members, `member` a single member, `task` the members of one task.
-- `metrics` measures. `results` keeps and labels, `store` writes a store, and `stored` reads and checks it.
+- `metrics` measures. `results` keeps and labels, and `store` writes and reads a store.
 - `accessor` gives Datasets of sweeps their plots and members.
 """
 

@@ -19,13 +19,12 @@ from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
 from .fields import RUN
 from .grid import Grid, make_grid, plain
-from .member import FAILED, PENDING, SweepOptions
+from .member import FAILED, PENDING, Member, SweepOptions
 from .metrics import DEFAULT_METRICS, choose_metrics, describe, listing
 from .results import SCHEMA, Results
-from .store import Store
-from .stored import open_sweep
+from .store import Store, open_sweep
 from .task import TaskResult
-from .workers import SHORTEST, Members, Planner, Workers
+from .workers import Workers, checked_members, tasks
 
 if TYPE_CHECKING:
     import xarray
@@ -52,7 +51,6 @@ def sweep(
     kernel: Kernel = "auto",
     strict: bool = False,
     sampling: int = 32,
-    task_seconds: float | None = None,
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
@@ -105,9 +103,6 @@ def sweep(
         Show a bar with members done, their rate and the time left, in a terminal or notebook.
     sampling : int, default 32
         Least number of states at which stretches and depths of triangles are sampled, as in `simulate`.
-    task_seconds : float, optional
-        Length of a task [s], >= 0.3, where there is enough work. Default: 1.0. Longer tasks reduce the scheduler's work
-        on a large cluster. If a worker dies, its present task is lost.
 
     Returns
     -------
@@ -120,8 +115,8 @@ def sweep(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, a member cannot be made, or the store is of another sweep.
-        The message names the difference. Nothing has been run or written then.
+        If an argument is not as above, a member cannot be made, or the store is of another sweep or damaged.
+        The message names the difference, or the damaged chunk. Nothing has been run or written then.
     ImportError
         Without xarray, zarr (for `store`) or tqdm (for `progress`): the extra "sweep".
     KeyboardInterrupt
@@ -130,7 +125,7 @@ def sweep(
     Warns
     -----
     RuntimeWarning
-        If a metric fails for a member, or files of the store are damaged, whose members are computed again.
+        If a metric fails for a member.
 
     Examples
     --------
@@ -153,18 +148,16 @@ def sweep(
     chosen = choose_metrics(metrics)
     options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, sampling, chosen, rtol, atol)
     _check_grid(grid, options)
-    members = Members(scene, grid, options)
-    if task_seconds is not None:
-        task_seconds = check.number("task_seconds", task_seconds, minimum=SHORTEST)
+    made = checked_members(scene, grid, options)
     workers = Workers(executor, threads)
     try:
-        identity, counts = _identity(scene, grid, options), {"wall_time": 0.0, "tasks": 0, "task_seconds": 0.0}
-        session = {**provenance(), **counts, "hosts": [], "instruction_sets": []}
+        identity = _identity(scene, grid, options)
+        session = {**provenance(), "wall_time": 0.0, "hosts": [], "instruction_sets": []}
         results = Results(grid, options, scene)
         if store is not None:
             resume = check.boolean("resume", resume)
             results = Store(check.path("store", store), resume, identity, session, grid, options, scene)
-        _run(workers, members, results, session, _Bar(progress, members, results.pending), task_seconds)
+        _run(workers, made, results, session, progress)
     finally:
         workers.close()
     _warn_of_failures(results)
@@ -197,28 +190,29 @@ def _identity(scene: Scene, grid: Grid, options: SweepOptions) -> dict[str, Any]
     }
 
 
-def _run(
-    workers: Workers, members: Members, results: Results, session: dict[str, Any], bar: _Bar, task_seconds: float | None
-) -> None:
-    start = time.perf_counter()
-    planner = Planner(members, results.pending, workers, task_seconds)
+def _run(workers: Workers, made: dict[int, Member], results: Results, session: dict[str, Any], progress: bool) -> None:
+    start, pending = time.perf_counter(), results.pending
+    members, unstable = results.grid.size, 0
+    bar = ProgressBar(progress, total=members, initial=members - len(pending), unit="member", desc="sweep")
 
     def record(result: TaskResult) -> None:
+        nonlocal unstable
         for one in result.records:
             results.record(one)
+            unstable += one.unstable_step >= 0
         session["wall_time"] = time.perf_counter() - start
-        session["tasks"] += 1
-        session["task_seconds"] += result.seconds
         for name in ("host", "instruction_set"):
             known = session[f"{name}s"]
             if getattr(result, name) not in known:
                 known.append(getattr(result, name))
         results.flush()
-        bar.record(result)
+        if unstable:
+            bar.say(f"sweep, {unstable} unstable")
+        bar.advance(len(result.records))
 
     error: BaseException | None = None
     try:
-        workers.run_all(planner, record, results.prepare, lambda: bar.move(workers.under_way))
+        workers.run_all(tasks(results.scene, results.grid, results.options, pending, workers, made), record)
     except BaseException as caught:
         error = caught
     with Interrupts():  # a second Ctrl-C waits
@@ -247,39 +241,6 @@ def _warn_of_failures(results: Results) -> None:
     if failed.any():
         first = results.variables["message"].values[failed][0]
         warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
-
-
-class _Bar:
-    """The progress bar: members done and their rate; its length is work, as a member may cost a thousand times another's."""
-
-    def __init__(self, shown: bool, members: Members, pending: Any) -> None:
-        self._weights, self._members, self._pending = members.weights, members.grid.size, len(pending)
-        self._done, self._unstable, self._recorded = 0, 0, 0.0
-        self._start = time.monotonic()
-        layout = "sweep: {percentage:3.0f}%|{bar}| {postfix[0]} [{elapsed}<{remaining}]"
-        total = float(self._weights[pending].sum())
-        self._bar = ProgressBar(shown, total=total, bar_format=layout, postfix=[self._text()])
-
-    def _text(self) -> str:
-        rate = self._done / max(time.monotonic() - self._start, 0.05)
-        unstable = f", {self._unstable} unstable" if self._unstable else ""
-        return f"{self._members - self._pending + self._done}/{self._members} members{unstable}, {rate:.3g}/s"
-
-    def record(self, result: TaskResult) -> None:
-        """Count the members of a task that has ended."""
-        self._done += len(result.records)
-        self._unstable += sum(one.unstable_step >= 0 for one in result.records)
-        self._recorded += float(self._weights[[one.index for one in result.records]].sum())
-
-    def move(self, under_way: float) -> None:
-        """Show the work of tasks that have ended and of tasks under way."""
-        if (bar := self._bar.bar) is not None:
-            bar.postfix[0] = self._text()
-            bar.update(max(0.0, min(self._recorded + under_way, bar.total) - bar.n))
-            bar.refresh()
-
-    def close(self) -> None:
-        self._bar.close()
 
 
 _INDENT = " " * 8

@@ -25,23 +25,19 @@ from .fields import change_scene, split
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
-# Cost of a run with error control and its better run, over that of RK4 at its guaranteed step. It is less at a large
-# tolerance and more at a small tolerance.
-_COST_OF_CONTROL = 3.0
-
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
 """What a member's status, the index into this, means."""
 
-Pause = Callable[[float], None]
-"""Called from time to time by running members, with the steps of mass points since its last call; may raise Stopped."""
+Pause = Callable[[], None]
+"""Called from time to time by running members; may raise Stopped."""
 
 
 class Stopped(Exception):
     """The sweep is to stop; members under way are given up."""
 
 
-def never(_cost: float = 0.0) -> None:
+def never() -> None:
     """The pause of a task that runs to its end."""
 
 
@@ -142,17 +138,6 @@ class Member:
     @property
     def likely_unstable(self) -> bool:
         return self.dt > self.max_stable_dt
-
-    @property
-    def points(self) -> int:
-        return math.prod(self.scene.cloth.shape)
-
-    @property
-    def expected_steps(self) -> float:
-        """Approximate number of steps. For a member with error control: steps of RK4 with equal cost."""
-        if not self.controlled:
-            return self.duration / self.dt
-        return max(4.0, _COST_OF_CONTROL * self.duration / self.max_stable_dt)
 
     @property
     def batch_key(self) -> tuple[Any, ...]:

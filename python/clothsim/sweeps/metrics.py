@@ -56,7 +56,7 @@ def incomparable(outcome: Outcome) -> str:
 def solve(scene: Scene, duration: float, threads: int | None = 1, pause: Pause = never) -> Reference:
     """The reference of one scene at `duration`."""
     try:
-        found = solve_in_double(scene, [duration], threads, lambda: pause(0.0))
+        found = solve_in_double(scene, [duration], threads, pause)
     except (UnstableError, ContactError):
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
     # Both runs may err by rounding, each as much as the other.

@@ -23,14 +23,11 @@ if TYPE_CHECKING:
 FRAMES = ("position", "velocity")
 """The variables that have the frames of every member."""
 
-SESSIONS = "sessions"
-"""Beside the variables a store has this: where they come from."""
-
 ATTRIBUTE = "clothsim_sweep"
 """The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim": that is the accessor,
 which xarray would hide behind it."""
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of the layout of a store, and of the attribute."""
 
 
@@ -93,8 +90,6 @@ class Results:
         self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], more: Mapping[str, int] = MappingProxyType({})
     ) -> None:
         """Add a variable; `more` has its own dimensions and their lengths."""
-        if name == SESSIONS:
-            raise ValueError(f"metrics: a function must not be named {name!r}, a store has that")
         if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
             raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
         values = self._allocate(name, (*self.grid.shape, *more.values()), dtype, fill)
@@ -133,9 +128,6 @@ class Results:
     def _add_function(self, name: str, value: np.ndarray) -> None:
         more = {f"{name}_{k}": length for k, length in enumerate(value.shape)}
         self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, more)
-
-    def prepare(self) -> None:
-        """Prepare for the first result, while the first members are computed."""
 
     def flush(self, final: bool = False) -> None:
         """Write pending results. In memory there is nothing to do."""

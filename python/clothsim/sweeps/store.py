@@ -1,28 +1,30 @@
 """A sweep on disk: a zarr group that xarray opens, written by one process as members finish.
 
-Variables are arrays over the grid in chunks; a chunk is replaced as a whole and atomically (zarr
-writes a new file and renames it). `status` is written after everything else of its members. A
-process killed at any moment leaves members that are whole or pending.
+Variables are arrays over the grid, in chunks that end in their checksum (zarr's codec crc32c). zarr writes a new file for a
+chunk and renames it, and `status` is written after everything else of its members: a process that is killed at any moment
+leaves members that are whole or pending. From the start every chunk is there, so a missing one is not taken for an empty
+one. Chunks of frames come with their members.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
+import os
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..base import check
 from ..base.extras import needed
-from ..errors import warn_caller
-from .member import PENDING, Record
-from .results import ATTRIBUTE, FRAMES, SCHEMA, SESSIONS, Results, Variable
-from .stored import Lock, digests, find_damage, part_of, places, read_attrs, sealed
+from .member import DONE, PENDING, Record
+from .results import ATTRIBUTE, FRAMES, SCHEMA, Results, Variable
+
+if TYPE_CHECKING:
+    import xarray
 
 _CHUNK = 16_384  # members
 _SECONDS_BETWEEN_WRITES = 1.0
@@ -31,105 +33,79 @@ _SECONDS_BETWEEN_WRITES = 1.0
 class Store(Results):
     """Results that are also in a zarr group, with the identity of the sweep, and the provenance of each `session`.
 
-    A ValueError refuses a folder that is no store, is being written, or, unless `resume`, exists; and a store of another
-    identity, with the differences. A warning names damaged files. Their members are pending again.
+    A ValueError refuses a folder that is no store, is being written, is damaged, or, unless `resume`, exists; and a store
+    of another identity, with the differences.
     """
 
     def __init__(self, path: Path, resume: bool, identity: dict[str, Any], session: dict[str, Any], *sweep: Any) -> None:
-        self.path = check.folder("store", path)
-        self.zarr = needed("zarr", "store=...")
-        self.attrs: dict[str, Any] = {"schema": SCHEMA, "identity": identity}
-        self.session, self.sessions = session, [session]
+        super().__init__(*sweep)
+        self.path, self.zarr = check.folder("store", path), needed("zarr", "store=...")
+        self.session, self.sessions, self._identity = session, [session], identity
         self._arrays: dict[str, Any] = {}
+        self._chunks = _chunks(self.grid.shape)
         self._touched: set[tuple[int, ...]] = set()  # chunks with values that are not on disk yet
         self._last_write = time.monotonic()
-        self._prepared = False
-        path.parent.mkdir(parents=True, exist_ok=True)
+        begun = (path / "zarr.json").exists()
+        if not begun and path.exists() and any(path.iterdir()) and not (path / _LOCK).exists():
+            raise ValueError(f"store {str(path)!r} is no store of a sweep")
         self._lock = Lock(path)
         try:
-            # Members whose values are damaged.
-            lost = self._reopen(resume) if path.exists() and any(path.iterdir()) else None
-            super().__init__(*sweep)
-            self._chunks = _chunks(self.grid.shape)
-            self._load(np.zeros(self.grid.shape, bool) if lost is None else lost)
+            if begun:
+                self._check(resume)
+                self.group = self.zarr.open_group(path, mode="r+", use_consolidated=False)
+            else:
+                self.group = self.zarr.create_group(path, zarr_format=3, attributes={ATTRIBUTE: self._about()})
+            if (path / "status" / "zarr.json").exists():
+                self._load()
+            else:  # new, or killed before it had anything
+                self._create_all()
         except BaseException:
             self.close()
             raise
 
-    def _reopen(self, resume: bool) -> np.ndarray | None:
-        """Take over what the store has, if it is of the same sweep; return the members of which something is damaged."""
-        attrs, files = read_attrs(self.path)
-        where = f"store {str(self.path)!r}"
+    def _about(self) -> str:
+        return json.dumps({"schema": SCHEMA, "identity": self._identity, "sessions": self.sessions})
+
+    def _check(self, resume: bool) -> None:
+        """Refuse a store that may not be continued, or is of another sweep."""
+        about, where = read_attrs(self.path), f"store {str(self.path)!r}"
         if not resume:
             raise ValueError(f"{where} exists; resume=True continues it")
-        if found := differences(attrs["identity"], self.attrs["identity"]):
+        if found := differences(about["identity"], self._identity):
             shown = "; ".join(found[:6]) + (f"; and {len(found) - 6} more" if len(found) > 6 else "")
             raise ValueError(f"{where} is of another sweep; it differs in {shown}")
-        self.sessions = [*attrs.pop("sessions"), self.session]
-        if "files" not in attrs:  # stopped before it had anything
-            return None
-        damage = find_damage(self.path, attrs, files)
-        if damage.files:
-            warn_caller(f"{where} is damaged, see {damage}, which are computed again", RuntimeWarning)
-        if "zarr.json" in damage.files:
-            (self.path / "zarr.json").unlink(missing_ok=True)
-        for name in damage.arrays:
-            shutil.rmtree(self.path / name, ignore_errors=True)
-        names = {file.partition("/")[0] for file in attrs["files"]} - damage.arrays
-        for name in names:
-            array = self.zarr.open_array(self.path / name, mode="r+")
+        self.sessions = [*about["sessions"], self.session]
+
+    def _load(self) -> None:
+        """Read the values of all members that have ended."""
+        for name, array in variables_of(self.path, self.group, self.variables).items():
             self._arrays[name] = array.with_config({"write_empty_chunks": True})
-        self.attrs = {**attrs, "arrays": {name: more for name, more in attrs["arrays"].items() if name in names}}
-        return damage.members
+            if name not in self.variables:  # of a user's function, known from the first result
+                more = tuple((array.metadata.dimension_names or ())[len(self.grid.shape) :])
+                self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), more)
+            elif name in FRAMES:
+                self.variables[name].values = self._arrays[name]
+        for part, values in ended(self.path, self._arrays):
+            for name, found in values.items():
+                self.variables[name].values[part] = found
+
+    def _create_all(self) -> None:
+        for label in self.coordinates:
+            self._create(label.name, label.values, (label.dimension,), label.attrs, chunks=label.values.shape)
+        # As xarray reads it: the coordinates that are not named after their dimension.
+        self.group.attrs["coordinates"] = " ".join(c.name for c in self.coordinates if c.name != c.dimension)
+        for variable in sorted(self.variables.values(), key=_status_last):
+            self._create_variable(variable)
+        self._consolidate()
 
     def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
-        if name not in FRAMES:
-            return super()._allocate(name, shape, dtype, fill)
-        # Frames stay on disk, where `prepare` makes room for them; this takes no memory.
-        found: np.ndarray = self._arrays.get(name, np.broadcast_to(np.full((), fill, dtype), shape))
-        return found
-
-    def _load(self, lost: np.ndarray) -> None:
-        """Read the values of all members that are not lost."""
-        for name in self.attrs.get("arrays", {}):
-            if name not in self.variables:  # of a user's function, known from the first result
-                array = self._arrays[name]
-                more = array.metadata.dimension_names[lost.ndim :] if array.ndim else ()
-                self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), tuple(more))
-        kept = [v for v in self.variables.values() if v.name not in FRAMES and v.name in self._arrays]
-        for place in places(self.grid.shape, self._chunks):
-            part = part_of(place, self._chunks)
-            if lost[part].any():
-                self._touched.add(place)
-            for variable in kept:
-                if not lost[part].all():
-                    variable.values[part] = self._arrays[variable.name][part]
-        for variable in kept:
-            variable.values[lost] = variable.fill
-
-    def prepare(self) -> None:
-        """Make the missing arrays: all, or damaged ones."""
-        self.path.mkdir(exist_ok=True)
-        if not (self.path / "zarr.json").exists():
-            self.zarr.create_group(self.path, zarr_format=3, attributes={ATTRIBUTE: sealed(self.attrs)})
-        if "status" in self._arrays:
-            # Lost members are pending on disk before anything of them is replaced.
-            self._write(self.variables["status"])
-        self.group = self.zarr.open_group(self.path, mode="r+", use_consolidated=False)
-        for variable in self.variables.values():
-            if variable.name not in self._arrays:
-                self._create_variable(variable)
-        for label in self.coordinates:
-            if label.name not in self._arrays:
-                self._create(label.name, label.values, (label.dimension,), label.attrs)
-        if SESSIONS not in self._arrays:
-            self._create(SESSIONS, np.array("", object), (), {})
-        self._describe()
-        self._prepared = True
+        if name in FRAMES:  # they stay on disk; this takes no memory
+            return np.broadcast_to(np.full((), fill, dtype), shape)
+        return super()._allocate(name, shape, dtype, fill)
 
     def _create(self, name: str, values: np.ndarray, dims: Sequence[str], attrs: Mapping[str, Any], **layout: Any) -> Any:
         text = values.dtype.kind in "OU"
-        array = self._arrays[name] = self.group.create_array(
+        array = self.group.create_array(
             name,
             shape=values.shape,
             dtype="str" if text else values.dtype,
@@ -137,7 +113,7 @@ class Store(Results):
             attributes=attrs,
             compressors=(self.zarr.codecs.ZstdCodec(), self.zarr.codecs.Crc32cCodec()),
             config={"write_empty_chunks": True},
-            overwrite=True,
+            overwrite=name != "status",  # whose folder has the lock
             **layout,
         )
         if name not in FRAMES:
@@ -149,62 +125,51 @@ class Store(Results):
         # A member's frames are written once and are a chunk each.
         chunks = ((1,) * own if name in FRAMES else self._chunks) + values.shape[own:]
         dims = (*self.grid.dimensions, *variable.more)
-        array = self._create(name, values, dims, variable.attrs, chunks=chunks, fill_value=variable.fill)
+        self._arrays[name] = self._create(name, values, dims, variable.attrs, chunks=chunks, fill_value=variable.fill)
         if name in FRAMES:
-            variable.values = array
+            variable.values = self._arrays[name]
 
-    def _describe(self) -> None:
-        """Write what the store has: the digests of its files, and all metadata in one place for fast readers."""
-        labels = [coordinate.name for coordinate in self.coordinates]
-        self.attrs |= {
-            "shape": self.grid.shape,
-            "chunks": self._chunks,
-            "arrays": {v.name: len(v.more) for v in self.variables.values()},
-            "files": digests(self.path, list(self._arrays), "zarr.json") | digests(self.path, labels, "*"),
-        }
-        self._write_sessions()
-        self.group.attrs[ATTRIBUTE] = sealed(self.attrs)
+    def _consolidate(self) -> None:
+        """Write all metadata in one place, for fast readers."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # zarr calls consolidated metadata not yet standard
-            self.zarr.consolidate_metadata(self.path)
+            warnings.simplefilter("ignore")  # zarr calls it not yet standard
+            self.group = self.zarr.consolidate_metadata(self.path)
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         super()._add_function(name, value)
         self._create_variable(self.variables[name])
-        self._describe()
+        self._consolidate()
 
     def record(self, record: Record) -> None:
-        """Store the result of a member, if its arrays exist."""
-        if self._prepared:
-            super().record(record)
-            place = np.unravel_index(record.index, self.grid.shape)
-            self._touched.add(tuple(int(p) // c for p, c in zip(place, self._chunks, strict=True)))
+        """Store the result of a member."""
+        super().record(record)
+        place = np.unravel_index(record.index, self.grid.shape)
+        self._touched.add(tuple(int(p) // c for p, c in zip(place, self._chunks, strict=True)))
 
     def flush(self, final: bool = False) -> None:
         """Write the chunks that have changed, at most once a second unless `final`."""
-        if not self._prepared:  # stopped before there was anything
-            return
         if not final and time.monotonic() - self._last_write < _SECONDS_BETWEEN_WRITES:
             return
-        for variable in sorted(self.variables.values(), key=lambda variable: variable.name == "status"):
+        for variable in sorted(self.variables.values(), key=_status_last):
             if variable.name not in FRAMES:
                 self._write(variable)
         self._touched.clear()
-        self._write_sessions()
+        self.session["members_finished"] = int((self.variables["status"].values != PENDING).sum())
+        self.group.attrs[ATTRIBUTE] = self._about()
         self._last_write = time.monotonic()
 
     def _write(self, variable: Variable) -> None:
         for place in self._touched:
-            part = part_of(place, self._chunks)
+            part = _part(place, self._chunks)
             self._arrays[variable.name][part] = variable.values[part] if part else variable.values
-
-    def _write_sessions(self) -> None:
-        self.session["members_finished"] = int((self.variables["status"].values != PENDING).sum())
-        self._arrays[SESSIONS][...] = json.dumps({"attributes": sealed(self.attrs), "sessions": self.sessions})
 
     def close(self) -> None:
         """Release the store."""
         self._lock.release()
+
+
+def _status_last(variable: Variable) -> bool:
+    return variable.name == "status"
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -215,6 +180,62 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
         chunks.append(max(1, min(length, room)))
         room //= max(length, 1)
     return tuple(reversed(chunks))
+
+
+def _part(place: tuple[int, ...], chunks: tuple[int, ...]) -> tuple[slice, ...]:
+    """The members of a chunk."""
+    return tuple(slice(k * n, (k + 1) * n) for k, n in zip(place, chunks, strict=True))
+
+
+def read_attrs(path: Path) -> dict[str, Any]:
+    """The schema, identity and sessions of the store at `path`; a ValueError if it is none."""
+    try:
+        about = dict(json.loads(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
+    if about.get("schema") != SCHEMA:
+        raise ValueError(f"store {str(path)!r} has schema {about.get('schema')}, the version read here is {SCHEMA}")
+    return about
+
+
+def variables_of(path: Path, group: Any, names: Iterable[str] = ("status",)) -> dict[str, Any]:
+    """The arrays of a store that have values of the members, those of `names` among them."""
+    try:
+        arrays = {name: group[name] for name in sorted({*group.array_keys(), *names})}
+    except Exception as error:  # for damaged metadata zarr raises errors of many kinds
+        raise ValueError(f"store {str(path)!r} is damaged ({type(error).__name__}: {error}): delete it") from None
+    labels = group.attrs.get("coordinates", "").split()
+    return {k: one for k, one in arrays.items() if k not in labels and k not in (one.metadata.dimension_names or ())}
+
+
+def ended(path: Path, arrays: Mapping[str, Any]) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
+    """The chunks of members of which one has ended, with the values of all variables but the frames.
+
+    A ValueError names a chunk that is damaged or missing. Of frames it is only seen whether they are there.
+    """
+    status = arrays["status"]
+    for place in np.ndindex(*status.cdata_shape):
+        part, key = _part(place, status.chunks), f"status/{status.metadata.encode_chunk_key(place)}"
+        if not (path / key).exists():  # deleted: these members are pending
+            continue
+        found = _read(path, key, status, place, part)
+        if found.any():
+            yield part, {k: _read(path, key, one, place, part) for k, one in arrays.items() if k not in FRAMES}
+        for member in np.argwhere(found == DONE) + [each.start for each in part]:
+            for one in (arrays[name] for name in FRAMES if name in arrays):
+                _read(path, key, one, member.tolist(), None)
+
+
+def _read(path: Path, key: str, array: Any, place: Sequence[int], part: Any) -> Any:
+    """A part of an array that is in the chunk at this place, whose file has to be there: else zarr takes it for empty."""
+    file = f"{array.basename}/{array.metadata.encode_chunk_key((*place, *[0] * (array.ndim - len(place))))}"
+    try:
+        if not (path / file).exists():
+            raise FileNotFoundError("it is missing")
+        return None if part is None else array[part]
+    except Exception as error:  # of zarr, of many kinds
+        members = f", or {key}, whose members are then computed again" if key else ""
+        raise ValueError(f"store {str(path)!r} is damaged at {file} ({error}): delete the store{members}") from None
 
 
 def differences(theirs: Any, mine: Any) -> list[str]:
@@ -243,3 +264,90 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+_LOCK = Path("status", "lock")  # zarr warns of files that are not in the folder of an array
+_mine: set[Path] = set()  # locks of this process, which the system does not refuse it
+
+
+class Lock:
+    """The right to write to a store: a lock that ends with its process."""
+
+    def __init__(self, path: Path) -> None:
+        self._file, self._handle = path.resolve() / _LOCK, -1
+        try:
+            import fcntl
+        except ImportError:  # not on this system
+            return
+        if self._file not in _mine:  # closing it would drop the lock of this process
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+            try:
+                fcntl.lockf(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(handle)
+            else:
+                self._handle = handle
+                _mine.add(self._file)
+        if self._handle < 0:
+            raise ValueError(f"store {str(path)!r} is being written by a sweep; wait for its end, or give another store")
+
+    def release(self) -> None:
+        if self._handle >= 0:
+            os.close(self._handle)
+            _mine.discard(self._file)
+            self._handle = -1
+
+
+def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Open the store of a sweep, finished or not.
+
+    Parameters
+    ----------
+    path : path-like
+        The ``store`` of `sweep`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `sweep` returns it. Values are read when they are used.
+
+    Raises
+    ------
+    ValueError
+        If `path` is no store of a sweep, or a chunk is damaged or missing, which the message names. Frames are checked
+        when they are read.
+    ImportError
+        Without xarray and zarr (the extra "sweep").
+
+    Examples
+    --------
+    >>> import tempfile, clothsim as cs
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 2.0]}, duration=0.1,
+    ...                     dt=0.01, metrics="stable", store=folder + "/s.zarr", progress=False)
+    ...     again = cs.open_sweep(folder + "/s.zarr").load()
+    >>> bool(again.stable.all())
+    True
+    """
+    xr, zarr = needed("xarray", "open_sweep"), needed("zarr", "a sweep's store")
+    path = check.path("path", path)
+    if not path.is_dir():
+        raise ValueError(f"path must be the folder of a store, got {str(path)!r}")
+    read_attrs(path)
+    if not (path / "status" / "zarr.json").exists():
+        raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
+    group = zarr.open_group(path, mode="r", use_consolidated=False)
+    variables = variables_of(path, group)
+    for name in {*group.array_keys()} - variables.keys():
+        _read(path, "", group[name], [0] * group[name].ndim, ...)
+    for _ in ended(path, variables):
+        pass
+    dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False)[list(variables)]
+    # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.
+    for name, array in dataset.variables.items():
+        if array.dtype.kind == "T":
+            texts = array.values.astype(object)
+            texts = texts if name == "message" else np.array(texts.tolist())
+            dataset[name] = (array.dims, texts, array.attrs)
+    return dataset

@@ -6,6 +6,7 @@ import dataclasses
 import platform
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,8 +24,8 @@ from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
 from .metrics import incomparable, references
 
-# Members of a call; more save nothing, and all of their states are held at once.
-_LARGEST_BATCH = 64
+LARGEST_BATCH = 64
+"""Members of a call; more save nothing, and all of their states are held at once."""
 
 _SECONDS_BETWEEN_PAUSES = 0.1
 _FIRST_STEPS = 64
@@ -37,7 +38,6 @@ class Task:
     scene: Scene
     options: SweepOptions
     values: Mapping[int, Mapping[str, Any]]
-    weight: float = 0.0  # what it costs, in steps of a mass point
     threads: int | None = 1
     made: Mapping[int, Member] = field(default_factory=dict)
 
@@ -50,25 +50,17 @@ class TaskResult:
     """Result of a task, and the worker that computed it."""
 
     records: tuple[Record, ...]
-    seconds: float
-    weight: float
     host: str
     instruction_set: str
-    stopped: bool = False
 
 
 def run_task(task: Task, pause: Pause = never) -> TaskResult:
     """Run the members of a task. If `pause` raises Stopped, only the finished members are returned."""
-    start = time.perf_counter()
     records: list[Record] = []
-    stopped = False
-    try:
+    with suppress(Stopped):
         for outcome in _outcomes(task, pause, records):
             records.append(_record(outcome, task.options))
-    except Stopped:
-        stopped = True
-    seconds = time.perf_counter() - start
-    return TaskResult(tuple(records), seconds, task.weight, platform.node(), str(build_config()["instruction_set"]), stopped)
+    return TaskResult(tuple(records), platform.node(), str(build_config()["instruction_set"]))
 
 
 def _outcomes(task: Task, pause: Pause, failed: list[Record]) -> Iterator[Outcome]:
@@ -84,9 +76,7 @@ def _outcomes(task: Task, pause: Pause, failed: list[Record]) -> Iterator[Outcom
         except (ValueError, TypeError) as error:
             failed.append(Record(index, FAILED, message=f"{type(error).__name__}: {error}"))
     for members in batches.values():
-        for first in range(0, len(members), _LARGEST_BATCH):
-            batch = Batch(members[first : first + _LARGEST_BATCH], task.options, task.threads, pause)
-            yield from _compared(batch.run(), task, pause)
+        yield from _compared(Batch(members, task.options, task.threads, pause).run(), task, pause)
 
 
 def _compared(outcomes: list[Outcome], task: Task, pause: Pause) -> list[Outcome]:
@@ -120,7 +110,7 @@ def _record(outcome: Outcome, options: SweepOptions) -> Record:
 def run_controlled(member: Member, options: SweepOptions, threads: int | None = 1, pause: Pause = never) -> Outcome:
     """Run a member whose step is chosen by `rtol` and `atol`, alone. `pause` is called before the run, not during it."""
     outcome = Outcome(member)
-    pause(0.0)
+    pause()
     given = {**member.settings, "every": as_every(options.every), "threads": threads, "sampling": options.sampling}
     try:
         run = simulate(member.scene, member.duration, **given)
@@ -147,8 +137,7 @@ def run_controlled(member: Member, options: SweepOptions, threads: int | None = 
 class Batch:
     """Members whose `batch_key` differs only in the scene, in one `Stepper`. Each gets the result of `simulate`.
 
-    A member that diverges leaves the batch. The others continue with unchanged bits. `pause` is called from time to time
-    with the steps of mass points since its last call.
+    A member that diverges leaves the batch. The others continue with unchanged bits. `pause` is called from time to time.
     """
 
     def __init__(
@@ -157,7 +146,7 @@ class Batch:
         first = members[0]
         self.all = [Outcome(member) for member in members]
         self.live = dict(enumerate(self.all))  # by the index into the batch
-        self.pause, self.dt, self.points = pause, first.dt, first.points
+        self.pause, self.dt = pause, first.dt
         self.moments = Schedule.of_every(options.every).in_seconds(first.dt).moments(0.0, first.duration)
         self.keep_frames = "frames" in options.needs
         self.stepper = SilentStepper([m.scene for m in members], threads=threads, **first.numerics)
@@ -167,7 +156,7 @@ class Batch:
         self.core = self.stepper._state.core
         if "watch" in options.needs:
             self.core.set_watch(sample_every(first.duration / first.dt, options.sampling), 0.0)
-        self.total = self.uncounted = 0  # steps since the start; steps of mass points since the last pause
+        self.total = 0  # steps since the start
         self.chunk = _FIRST_STEPS
 
     def run(self) -> list[Outcome]:
@@ -182,8 +171,7 @@ class Batch:
         """Advance `steps` steps in chunks."""
         done = 0
         while done < steps and self.live:
-            self.pause(self.uncounted)
-            self.uncounted = 0
+            self.pause()
             count = min(self.chunk, steps - done)
             start = time.perf_counter()
             error = None
@@ -193,7 +181,6 @@ class Batch:
                 error, count = caught, caught.step - 1
             seconds = time.perf_counter() - start
             self.total += count
-            self.uncounted += count * self.points * len(self.live)
             for outcome in self.live.values():
                 outcome.steps += count
                 outcome.seconds += seconds / len(self.live)
