@@ -1,4 +1,4 @@
-"""Run the fuzzers of `tests`, and what kills or interrupts at random, for long: `make torture`.
+"""Run the tests that kill or interrupt at random, and the longest fuzzers: `make torture`.
 
     python tools/torture.py --minutes 20 --seed 7
 
@@ -11,23 +11,18 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
 import time
 
-TORTURE = "tests/package/test_torture.py"
 PARTS = (
-    f"{TORTURE}::test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one",
-    f"{TORTURE}::test_calls_from_several_threads_give_the_bits_of_one",
-    f"{TORTURE}::test_ctrl_c_at_any_moment_leaves_a_whole_step",
-    "tests/core/test_abandoned_steps.py",  # Ctrl-C in the middle of a step
-    "tests/package/test_extremes.py",
-    "tests/core/test_ends.py",
-    "tests/core/test_threads.py",  # forks, Ctrl-C
-    "tests/sweeps/test_sweep_damage.py",
-    "tests/package/test_odd_values.py",
-    "tests/base/test_files.py",  # every byte of every file
+    "tests/package/test_torture.py -k kill",
+    "tests/package/test_torture.py -k threads",
+    "tests/package/test_torture.py -k ctrl_c",
+    "tests/sweeps/test_sweep_executors.py -k 'breaks or loses'",
+    "tests/base/test_files.py -k damage",  # every byte of every file
 )
 
 
@@ -35,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6))
-    parser.add_argument("--rounds", type=int, default=60, help="times what `make test` does")
+    parser.add_argument("--rounds", type=int, default=60, help="of each test")
     options = parser.parse_args()
     end = time.monotonic() + 60 * options.minutes
     print(f"seed {options.seed}", flush=True)
@@ -57,7 +52,7 @@ def main() -> None:
 
 def _run(part: str, seconds: float, environment: dict[str, str]) -> int | None:
     """The exit code of a part; None: stopped, with the processes that it has started."""
-    command = [sys.executable, "-m", "pytest", "-q", "-m", "not peers", part]
+    command = [sys.executable, "-m", "pytest", "-q", "-m", "torture or not torture", *shlex.split(part)]
     process = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
     try:
         return process.wait(seconds)

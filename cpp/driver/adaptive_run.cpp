@@ -57,8 +57,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         h = adaptive.contact_step(t, h, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
-            const std::int64_t point = std::max<std::int64_t>(0, engine.first_bad_point(1e300));
-            outcome.unstable = Outcome::Unstable{0, point, outcome.steps + 1, t};
+            outcome.unstable =
+                Outcome::Unstable{0, watches_[0].fastest_free_point(engine), outcome.steps + 1, t};
             return outcome;
         }
         const double error = adaptive.try_step(t, h, request.tolerance, team);

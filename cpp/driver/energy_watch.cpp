@@ -104,8 +104,17 @@ std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
             news_ = true;
     }
     if (!(made > negligible_ && beyond(runaway_part, made, moving))) return -1;
-    Eigen::Index fastest = 0;
-    v_.rowwise().squaredNorm().maxCoeff(&fastest);
+    return fastest_free_point(engine);
+}
+
+std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {
+    v_.resize(plan_.cloth.points(), 3);
+    engine.store(nullptr, v_.data());
+    std::int64_t fastest = -1;
+    for (int i = 0; i < plan_.cloth.points(); ++i)
+        if (!plan_.cloth.pinned[std::size_t(i)] &&
+            (fastest < 0 || v_.row(i).squaredNorm() > v_.row(fastest).squaredNorm()))
+            fastest = i;
     return fastest;
 }
 

@@ -46,9 +46,11 @@ public:
     // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
 
-    // The fastest mass point if the energy has run away, else -1. `record`: what was gained goes into
+    // The fastest free mass point if the energy has run away, else -1. `record`: what was gained goes into
     // engine.watched.
     std::int64_t runaway_point(Engine& engine, bool record);
+    // -1 if all are pinned.
+    std::int64_t fastest_free_point(const Engine& engine);
     // Whether the energy has grown at a recorded inspection; true once.
     bool take_growth() { return std::exchange(news_, false); }
 

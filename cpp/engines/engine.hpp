@@ -53,7 +53,7 @@ public:
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.
-    // Velocities of pinned points are taken as 0. A null array is not stored.
+    // Velocities of held pins are taken as 0. A null array is not stored.
     virtual bool load(const float* x, const float* v) = 0;
     virtual bool load(const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;
@@ -84,12 +84,13 @@ public:
     // The force on each mass point from now on [N], shape (rows, columns, 3).
     virtual void set_force(const double* force) = 0;
 
-    // Index of the first mass point whose state is not finite, or -1. A point counts too whose velocity
-    // differs from the mean velocity by more than `speed_limit` [m/s].
+    // Index of the first mass point whose state is not finite, or -1; a pin only where every free point is
+    // good. A free point counts too whose velocity differs from the mean velocity by more than `speed_limit`
+    // [m/s].
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
     // The whole state; an engine of another layout or scene may continue it. The numbers of values must be
-    // those of this cloth and precision. Velocities of pinned points are taken as 0.
+    // those of this cloth and precision. Velocities of held pins are taken as 0.
     virtual SavedState saved_state() const = 0;
     virtual void set_saved_state(const SavedState& state) = 0;
 

@@ -36,12 +36,18 @@ public:
         const Real limit = Real(std::min(speed_limit, double(largest)));
         if (limit == largest && finite()) return -1;  // the usual case, fast
         const Vec3 mean = limit < largest ? mean_velocity() : Vec3(Vec3::Zero());
-        for (int i = 0; i < plan_.cloth.points(); ++i)
+        std::int64_t bad_pin = -1;
+        for (int i = 0; i < plan_.cloth.points(); ++i) {
+            const bool pin = plan_.cloth.pinned[std::size_t(i)];
             for (int k = 0; k < 6; ++k) {
                 const double value = memory_[points_.place(i, k)];
-                if (!(k < 3 ? std::abs(value) <= largest : std::abs(value - mean[k - 3]) <= limit)) return i;
+                if (k < 3 || pin ? std::abs(value) <= largest : std::abs(value - mean[k - 3]) <= limit)
+                    continue;
+                if (!pin) return i;
+                bad_pin = i;
             }
-        return -1;
+        }
+        return bad_pin;
     }
 
     void place_pins(double t) final {
@@ -58,8 +64,10 @@ protected:
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           memory_(std::size_t(size), Real(0)) {
+        auto driven = plan_.driven_pins.begin();
         for (int i = 0; i < plan_.cloth.points(); ++i)
-            if (plan_.cloth.pinned[std::size_t(i)]) pinned_points_.push_back(i);
+            if (driven != plan_.driven_pins.end() && driven->point == i) ++driven;
+            else if (plan_.cloth.pinned[std::size_t(i)]) held_pins_.push_back(i);
     }
 
     // Of rows [begin, end) of a state that is laid out like memory.
@@ -93,7 +101,7 @@ protected:
             auto next = (state.*part.values).begin();
             each_place(part, [&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
         }
-        stop_pinned_points();
+        stop_held_pins();
         set_origin(state.origin);
         state_replaced();
     }
@@ -144,11 +152,11 @@ private:
             }
             if (!all) finite.store(false, std::memory_order_relaxed);
         });
-        stop_pinned_points();
+        stop_held_pins();
         return finite;
     }
-    void stop_pinned_points() {
-        for (const int point : pinned_points_) points_.set_velocity(memory_, point, Vec3::Zero());
+    void stop_held_pins() {
+        for (const int point : held_pins_) points_.set_velocity(memory_, point, Vec3::Zero());
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
@@ -209,7 +217,7 @@ private:
         for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
     }
 
-    std::vector<int> pinned_points_;
+    std::vector<int> held_pins_;
     Vec3 origin_ = Vec3::Zero();
 };
 

@@ -237,7 +237,7 @@ class UnstableError(ArithmeticError):
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional
-        (row, column) of the first mass point concerned.
+        (row, column) of the first free mass point concerned; None where only a driven pin is not finite.
     dt : float
         Time step [s].
     max_stable_dt : float, optional

@@ -8,7 +8,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from variants import cases
 
-EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
 ORDERS = {name: one.order for name, one in cs.integrators().items()}
 # Smooth for half a second from t = 0; its speed falls from 1.8 m/s.
 SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=3.0)
@@ -79,6 +78,7 @@ def test_steps_agree_with_the_reference(variant, crumpled, relative):
         assert relative(still, expected, state[0]) > 1e-2
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 @pytest.mark.parametrize("integrator", ORDERS)
 def test_a_cloth_that_moves_with_its_pins_stays_undeformed(integrator):
     cloth = cs.Cloth((12, 13), mass=60.0, pins={(0, 0): cs.Linear((1, 0, 0)), (-1, 0): cs.Linear((1, 0, 0))})
@@ -134,17 +134,6 @@ def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
     assert table["stable"].values.all()
 
 
-def test_offsets_move_a_sphere_from_its_centre():
-    motion = cs.Keyframes([0.0, 1.0], offsets=[(0, 0, 0), (0, 2, 0)])
-    sphere = cs.Sphere((1, 2, 3), motion=motion)
-    assert sphere.center_at(0.25).tolist() == [1, 2.5, 3]
-    cloth = cs.Cloth((6, 6), (0.5, 0.5), mass=0.2, stiffness=50.0, damping=0.01, pins=())
-    places = {"center": (0.25, -0.3, 0.25), "radius": 0.2, "response": "continuous"}
-    table = cs.Keyframes([0.0, 1.0], [(0.25, -0.3, 0.25), (0.25, 1.7, 0.25)])
-    ends = [cs.simulate(cs.Scene(cloth, cs.Sphere(**places, motion=m)), 0.2, 1e-3).x[-1] for m in (motion, table)]
-    assert np.abs(ends[0] - ends[1]).max() < 1e-12 and ends[0][..., 1].max() > 0
-
-
 def test_a_sphere_touches_a_cloth_pulled_by_its_pins():
     """Two pins pull the sheet over a sphere; triangles at them move too."""
     pull = cs.Linear((0.0, -1.0, 0.0))
@@ -156,47 +145,7 @@ def test_a_sphere_touches_a_cloth_pulled_by_its_pins():
         assert run.report["first_contact"]["time"] > 0
 
 
-def test_explain_names_them(crumpled):
-    scene, _ = driven(crumpled)
-    account = scene.explain()
-    assert "driven pins" in account["computed"] and "driven pins" in cs.scenes.paper_swing().explain()["left_out"]
-    assert "stage by stage" in account["step_loop"]
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: cs.Cloth(pins={(0, 0): 3.0}), r"pins\[\(0, 0\)\] must be Linear, Reciprocate, Keyframes or None, got 3.0"),
-        (lambda: cs.Cloth((4, 4), pins={(0, 0): SWING, (-4, 0): None}), r"pins must name each point once, got \(0, 0\)"),
-        (lambda: cs.Cloth((4, 4), pins={(0, 9): SWING}), r"pins\[0\]\[1\] must be"),
-        (lambda: cs.Keyframes([0, 1]), "one of centers and offsets must be given, got none"),
-        (
-            lambda: cs.Keyframes([0, 1], np.eye(3)[:2], np.eye(3)[:2]),
-            "one of centers and offsets .* got centers and offsets",
-        ),
-        (
-            lambda: cs.Scene(cs.Cloth(pins={(0, 0): cs.Keyframes([0, 1], [(5, 0, 0), (6, 0, 0)])})),
-            r"pins\[\(0, 0\)\] must start at its initial position \[0.0, 0.0, 0.0\], got .*\[5.0, .* at t = 0; .*offsets",
-        ),
-        (
-            lambda: cs.Scene(cs.Cloth((4, 4), pins={(0, 0): SWING}), velocity=np.ones((4, 4, 3))),
-            r"velocity must be 0 at pinned points, .*point \(0, 0\).*Linear",
-        ),
-        (lambda: cs.step(PULLED, *STATE, 1e-3), r"t must be given where a pin moves, and pins\[\(0, 0\)\]"),
-        (
-            lambda: cs.step(PULLED, *STATE, 1e-3, t=0.5),
-            r"x must have the driven pin \(0, 0\) at its place at t = 0.5 s, \[0.5",
-        ),
-        (lambda: cs.reference_step(PULLED, *STATE, 1e-3, t=0.0, as_printed=True), "as_printed must be False where a pin"),
-    ],
-)
-def test_impossible_values_are_refused(make, message):
-    with pytest.raises((ValueError, TypeError), match=message):
-        make()
-
-
 PULLED = cs.Scene(cs.Cloth((4, 4), pins={(0, 0): cs.Linear((1, 0, 0)), (3, 0): None}))
-STATE = PULLED.initial_position, PULLED.initial_velocity
 
 
 def test_set_state_leaves_pins_where_they_are():
@@ -226,6 +175,8 @@ def test_a_frozen_member_keeps_its_driven_pins(same_bits):
     batch.set_scene([scene, scene])
     restored = cs.Stepper.restore(batch.snapshot())
     assert same_bits((batch.positions[1], restored.positions[1]), (kept, kept))
+    for stepper in (batch, restored):
+        assert stepper.velocities[1, 0, 0].tolist() == [0.2, 0.0, 0.0]
     for stepper in (batch, restored):
         stepper.advance(10, 1e-3)
     assert same_bits((batch.positions, batch.velocities), (restored.positions, restored.velocities))

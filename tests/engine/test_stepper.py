@@ -160,6 +160,16 @@ def test_the_point_named_is_the_first_that_is_not_finite(kernel):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+@pytest.mark.parametrize("part", [1.02, 1.5, 10.0])
+def test_the_point_named_is_free(part, precision):
+    """A pin stands apart from the mean motion as much as the only free point does."""
+    scene = cs.scenes.oscillator()
+    with pytest.raises(cs.UnstableError) as raised:
+        cs.Stepper(scene, precision=precision).advance(100_000, part * cs.max_stable_dt(scene))
+    assert raised.value.point == (0, 1)
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel):
     """A sheet of 1 m whose points are 1e6 m apart is no result, finite or not."""
     scene = stiff()

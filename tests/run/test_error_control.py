@@ -341,5 +341,6 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
     velocity[0, 1, 0] = 1e300
     with pytest.raises(cs.UnstableError) as raised:
         cs.simulate(cs.Scene(scene.cloth, velocity=velocity), 1.0, rtol=1e-3, integrator="dop853")
+    assert raised.value.point == (0, 1)
     energy = raised.value.run.report["energy"]
     assert np.isnan(energy["end"]["total"]) and "finite" in energy["reason"]

@@ -107,10 +107,11 @@ class Judge:
         member = outcome["member"]
         scene = self._scenes[member]
         x, v = self._state(member)
+        point = outcome["point"]
         found: dict[str, Any] = {
             "step": self.steps_before + outcome["step"],
             "time": outcome["time"],
-            "point": divmod(outcome["point"], scene.cloth.columns),
+            "point": None if scene.cloth.pinned.flat[point] else divmod(point, scene.cloth.columns),
             "x": x,
             "v": v,
             "member": self._named(member),
