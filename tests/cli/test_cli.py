@@ -270,6 +270,17 @@ def test_run_exports_a_film_without_a_choice_of_frames(capsys, tmp_path):
     np.testing.assert_allclose(x[:, :, 1], expected.x.reshape(7, 1024, 3)[:, :, 1], atol=1e-6)
 
 
+def test_run_names_what_it_has_written_before_an_error(capsys, monkeypatch, tmp_path):
+    def full(*_, **__):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("clothsim.cli.run.export", full)
+    arguments = ("run", "paper_swing", "--duration", "0.05", "--dt", "1e-3", "--html", tmp_path / "a.html")
+    code, out, err = run(capsys, *arguments, "--export", tmp_path / "a.ply", "--json")
+    assert (code, out) == (1, "")
+    assert err.splitlines() == [f"Written: {tmp_path / 'a.html'}", "clothsim run: error: the disk is full"]
+
+
 def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(cs, "simulate", lambda *_, **__: pytest.fail("simulated"))
     code, _, err = run(capsys, "run", "paper_swing", "--export", tmp_path / "a.fbx")

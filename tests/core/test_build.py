@@ -11,7 +11,7 @@ import pytest
 from clothsim import _core
 from commands import python
 
-EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "PIL", "pandas", "pxr", "h5py")
+EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "PIL", "pandas", "pxr")
 
 
 def printed(code, **environment):

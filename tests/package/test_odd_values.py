@@ -141,7 +141,7 @@ CALLS = {
     cs.picture: {"scene": SCENE, "width": 32},
     RUN.picture: {"width": 32},
     RUN.plot: {},
-    RUN.export: {"path": "run.csv"},
+    RUN.export: {"path": "run.ply"},
     FILM.animate: {"path": "run.gif", "width": 32},
     RUN.to_html: {"path": "run.html"},
     SCENE.to_live_html: {"path": "live.html"},

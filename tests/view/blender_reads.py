@@ -9,7 +9,7 @@ import json
 import sys
 from pathlib import Path
 
-STILL, CACHES = (".obj", ".ply"), (".pc2", ".mdd")
+STILL = (".obj", ".ply")
 
 
 def open_file(bpy, path):
@@ -17,7 +17,7 @@ def open_file(bpy, path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.fps = 60
-    mesh = path.with_suffix(".obj") if path.suffix in CACHES else path
+    mesh = path.with_suffix(".obj") if path.suffix == ".pc2" else path
     read = {
         ".usdc": bpy.ops.wm.usd_import,
         ".glb": bpy.ops.import_scene.gltf,
@@ -26,9 +26,9 @@ def open_file(bpy, path):
     }[mesh.suffix]
     read(filepath=str(mesh), **({"forward_axis": "Y", "up_axis": "Z"} if mesh.suffix in STILL else {}))
     cloth = next(one for one in scene.objects if not one.name.startswith(("run", "sphere")))
-    if path.suffix in CACHES:
+    if path.suffix == ".pc2":
         modifier = cloth.modifiers.new("cache", "MESH_CACHE")
-        modifier.cache_format, modifier.filepath = path.suffix[1:].upper(), str(path)
+        modifier.cache_format, modifier.filepath = "PC2", str(path)
     return cloth
 
 
@@ -42,7 +42,7 @@ def main(folder, *frames):
 
     positions = {}
     for path in sorted(Path(folder).iterdir()):
-        if path.name == "a.obj":  # the mesh of the caches
+        if path.name == "a.obj":  # the mesh of the cache
             continue
         cloth = open_file(bpy, path)
         still = path.suffix in STILL

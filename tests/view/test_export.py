@@ -1,6 +1,5 @@
 """Which frames `Run.export` writes, and that a failed export leaves nothing behind."""
 
-import csv
 from types import SimpleNamespace
 
 import clothsim as cs
@@ -61,7 +60,7 @@ def test_a_frame_that_is_stored_is_taken_as_it_is(run):
 def test_frames_that_cannot_be_interpolated_are_refused_and_doubtful_ones_warned_of(tmp_path):
     ends = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3)
     with pytest.raises(ValueError, match=r"got 2 frames; simulate with every=0.0166667"):
-        exporting.export(ends, tmp_path / "a.pc2")
+        exporting.export(ends, tmp_path / "a.pc2", 60)
     spacing = 1 / 3
     for error, outcome in ((1.5, ValueError), (0.5, UserWarning), (0.09, None)):
         # The neighbours of the middle frame lie still at 0, and so does their interpolant.
@@ -102,7 +101,8 @@ def test_normals_of_a_ball_point_outwards_and_a_lost_vertex_gets_one_as_well():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("a.fbx",), r"path must end in one of \.usd, \.usda, .*\.csv, got '.*a\.fbx'"),
+        (("a.fbx",), r"path must end in one of \.usdc, \.usda, .*\.pc2, got '.*a\.fbx'"),
+        *(((f"a{gone}",), r"must end in one of \.usdc") for gone in (".mdd", ".vtkhdf", ".csv")),
         (("a.obj", 5), r"fps must be at least 10 for a run of 0\.1 s, got 5"),
         (("a.glb", 60, True), "z_up must be False for .glb"),
     ],
@@ -120,7 +120,6 @@ def test_a_chain_has_no_surface_to_export(tmp_path):
     chain = cs.simulate(scene, 0.1, dt=1e-2, every="step")
     with pytest.raises(ValueError, match="at least 2 x 2 mass points"):
         exporting.export(chain, tmp_path / "a.obj")
-    exporting.export(chain, tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("suffix", exporting.SUFFIXES)
@@ -130,34 +129,24 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(run, tmp_path, monkeypat
         pytest.importorskip(package)
     earlier = tmp_path / f"a{suffix}"
     earlier.write_text("earlier")
-    where, last = ("clothsim.viewing.formats.rows.measures", 1) if suffix == ".csv" else ("clothsim.viewing.clip.hermite", 3)
     calls = []
 
     def fail(*_):
         calls.append(1)
-        if len(calls) == last:
+        if len(calls) == 3:
             raise OSError("disk full")
         return hermite(*_)
 
-    monkeypatch.setattr(where, fail)
+    monkeypatch.setattr("clothsim.viewing.clip.hermite", fail)
     with pytest.raises(OSError, match="disk full"):
         exporting.export(run, earlier)
     assert [file.name for file in tmp_path.iterdir()] == [earlier.name]
     assert earlier.read_text() == "earlier"
 
 
-def test_the_table_has_the_measures_of_the_stored_frames(run, tmp_path):
-    (path,) = exporting.export(run, tmp_path / "a.csv")
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(run.t)
-    energies = cs.energy(run.scene, run.x, run.v)
-    (sphere,) = run.scene.spheres
-    for k, row in enumerate(rows):
-        assert float(row["time_s"]) == run.t[k]
-        for name in ("kinetic", "elastic", "gravity", "force", "total"):
-            assert float(row[f"{name}_J"]) == energies[name][k]
-        depth = cs.penetration(run.x[k], sphere, float(run.t[k]))
-        assert float(row["penetration_points_m"]) == depth["points"]
-        assert float(row["penetration_triangles_m"]) == depth["triangles"]
-        assert float(row["largest_stretch"]) == cs.largest_stretch(run.scene, run.x[k])
+@pytest.mark.parametrize("fps", [30, 50.0])
+def test_the_frames_of_the_run_are_exported_unless_told_otherwise(tmp_path, fps):
+    run = cs.simulate(cs.scenes.paper_swing(), 0.5, dt=1e-3, fps=fps)
+    clip = Clip(run, None, False)
+    assert clip.fps == fps
+    assert len(run.export(tmp_path / "a.ply")) == len(run) == len(clip)

@@ -17,15 +17,15 @@ PYTHON = os.environ.get("CLOTHSIM_BLENDER")
 
 @pytest.mark.skipif(not PYTHON, reason="CLOTHSIM_BLENDER names no Python with bpy")
 def test_blender_shows_the_positions_of_the_run(tmp_path):
-    run = cs.simulate(cs.scenes.paper_moving(), 0.3, dt=1e-3, every=1 / 60)
+    run = cs.simulate(cs.scenes.paper_moving(), 0.3, dt=1e-3, fps=60)
     run.export(tmp_path / "usd.usdc", z_up=True)
     run.export(tmp_path / "gltf.glb")
-    for folder, suffix in (("pc2", ".pc2"), ("mdd", ".mdd"), ("obj", ".obj"), ("ply", ".ply")):
+    for folder, suffix in (("pc2", ".pc2"), ("obj", ".obj"), ("ply", ".ply")):
         (tmp_path / folder).mkdir()
         run.export(tmp_path / folder / f"a{suffix}", z_up=True)
     folder = tmp_path / "all"
     folder.mkdir()
-    kept = ("usd.usdc", "gltf.glb", "pc2/a.pc2", "mdd/a.mdd", "obj/a_0008.obj", "ply/a_0008.ply")
+    kept = ("usd.usdc", "gltf.glb", "pc2/a.pc2", "obj/a_0008.obj", "ply/a_0008.ply")
     for name in kept:
         (tmp_path / name).rename(folder / Path(name).name)
     (tmp_path / "pc2" / "a.obj").rename(folder / "a.obj")
@@ -39,7 +39,7 @@ def test_blender_shows_the_positions_of_the_run(tmp_path):
     assert lines, result.stdout + result.stderr
     read = json.loads(lines[0].removeprefix("READ "))
     assert read.pop("smooth")
-    frames = {f"{s} {k}" for s in (".usdc", ".glb", ".pc2", ".mdd") for k in (0, 7, 18)}
+    frames = {f"{s} {k}" for s in (".usdc", ".glb", ".pc2") for k in (0, 7, 18)}
     assert set(read) == frames | {".obj 7", ".ply 7"}
     for name, positions in read.items():
         x = run.x[int(name.split()[1])].reshape(-1, 3)

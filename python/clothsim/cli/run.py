@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import clothsim as cs
 
 from ..base.files import npz_path
 from ..base.plain_json import as_json
-from ..base.progress import wanted_by_command
+from ..base.progress import print_above, wanted_by_command
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
 from ..viewing.exports import SUFFIXES, Target, export
@@ -57,8 +58,22 @@ def run(args: argparse.Namespace) -> None:
     options = {name: getattr(args, name) for name in OPTIONS}
     if (args.html or args.film or args.export) and args.every is None and args.fps is None:
         options["fps"] = FPS
+    try:
+        result = cs.simulate(scene, args.duration, **options, progress=wanted_by_command())
+        _write(args, result, files)
+    except BaseException:
+        for file in files:
+            print_above(f"Written: {file}", sys.stderr)
+        raise
+    if args.json:
+        print(as_json({**result.report, "files": files}))
+    else:
+        print("\n".join([str(result), *(f"Written: {file}" for file in files)]))
+
+
+def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
+    """Write the files of the run, and append each to `files`."""
     progress = wanted_by_command()
-    result = cs.simulate(scene, args.duration, **options, progress=progress)
     if args.out:
         files.append(result.save(args.out))
     if args.html:
@@ -69,11 +84,7 @@ def run(args: argparse.Namespace) -> None:
     if args.film:
         files.append(animate(result, args.film, progress=progress))
     if args.export:
-        files += export(result, args.export, FPS, progress=progress)
-    if args.json:
-        print(as_json({**result.report, "files": files}))
-    else:
-        print("\n".join([str(result), *(f"Written: {file}" for file in files)]))
+        files += export(result, args.export, progress=progress)
 
 
 def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
@@ -86,4 +97,4 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     if args.film:
         film_path("--film", args.film)
     if args.export:
-        Target.of(scene, args.export, FPS, False, "--export")
+        Target.of(scene, args.export, None, False, "--export")

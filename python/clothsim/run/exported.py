@@ -9,20 +9,18 @@ from pathlib import Path
 class ExportedRun:
     """Methods of `Run` that write files of other programs."""
 
-    def export(self, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False) -> list[Path]:
+    def export(self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False) -> list[Path]:
         """Write the run as files for other programs, in the format that the suffix names.
 
         ===================  ====================================================================
         Suffix               Files
         ===================  ====================================================================
-        .usd, .usda, .usdc   OpenUSD: a mesh with time samples, sphere prims; needs usd-core
+        .usdc, .usda         OpenUSD: a mesh with time samples, sphere prims; needs usd-core
         .glb                 Binary glTF: every frame is a morph target, spheres are meshes
-        .pc2, .mdd           A point cache, and the mesh of the first frame as .obj beside it
         .obj                 A sequence name_0001.obj, ...; the spheres are further objects
         .ply                 A sequence name_0001.ply, ...; name_sphere_0_0001.ply, ... for spheres
-        .vtkhdf              VTK, all frames in one file, "body" tells the spheres; needs h5py
-        .vtp, .pvd           VTK: an index name.pvd, and name_0001.vtp, ... for cloth and spheres
-        .csv                 A table of energies, stretch and penetration
+        .pvd                 VTK: an index name.pvd, and name_0001.vtp, ... for cloth and spheres
+        .pc2                 A point cache, and the mesh of the first frame as .obj beside it
         ===================  ====================================================================
 
         Vertices of the cloth are the mass points in the order of the array index, ``row * columns + column``.
@@ -35,13 +33,13 @@ class ExportedRun:
         path : path-like
             File to write, in a folder that exists. New files replace files of the same names once
             all are complete. A failed export changes nothing.
-        fps : float or None, default 60
+        fps : float, optional
             Frames a second [1/s], > 0. The first frame is the start of the run. Cubic Hermite
-            interpolation of positions and velocities gives frames between stored frames. None
-            writes the stored frames at their own times. A .csv always has the stored frames.
+            interpolation of positions and velocities gives frames between stored frames.
+            Default: the stored frames at their own times.
         z_up : bool, default False
             Whether (x, y, z) is written as (x, -z, y), for programs where z is up. A .glb is
-            always y up. A .csv has no axes.
+            always y up.
 
         Returns
         -------
@@ -76,7 +74,7 @@ class ExportedRun:
         Examples
         --------
         >>> import tempfile, clothsim as cs
-        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, every=1 / 60)
+        >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, fps=60)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']

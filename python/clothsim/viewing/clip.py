@@ -35,14 +35,17 @@ class Frame:
 class Clip:
     """Frames of a run in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
-    With `fps` there are so many frames a second, with None the stored frames at their own times. `advance` is called after
-    each frame. `times` [s] begin at 0.
+    With `fps` there are so many frames a second, with None the stored frames at their own times; afterwards `fps` is None
+    where their distances differ. `advance` is called after each frame. `times` [s] begin at 0.
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
-        self.scene, self.fps, self.z_up = run.scene, fps, z_up
+        self.scene, self.z_up = run.scene, z_up
         self.spheres, self.up = tuple(run.scene.spheres), "Z" if z_up else "Y"
         self.times = _times(run, fps)
+        steps = np.diff(self.times)
+        even = fps is None and np.ptp(steps) <= 1e-6 * steps.max()
+        self.fps = float(f"{len(steps) / self.times[-1]:.12g}") if even else fps
         self.advance: Callable[[], Any] = lambda: None
         self._run = run
         gaps, inside = _gaps(run.t, self.times + run.t[0])
@@ -81,11 +84,6 @@ class Clip:
         """Centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
-
-    def sphere_velocities(self, k: int) -> Floats:
-        """Velocities of the spheres in frame `k`, shape (spheres, 3) [m/s]."""
-        t = self.times[k] + self._run.t[0]
-        return self._turned(np.array([s.velocity_at(t) for s in self.spheres]).reshape(-1, 3))
 
     def _turned(self, vectors: Floats) -> Floats:
         if not self.z_up:

@@ -15,18 +15,13 @@ from .clip import Clip
 
 # Module of `formats`, and the package that it needs beyond NumPy.
 _FORMATS: dict[str, tuple[str, str | None]] = {
-    ".usd": ("usd", "pxr"),
-    ".usda": ("usd", "pxr"),
     ".usdc": ("usd", "pxr"),
+    ".usda": ("usd", "pxr"),
     ".glb": ("gltf", None),
-    ".pc2": ("caches", None),
-    ".mdd": ("caches", None),
     ".obj": ("sequences", None),
     ".ply": ("sequences", None),
-    ".vtkhdf": ("vtk", "h5py"),
-    ".vtp": ("vtk", None),
     ".pvd": ("vtk", None),
-    ".csv": ("rows", None),
+    ".pc2": ("caches", None),
 }
 SUFFIXES = tuple(_FORMATS)
 
@@ -54,10 +49,9 @@ class Target:
         z_up = check.boolean("z_up", z_up)
         if z_up and suffix == ".glb":
             raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
-        if suffix != ".csv" and min(scene.cloth.shape) < 2:
+        if min(scene.cloth.shape) < 2:
             raise ValueError(
-                f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, "
-                f"got shape {scene.cloth.shape}; a .csv takes any"
+                f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, got shape {scene.cloth.shape}"
             )
         module, package = _FORMATS[suffix]
         if package is not None:
@@ -66,19 +60,14 @@ class Target:
 
 
 def export(
-    run: Any, path: str | os.PathLike[str], fps: float | None = 60, z_up: bool = False, progress: bool = False
+    run: Any, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False, progress: bool = False
 ) -> list[Path]:
-    """Write the files of an export of the run `Run.export`; with `progress`, a bar counts frames."""
+    """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar counts frames."""
     target = Target.of(run.scene, path, fps, z_up)
-    if target.path.suffix.lower() == ".csv":
-        return _written(target, run)
     clip = Clip(run, target.fps, target.z_up)
-    with ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar:
+    with (
+        ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar,
+        files.folder_beside(target.path) as folder,
+    ):
         clip.advance = bar.advance
-        return _written(target, clip)
-
-
-def _written(target: Target, content: Any) -> list[Path]:
-    """The files of an export, moved to their places once all are complete."""
-    with files.folder_beside(target.path) as folder:
-        return files.put(target.module.write(content, folder / target.path.name), target.path.parent)
+        return files.put(target.module.write(clip, folder / target.path.name), target.path.parent)
