@@ -97,6 +97,21 @@ def test_heat_maps(swept):
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
 
 
+def test_a_heat_map_marks_errors_below_the_reference_and_takes_colours(swept):
+    swept = swept.assign(reference_error=swept.reference_error * 0 + float(swept.error.median()))
+    norm = plt.matplotlib.colors.LogNorm(1e-9, 1.0)
+    axes = swept.clothsim.plot.heatmap("error", x="dt", y="stiffness", cmap="magma", norm=norm)
+    (mesh,) = axes.collections
+    assert mesh.get_cmap().name == "magma" and mesh.norm is norm
+    unsure = (swept.error < swept.reference_error).transpose("stiffness", "dt").values
+    drawn = ~np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array()))
+    assert unsure.any() and not drawn[unsure].any() and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()
+    for shown in (axes, swept.isel(stiffness=0).clothsim.plot.heatmap("error")):
+        (hollow,) = (line for line in shown.get_lines() if line.get_label() == plots.UNSURE)
+        expected = unsure if shown is axes else unsure[0]
+        assert len(hollow.get_xdata()) == expected.sum() and hollow.get_markerfacecolor() == "white"
+
+
 def test_labels_on_an_axis():
     over = {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]}
     result = cs.sweep(cs.scenes.paper_swing(), over, duration=0.01, dt=1e-4, progress=False)

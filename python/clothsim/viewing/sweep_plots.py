@@ -22,6 +22,7 @@ from ..sweeps.metrics import RESERVED
 KINDS = ("convergence", "stability", "heatmap")
 
 _UNSTABLE = STATUS.index("unstable")
+UNSURE = "below the\nreference's own"  # label of errors that the reference does not tell
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
@@ -73,7 +74,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
         label = None if along is None else _tick(line[along])
         error = line["error"].values
         ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **style_of_line)
-        unsure = error < line["reference_error"].values
+        unsure = _unsure(line)
         ax.loglog(x[unsure], error[unsure], style_of_line["marker"], ms=4, mec=color, mfc="white", zorder=3)
         hollow |= bool(unsure.any())
         diverged = line["status"].values == _UNSTABLE
@@ -83,7 +84,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if by == "dt":
         _slope(ax, x, dataset["error"].transpose(..., "dt").values)
     if hollow:
-        ax.plot([], [], "o", ms=4, mec=GREY, mfc="white", label="below the\nreference's own")
+        ax.plot([], [], "o", ms=4, mec=GREY, mfc="white", label=UNSURE)
     ax.set_xlabel(_title(dataset[by]))
     ax.set_ylabel("largest error at the end [m]")
     if ax.get_legend_handles_labels()[0]:
@@ -132,11 +133,20 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     return ax
 
 
-def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
+def heatmap(
+    dataset: Any,
+    variable: str | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    ax: Any = None,
+    cmap: Any = None,
+    norm: Any = None,
+) -> Any:
     """A metric (default: the first) over the dimensions `x` and `y`. For a sweep with one dimension, a line.
 
-    Select a value of each further dimension first. Members that diverged are crossed out. Colours are logarithmic where
-    values span more than two decades.
+    Select a value of each further dimension first. Members that diverged are crossed out. An error below the error bound of
+    the reference is a hollow circle without a colour. `cmap` and `norm` are those of matplotlib; by default colours are
+    logarithmic where values span more than two decades.
     """
     variable = check.choice("variable", variable or _first_metric(dataset), list(dataset.data_vars))
     long = _long(dataset)
@@ -151,26 +161,40 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
             f"each, as in ds.isel({free[0]}=0)"
         )
     data = dataset.squeeze([d for d in _grid_dimensions(dataset) if d not in (x, y)])
+    unsure = _unsure(data) if variable == "error" else np.zeros(data[variable].shape, bool)
     (ax,) = shown_axes(ax)
+    hollow = {"ms": 4, "mec": GREY, "mfc": "white", "ls": "none", "zorder": 3, "label": UNSURE}
     if y is None:
-        ax.plot(_places(data[x].values), data[variable].values, "o-", ms=4)
+        places = _places(data[x].values)
+        ax.plot(places, data[variable].values, "o-", ms=4)
+        ax.plot(places[unsure], data[variable].values[unsure], "o", **hollow)
         ax.set_ylabel(_title(data[variable], variable))
         _scale(ax, "x", data[x])
         return ax
-    values = data[variable].transpose(y, x).values.astype(float)
+    values = data[variable].where(~unsure).transpose(y, x).values.astype(float)
     positive = values[np.isfinite(values)]
     logarithmic = len(positive) and positive.min() > 0 and positive.max() > 100 * positive.min()
     ax.grid(False)
-    colors = _pyplot().matplotlib.colors
-    norm = colors.LogNorm() if logarithmic else colors.Normalize()
-    mesh = ax.pcolormesh(_edges(data[x].values), _edges(data[y].values), values, norm=norm)
+    if norm is None and logarithmic:
+        norm = "log"
+    mesh = ax.pcolormesh(_edges(data[x].values), _edges(data[y].values), values, norm=norm, cmap=cmap)
     ax.figure.colorbar(mesh, ax=ax, label=_title(data[variable], variable))
-    diverged = np.argwhere(data["status"].transpose(y, x).values == _UNSTABLE)
-    places = _places(data[x].values), _places(data[y].values)
-    ax.plot(places[0][diverged[:, 1]], places[1][diverged[:, 0]], "x", color=RED, ls="none")
+    for which, marker, look in (
+        (data["status"] == _UNSTABLE, "x", {"color": RED, "ls": "none"}),
+        (data["status"].copy(data=unsure), "o", hollow),
+    ):
+        rows, columns = np.nonzero(which.transpose(y, x).values)
+        ax.plot(_places(data[x].values)[columns], _places(data[y].values)[rows], marker, **look)
+    if unsure.any():
+        ax.legend(fontsize="small", loc="upper right", bbox_to_anchor=(1.0, -0.12), borderaxespad=0.0)
     _scale(ax, "x", data[x])
     _scale(ax, "y", data[y])
     return ax
+
+
+def _unsure(dataset: Any) -> np.ndarray:
+    """Where the error is below the error bound of its reference."""
+    return np.asarray(dataset["error"].values < dataset["reference_error"].values)
 
 
 def _pyplot() -> Any:
