@@ -145,6 +145,7 @@ class Report(TypedDict):
     impulse_reason: str
     kernel: str
     integrator: str
+    as_printed: bool
     precision: str
     strict: bool
     threads: int

@@ -108,7 +108,7 @@ def test_a_run_is_six_short_lines(run):
         assert part in text
     report = run.report
     change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
-    assert f"(drift {change:.4g} J)" in text
+    assert f"(change, by damping and contact, {change:.4g} J)" in text
     assert f"points {report['penetration']['points']:.4g} m" in text
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
@@ -116,6 +116,12 @@ def test_a_run_is_six_short_lines(run):
     stopped = cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
     assert "stopped early (callback)" in repr(stopped)
     assert stopped.t.tolist() == [0.0] and stopped.report["steps"] == 0
+
+
+@pytest.mark.parametrize("as_printed", [False, True])
+def test_a_run_says_whether_it_is_as_printed_in_the_paper(as_printed):
+    run = cs.simulate(cs.scenes.paper_moving("reflect", as_printed=as_printed), 0.01, dt=1e-3)
+    assert ("response reflect as printed" in str(run)) is as_printed is run.report["as_printed"]
 
 
 def test_runs_are_equal_if_their_results_are(run, tmp_path):

@@ -89,6 +89,18 @@ def test_the_length_in_a_label_is_that_of_the_picture(width, scene_width):
     assert len(longest) == pytest.approx(length / scene_width * width, abs=1.5)
 
 
+def test_a_label_says_as_printed():
+    """In a strip of its own above the other one."""
+    printed, mended = (
+        cs.picture(cs.scenes.paper_static("ray", as_printed=one), width=400, label=True).pixels for one in (True, False)
+    )
+    strip, below = lettering.labelled(mended[:1], 0.0, 400.0, None).shape[0] - 1, printed.shape[0] - mended.shape[0]
+    assert np.array_equal(printed[-strip:], mended[-strip:])
+    note = printed[-strip - below : -strip]
+    columns = np.flatnonzero((note < 150).any(axis=(0, 2)))
+    assert 0.1 * 400 < np.ptp(columns) < 0.25 * 400 and (note[[0, -1]] == 255).all()
+
+
 def test_the_shadow_of_a_ball_lies_on_the_ground_away_from_the_light():
     """The light comes from (0.3, 1, 0.25): a ball 1 m above the ground shades the place 0.3 m and 0.25 m beside it."""
     from clothsim.viewing.raster import Ball, Ground, render

@@ -21,7 +21,9 @@ def spheres_text(scenes: Sequence[Scene]) -> str:
     spheres = scenes[0].spheres
     if not spheres:
         return "no sphere"
-    kinds = Counter(f"{'moving, ' if s.motion else ''}response {s.response}" for s in spheres)
+    kinds = Counter(
+        f"{'moving, ' if s.motion else ''}response {s.response}{' as printed' if s.as_printed else ''}" for s in spheres
+    )
     parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in kinds.items()]
     return f"{counted(len(spheres), 'sphere')} ({'; '.join(parts)})"
 

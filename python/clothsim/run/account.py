@@ -89,6 +89,7 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
         **_extremes(solution.watched),
         "kernel": state.kernel,
         "integrator": options.integrator,
+        "as_printed": any(sphere.as_printed for sphere in scene.spheres),
         "precision": options.precision,
         "strict": options.strict,
         "threads": state.threads,

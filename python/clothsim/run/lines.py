@@ -33,8 +33,8 @@ def _energy_line(energy: Mapping[str, Any]) -> str:
         start, end = energy["start"]["total"], energy["end"]["total"]
     except (KeyError, TypeError):
         return "energy not known"
-    start, end, drift = joules([start, end, end - start])
-    return f"energy {start} at the start, {end} at the end (drift {drift})"
+    start, end, change = joules([start, end, end - start])
+    return f"energy {start} at the start, {end} at the end (change, by damping and contact, {change})"
 
 
 def _penetration_line(scene: Scene, depths: Mapping[str, Any]) -> str:

@@ -109,8 +109,9 @@ def simulate(
         "force_evaluations"; the evaluations include the error estimate. "solution_evaluations", "wall_time" [s],
         "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method. "integrator",
         "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the run was
-        computed. With the backend "gpu", "instruction_set" is the adapter. "stopped" is "" for a whole run, else
-        "callback", "interrupted", "unstable", "contact" or "max_evaluations".
+        computed; "as_printed", whether a sphere responds as printed in the paper. With the backend "gpu",
+        "instruction_set" is the adapter. "stopped" is "" for a whole run, else "callback", "interrupted", "unstable",
+        "contact" or "max_evaluations".
 
         The report also has extremes over the states of the run. A state is the initial state, or the
         state at the end of a step, after the responses. Each is a mapping with a "reason": "", or why a

@@ -18,7 +18,7 @@ STROKES = {
     "4": "32380444", "5": "480805354443321203", "6": "4738180703123243443505", "7": "084812",
     "8": "153546473818070615 150403123243443515", "9": "0312324347381807061545", "a": "16364542 433212031444",
     "c": "4536160503123243", "d": "4842 4536160503123243", "e": "044445361605031242", "h": "0802 0516364542",
-    "k": "0802 3604 0432", "l": "18132232", "m": "0602 05162522 25364542", "n": "0602 0516364542",
+    "i": "2622 2828", "k": "0802 3604 0432", "l": "18132232", "m": "0602 05162522 25364542", "n": "0602 0516364542",
     "p": "0600 0516364543321203", "r": "0602 04152636", "s": "4616051434433202", "t": "18132232 0636",
     "u": "0603123243 4642", "v": "062246", ".": "2222", "-": "0545", "+": "0545 2327",
     "%": "0717180807 3242433332 0248", "=": "0646 0444", "/": "0148", ">": "074503 0242", " ": "",
@@ -79,8 +79,8 @@ def length_in_words(length: float) -> str:
     return f"{length:g} m"
 
 
-def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None) -> Pixels:
-    """The picture above a strip that shows the time [s], a length, and the colour scale."""
+def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = "") -> Pixels:
+    """The picture above a strip that shows the time [s], a length, and the colour scale; a note has a strip above it."""
     width = pixels.shape[1]
     cell = width / 320
     strip = np.full((round(16 * cell), width, 3), 255, np.uint8)
@@ -95,7 +95,11 @@ def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | N
     write(strip, length_in_words(length), right + 2.5 * cell, base, cell)
     if scale is not None:
         _write_scale(strip, scale, base, cell, edge)
-    return np.concatenate([pixels, strip])
+    if not note:
+        return np.concatenate([pixels, strip])
+    line = np.full((round(12 * cell), width, 3), 255, np.uint8)
+    write(line, note, edge, round(8.5 * cell), cell)
+    return np.concatenate([pixels, line, strip])
 
 
 def _write_scale(strip: Pixels, scale: Scale, base: int, cell: float, edge: float) -> None:
