@@ -95,6 +95,7 @@ def test_packed_values_are_right_where_differences_overflow():
         q[k] += 2 * q[k - 1] - q[k - 2]
     q = (q % 65536).reshape(5, 3, 6).transpose(0, 2, 1).reshape(x.shape)
     assert np.abs(packed.low + packed.step * q - x).max() <= packed.precision * 1.0001
+    assert pack(x * (1, 0, 1), [], []).precision <= packed.precision  # a flat sheet
     levels = np.cumsum(data[2 * count :].reshape(5, 6), axis=0) % 256
     assert np.abs(levels / 255 - np.sqrt(values.clip(0, 1))).max() < 0.5001 / 255
 

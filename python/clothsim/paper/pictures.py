@@ -12,6 +12,7 @@ import clothsim as cs
 from clothsim.typing import Report
 
 from ..base.plots import figure, save
+from ..viewing.camera import camera_for
 from . import responses as contact
 from .paper_report import number
 from .paper_settings import Settings
@@ -54,13 +55,9 @@ def _direction(experiment: Experiment, frame: int) -> tuple[float, float, float]
 
 
 def _camera(experiment: Experiment, case: Case, frame: int) -> cs.Camera:
-    direction = _direction(experiment, frame)
-    axes = cs.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     positions, time = case.states[frame]
-    sphere = contact.scene_of(experiment, case.method, case.variant).spheres[0]
-    center, outline = sphere.center_at(time), sphere.radius * axes[:2]
-    cloth = np.clip(positions.reshape(-1, 3), *STAGE)
-    return cs.Camera.around(direction, np.concatenate([cloth, center + outline, center - outline]))
+    scene = contact.scene_of(experiment, case.method, case.variant)
+    return camera_for(_direction(experiment, frame), scene, np.clip(positions, *STAGE)[None], [time])
 
 
 def _draw(experiment: Experiment, case: Case, frame: int, camera: cs.Camera, width: int, label: bool = True) -> np.ndarray:

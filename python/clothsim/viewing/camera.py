@@ -13,6 +13,9 @@ from ..base import check
 from ..typing import Numbers
 
 DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view
+NEAR = (
+    2.0  # a sphere so many longer sides of the cloth away is framed; at half, one that flies towards it comes from nowhere
+)
 
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
@@ -147,29 +150,51 @@ def direction_of(value: Any) -> tuple[float, float, float]:
 
 
 def _points(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]) -> Iterator[Any]:
-    """Mass points, then the outlines of each sphere at all times, both along `axes`, shape (3, n)."""
+    """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
+
+    A sphere as wide as the cloth is ground or wall to it: where the cloth touches it, there are mass points.
+    """
     # `@` would wake BLAS's threads, which then spin beside the picture.
+    low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)
     for frame in x:
-        yield np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
+        seen = np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
+        low, high = np.fmin(low, seen.min(axis=1, keepdims=True)), np.fmax(high, seen.max(axis=1, keepdims=True))
+        yield seen
+    side = max(scene.cloth.size)
     for sphere in scene.spheres:
         centers = np.einsum("pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes)
-        ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T
-        yield (centers[:, :, None] + ends[:, None]).reshape(3, -1)
+        away = centers - np.clip(centers, low - NEAR * side, high + NEAR * side)
+        near = (np.abs(away) <= sphere.radius).all(axis=0)
+        if 2 * sphere.radius < side and near.any():
+            ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T
+            yield (centers[:, near, None] + ends[:, None]).reshape(3, -1)
 
 
 def extremes(
     scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Lowest and highest coordinates along `axes` of the cloth and of the spheres at all times."""
+    """Lowest and highest coordinates along `axes` of the cloth and of the spheres near it at all times."""
     ends = [(part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)]
     low, high = zip(*ends)
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
+def eye_of(camera: Camera, scene: Any) -> npt.NDArray[np.float64]:
+    """Where the eye is [m]; of an orthographic view, where it would be in perspective."""
+    usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
+    return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
+
+
+def reach(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, target: npt.NDArray[np.float64]) -> float:
+    """A distance from `target` that holds all of `extremes` [m]."""
+    low, high = extremes(scene, x, t, np.eye(3))
+    return float(np.linalg.norm(np.maximum(high - target, target - low)))
+
+
 def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, perspective: bool = False) -> Camera:
     """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
-    A direction becomes a view that contains the cloth and the spheres at all times `t`.
+    A direction becomes a view that contains the cloth and the spheres near it at all times `t`.
     """
     if isinstance(value, Camera):
         if perspective and value.distance is None:

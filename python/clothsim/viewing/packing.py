@@ -43,12 +43,12 @@ def pack(x: npt.NDArray[np.float64], scalars: list[npt.NDArray[np.float64]], top
     frames = len(x)
     flat = x.reshape(frames, -1, 3)
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
-    step = np.where(high > low, (high - low) / LEVELS, 1.0)
+    step = (high - low) / LEVELS
     # Frame by frame, and deflated piece by piece: Ctrl-C acts in between.
     zigzag = np.empty((frames, flat[0].size), np.uint16)
     last = rate = np.zeros(flat[0].size, np.int64)
     for k, points in enumerate(flat):
-        q = np.round((points - low) / step).astype(np.int64).T.reshape(-1)
+        q = np.round((points - low) / np.where(step > 0, step, 1.0)).astype(np.int64).T.reshape(-1)
         signed = (q - last - rate).astype(np.int16).astype(np.int32)  # modulo 65536, and back
         zigzag[k] = (signed << 1) ^ (signed >> 31)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
         last, rate = q, q - last if k else rate

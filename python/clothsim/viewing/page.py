@@ -25,7 +25,7 @@ from ..model.scene import Scene
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
-from .camera import DIRECTIONS, Camera, camera_for
+from .camera import DIRECTIONS, Camera, camera_for, reach
 from .chart import PARTS, curves
 from .notebook import Frame, runs_html
 from .packing import pack, point_stretch, tops_of
@@ -38,7 +38,7 @@ Advance = Callable[[int], object]
 # half two scenes of different size do not both fit.
 WIDER = 2.5
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
-MOST_SPHERES = 200  # whose depths a fragment shader compares; WebGL 2 warrants room for 224
+MOST_SPHERES = 100  # whose depths a fragment shader compares; WebGL 2 warrants room for 112
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
 SHADING = {
     "front": raster.CLOTH_FRONT.tolist(),
@@ -288,7 +288,7 @@ def _contents(
                 "spheres": [
                     {
                         "radius": sphere.radius,
-                        "centers": [_rounded(c, 7) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
+                        "centers": [_rounded(c, 15) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
                     }
                     for sphere in run.scene.spheres
                 ],
@@ -306,16 +306,10 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [float(np.linalg.norm(view.target - target)) for view in views]
-    reach = 0.0
-    for run in runs.values():
-        reach = max(reach, *(float(np.linalg.norm(x - target, axis=-1).max()) for x in run.x))
-        for sphere in run.scene.spheres:
-            away = np.linalg.norm(sphere.center_at(run.t) - target, axis=-1).max()
-            reach = max(reach, float(away) + sphere.radius)
     return {
         "direction": list(DIRECTIONS["corner"]),
         "target": target.tolist(),
-        "reach": 1.05 * reach,
+        "reach": 1.05 * max(reach(run.scene, run.x, run.t, target) for run in runs.values()),
         "width": max(v.width + 2 * d for v, d in zip(views, far, strict=True)),
         "height": max(v.height + 2 * d for v, d in zip(views, far, strict=True)),
     }

@@ -14,7 +14,7 @@ from ..base.extras import needed
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from . import png
-from .camera import Camera, camera_for, extremes
+from .camera import Camera, camera_for, extremes, eye_of
 from .lettering import LEAST_WIDTH, labelled
 from .palette import scale_of, values_of
 from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, Ground, render
@@ -57,6 +57,12 @@ class Drawing:
             self.ground = Ground(height, middle, GROUND_REACH * float(np.linalg.norm(high - low)))
         perspective = check.boolean("perspective", style.perspective)
         self.camera: Camera = camera_for(style.camera, scene, x, t, perspective=perspective)
+        height = self.width * self.camera.height / self.camera.width
+        if not height <= WIDEST:
+            raise ValueError(
+                f"camera must be at most {WIDEST / self.width:.3g} times as tall as wide with width={self.width}, which are "
+                f"{WIDEST} pixels, got height {self.camera.height:g} m and width {self.camera.width:g} m"
+            )
         self.values = values_of(style.color, scene, x, v, t)
         if self.values is None and style.limits is not None:
             raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
@@ -66,7 +72,12 @@ class Drawing:
         """The picture of frame `k`, shape (height, width, 3)."""
         x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
         size = PIN_SIZE * max(cloth.size)
-        balls = [Ball(s.center_at(t), s.radius, SPHERE) for s in self.scene.spheres]
+        centers, eye = [s.center_at(t) for s in self.scene.spheres], eye_of(self.camera, self.scene)
+        balls = [
+            Ball(center, s.radius, SPHERE)
+            for s, center in zip(self.scene.spheres, centers)
+            if np.linalg.norm(eye - center) >= s.radius  # else the eye is inside
+        ]
         balls += [Ball(point, size, PIN, solid=False) for point in x[cloth.pinned]]
         colors = None if self.scale is None or self.values is None else self.scale.colors(self.values[k])
         if min(cloth.shape) < 2:  # a single row has no surface: its mass points are shown
@@ -77,7 +88,10 @@ class Drawing:
         drawn = render(
             x, balls, self.camera, self.width, colors=colors, ground=self.ground, shadow=self.shadow, threads=threads
         )
-        return labelled(drawn, t, self.width / self.camera.width, self.scale) if self.label else drawn
+        if not self.label:
+            return drawn
+        note = "as printed" if any(sphere.as_printed for sphere in self.scene.spheres) else ""
+        return labelled(drawn, t, self.width / self.camera.width, self.scale, note)
 
 
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
@@ -192,7 +206,8 @@ def picture(
     """Draw a cloth and its spheres, shaded and with exact depth. Cloth inside a sphere is red.
 
     The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth lies under the
-    surface of a sphere, the surface is red, and stronger with depth up to 10 mm. Dark dots are pins.
+    surface of a sphere by more than 1e-5 of the picture's width, the surface is red, and stronger with depth up to 10 mm.
+    Dark dots are pins.
 
     Parameters
     ----------
@@ -206,8 +221,8 @@ def picture(
         Velocities [m/s], shape (rows, columns, 3), for ``color="speed"``.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
-        "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth and all spheres.
-        Default: "corner".
+        "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth, and of each sphere
+        near it that is narrower than the cloth; a wider one is ground or wall. Default: "corner".
     width : int, default 640
         Pixels along the picture, 16 to 8192; its height follows from the view.
     path : path-like, optional
@@ -221,11 +236,12 @@ def picture(
         array, its least and greatest number.
     label : bool, default False
         Add a strip below the picture: the time, a length, and the colour scale. ``>`` at its end says that a value is
-        above. In perspective the length holds in the plane through the view's target. `width` is at least 320 then.
+        above. A line above it says "as printed" where a sphere responds so. In perspective the length holds in the
+        plane through the view's target. `width` is at least 320 then.
     shadow : bool, default False
         Draw soft shadows of the light from the side.
     ground : bool or float, default False
-        Draw a horizontal plane: True below cloth and spheres, a number at that height [m].
+        Draw a horizontal plane: True below all that the view frames, a number at that height [m].
     perspective : bool, default False
         Draw nearer parts larger. The default is orthographic: lengths can be compared. A `Camera` has its own
         ``distance``.

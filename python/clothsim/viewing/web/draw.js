@@ -1,6 +1,9 @@
 // Drawing with WebGL 2: the cloth as triangles, balls intersected exactly in the fragment shader.
 // The view is orthographic, so a depth is a length: a first pass stores the cloth's depth, and a
 // sphere's surface turns red where cloth lies under it, as in the pictures of raster.py.
+// A place q from an anchor is k q.q + g.q + h outside a sphere, up to second order: k = 1 / (2 radius), g is its gradient
+// at the anchor and h its value there. Float32 has room for a radius of 1e5 m, since the anchor of a sphere that is larger
+// than the view is in the view, and k, g and h are computed in double. The anchor of another is its centre, where g is 0.
 // The page writes the colours and lights of raster.py into SHADING before this file.
 "use strict";
 
@@ -13,6 +16,13 @@ vec3 shade(vec3 color, vec3 n, vec3 eye) {
   float light = ${AMBIENT} + ${ABOVE} * n.y + ${FROM_KEY} * max(dot(n, normalize(${vec3(SHADING.key)})), 0.0)
     + ${FROM_EYE} * max(dot(n, eye), 0.0);
   return color * light;
+}`;
+
+// Metres below a sphere's surface.
+const BELOW = `
+float below(vec3 q, float k, vec3 g, float h) {
+  float f = dot(q, k * q + g) + h;
+  return -2.0 * f / (1.0 + sqrt(max(1.0 + 4.0 * k * f, 0.0)));
 }`;
 
 const CLOTH_VERTEX = `#version 300 es
@@ -41,9 +51,10 @@ in float amount;
 uniform vec3 eye, stops[9];
 uniform int mode;                        // 0 faces, 1 values of the points, 2 depth below a sphere
 uniform float top;                       // depth that has the last colour [m]
-uniform vec4 spheres[${spheres || 1}];  // centre, radius
+uniform vec4 spheres[${2 * spheres || 1}];  // anchor, k; g, h
 out vec4 color;
 ${SHADE}
+${BELOW}
 void main() {
   vec3 normal = normalize(n);
   bool front = dot(normal, eye) >= 0.0;
@@ -52,7 +63,10 @@ void main() {
     float shown = amount;
     if (mode == 2) {
       shown = 0.0;
-      for (int s = 0; s < ${spheres}; s++) shown = max(shown, spheres[s].w - distance(place, spheres[s].xyz));
+      for (int s = 0; s < ${2 * spheres}; s += 2) {
+        vec4 a = spheres[s], b = spheres[s + 1];
+        shown = max(shown, below(place - a.xyz, a.w, b.xyz, b.w));
+      }
       shown /= top;
     }
     float k = clamp(shown, 0.0, 1.0) * 8.0;
@@ -67,65 +81,83 @@ void main() {
 }`;
 
 const BALL_VERTEX = `#version 300 es
-layout(location = 0) in vec4 ball;   // centre, radius
-layout(location = 1) in vec4 look;   // colour, 1 if cloth in it is shown
+layout(location = 0) in vec4 ball;   // anchor, k
+layout(location = 1) in vec4 form;   // g, h
+layout(location = 2) in vec4 look;   // colour, 1 if cloth in it is shown
 uniform mat3 axes;
 uniform vec3 target, scale;
-out vec2 at;
-flat out vec4 b, l;
-flat out vec3 middle;
+out vec2 at;                         // from the anchor, in the plane of the view [m]
+flat out vec4 f, l;                  // g in the axes of the view, h
+flat out vec2 b;                     // the anchor's height in the view, k
 void main() {
-  at = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-  b = ball; l = look;
-  middle = axes * (ball.xyz - target);
-  gl_Position = vec4((middle + vec3(at * ball.w, 0.0)) * scale, 1.0);
+  vec3 anchor = axes * (ball.xyz - target), g = axes * form.xyz;
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  bool large = dot(g, g) > 0.0;
+  vec2 place = large ? corner / scale.xy : anchor.xy + corner * (0.5 / ball.w);
+  f = vec4(g, form.w); l = look; b = vec2(anchor.z, ball.w);
+  at = place - anchor.xy;
+  // From inside, a ground or a wall is not seen. The eye is where the depths begin.
+  vec3 eye = vec3(0.0, 0.0, -1.0 / scale.z) - anchor;
+  bool inside = large && dot(eye, ball.w * eye + g) + form.w < 0.0;
+  gl_Position = vec4(inside ? vec2(2.0) : place * scale.xy, 0.0, 1.0);
 }`;
 
 const BALL_FRAGMENT = `#version 300 es
 precision highp float;
 in vec2 at;
-flat in vec4 b, l;
-flat in vec3 middle;
+flat in vec4 f, l;
+flat in vec2 b;
 uniform mat3 axes;
 uniform vec3 scale, eye;
-uniform float alpha;
+uniform float alpha, pixel, rounding;
 uniform highp sampler2D cloth;
 out vec4 color;
 ${SHADE}
+${BELOW}
 void main() {
-  float inside = 1.0 - dot(at, at);
-  if (inside <= 0.0) discard;
-  vec3 seen = vec3(at, sqrt(inside));
-  float ndc = (middle.z + b.w * seen.z) * scale.z;
-  gl_FragDepth = 0.5 + 0.5 * ndc;
-  vec3 c = shade(l.rgb, seen * axes, eye);
+  float k = b.y, c = dot(at, k * at + f.xy) + f.w, root = f.z * f.z - 4.0 * k * c;
+  if (root <= 0.0) discard;
+  root = sqrt(root);  // along the normal, towards the eye
+  // Rounding of places and depths, and of the cloth's corners to parts of a pixel, lets no sphere through cloth that lies on it [m].
+  float slack = rounding + pixel / 16.0 * sqrt(max(1.0 - root * root, 0.0));
+  vec3 q = vec3(at, f.z > 0.0 ? -2.0 * c / (f.z + root) : (root - f.z) / (2.0 * k));
+  // Ground reaches further than the depths do.
+  gl_FragDepth = clamp(0.5 + 0.5 * (q.z + b.x - slack / max(root, 0.05)) * scale.z, 0.0, 0.999999);
+  vec3 shown = shade(l.rgb, normalize(2.0 * k * q + f.xyz) * axes, eye);
   float behind = texelFetch(cloth, ivec2(gl_FragCoord.xy), 0).r;
   if (l.a > 0.0 && behind < 1.0) {
-    float z = (2.0 * behind - 1.0) / scale.z - middle.z;  // the cloth, seen from the middle
-    float under = b.w - length(vec3(at * b.w, z));
+    q.z = (2.0 * behind - 1.0) / scale.z - b.x;  // the cloth
+    float under = below(q, k, f.xyz, f.w) - slack;
     // Cloth on the far half of the ball is not what the eye sees here.
-    float red = alpha == 1.0 && z >= 0.0 && under > 0.0 ? mix(${float(SHADING.leastRed)}, 1.0, min(under / ${float(SHADING.fullRedDepth)}, 1.0)) : 0.0;
-    c = mix(c, ${vec3(SHADING.red)}, red);
+    bool red = alpha == 1.0 && 2.0 * k * q.z + f.z >= 0.0 && under > 0.0;
+    if (red) shown = mix(shown, ${vec3(SHADING.red)}, mix(${float(SHADING.leastRed)}, 1.0, min(under / ${float(SHADING.fullRedDepth)}, 1.0)));
   }
-  color = vec4(c, l.a > 0.0 ? alpha : 1.0);
+  color = vec4(shown, l.a > 0.0 ? alpha : 1.0);
 }`;
 
 const VIRIDIS = ["440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725"];
 const HEAT = ["ffffcc", "ffeda0", "fed976", "feb24c", "fd8d3c", "fc4e2a", "e31a1c", "bd0026", "800026"];
 const rgb = (hex) => [0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
 
+// Anchor and k, g and h of a sphere, see above; `camera` is an Orbit.
+function formOf(center, radius, { start: { target, reach } }) {
+  if (radius < reach) return [...center, 0.5 / radius, 0, 0, 0, -radius / 2];
+  const way = target.map((k, i) => k - center[i]), out = Math.hypot(...way) - radius;
+  return [...target, 0.5 / radius, ...way.map((k) => k / radius), out * (1 + out / (2 * radius))];
+}
+
 class Drawing {
-  constructor(canvas, run) {
+  constructor(canvas, run, camera) {
     const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer.");
-    Object.assign(this, { canvas, gl, run });
+    Object.assign(this, { canvas, gl, run, camera });
     const [rows, columns] = run.shape, points = rows * columns;
     this.normals = new Float32Array(3 * points);
     this.values = new Float32Array(points);
     this.cloth = this.program(CLOTH_VERTEX, clothFragment(run.compared));
     this.clothDepth = this.program(CLOTH_VERTEX, DEPTH_FRAGMENT);
     this.balls = this.program(BALL_VERTEX, BALL_FRAGMENT);
-    this.ballData = new Float32Array(8 * (run.spheres.length + run.pins.length + run.dots.length));
+    this.ballData = new Float32Array(12 * (run.spheres.length + run.pins.length + run.dots.length));
 
     this.clothArray = gl.createVertexArray();
     gl.bindVertexArray(this.clothArray);
@@ -146,10 +178,10 @@ class Drawing {
     this.ballArray = gl.createVertexArray();
     gl.bindVertexArray(this.ballArray);
     this.ballBuffer = gl.createBuffer();
-    for (const k of [0, 1]) {
+    for (const k of [0, 1, 2]) {
       gl.bindBuffer(gl.ARRAY_BUFFER, this.ballBuffer);
       gl.enableVertexAttribArray(k);
-      gl.vertexAttribPointer(k, 4, gl.FLOAT, false, 32, 16 * k);
+      gl.vertexAttribPointer(k, 4, gl.FLOAT, false, 48, 16 * k);
       gl.vertexAttribDivisor(k, 1);
     }
     gl.bindVertexArray(null);
@@ -212,11 +244,12 @@ class Drawing {
     pointNormals(x, run.shape, this.normals);
     run.values(frame, mode, values);
     [x, this.normals, null, values].forEach((data, k) => { if (data) this.upload(this.buffers[k], data); });
-    const balls = run.spheres.map((s, k) => [...run.center(k, frame), s.radius, ...SHADING.sphere, 1]);
-    for (const p of run.pins) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...SHADING.pin, 0]);
-    for (const p of run.dots) balls.push([x[3 * p], x[3 * p + 1], x[3 * p + 2], size, ...SHADING.front, 0]);
-    this.sphereData = balls.slice(0, run.compared).flatMap((ball) => ball.slice(0, 4));
-    balls.forEach((ball, k) => this.ballData.set(ball, 8 * k));
+    const balls = run.spheres.map((s, k) => [...formOf(run.center(k, frame), s.radius, this.camera), ...SHADING.sphere, 1]);
+    const dot = (color) => (p) => balls.push([...formOf(x.subarray(3 * p, 3 * p + 3), size, this.camera), ...color, 0]);
+    run.pins.forEach(dot(SHADING.pin));
+    run.dots.forEach(dot(SHADING.front));
+    this.sphereData = balls.slice(0, run.compared).flatMap((ball) => ball.slice(0, 8));
+    this.ballData.set(balls.flat());
     this.upload(this.ballBuffer, this.ballData);
   }
 
@@ -252,11 +285,13 @@ class Drawing {
     set(this.balls);
     gl.bindTexture(gl.TEXTURE_2D, this.depths);
     gl.uniform1i(this.balls("cloth"), 0);
+    gl.uniform1f(this.balls("rounding"), 2 * (this.run.precision || 0) + 1e-5 * camera.start.width);
+    gl.uniform1f(this.balls("pixel"), 2 / (scale[0] * canvas.width));
     gl.uniform1f(this.balls("alpha"), mode.name === "depth" ? 0.3 : 1);
     gl.enable(gl.BLEND);
     gl.bindVertexArray(this.ballArray);
     if (mode.name === "depth") gl.disable(gl.DEPTH_TEST);  // glass: cloth in a sphere is what this mode shows
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.ballData.length / 8);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.ballData.length / 12);
     gl.enable(gl.DEPTH_TEST);
   }
 }

@@ -18,7 +18,7 @@ class Live {
   constructor(data, planes, solver) {
     Object.assign(this, { data, solver, start: planes, shape: data.shape, pins: data.pins, dots: data.dots });
     this.dotSize = data.dotSize;
-    this.compared = data.spheres.length;
+    this.compared = 0;
     this.points = data.shape[0] * data.shape[1];
     this.x = new Float32Array(3 * this.points);
     this.stiffness = data.stiffnessFactors.indexOf(1);
@@ -196,7 +196,7 @@ async function start() {
   const solver = await Solver.open(data), live = new Live(data, planes, solver);
   await live.reset();
   await live.calibrate();
-  const canvas = $("canvas-0"), camera = new Orbit(data.camera), drawing = new Drawing(canvas, live);
+  const canvas = $("canvas-0"), camera = new Orbit(data.camera), drawing = new Drawing(canvas, live, camera);
   const state = { playing: true, busy: false, factor: 0, rate: 0, measured: -1 };
 
   const page = () => getComputedStyle(document.documentElement).getPropertyValue("--page");
@@ -293,7 +293,7 @@ async function start() {
     show();
   }));
 
-  // A pointer takes a pin near it, else the sphere under it, and moves it in the plane of the view.
+  // A pointer takes a pin near it, else the sphere under it unless it is ground, and moves it in the plane of the view.
   function grab(e) {
     const [right, up] = camera.axes(), metre = camera.metre(canvas), box = canvas.getBoundingClientRect();
     const across = metre * (e.clientX - box.left - box.width / 2), above = -metre * (e.clientY - box.top - box.height / 2);
@@ -310,7 +310,7 @@ async function start() {
         else then(() => { live.pinned = null; solver.movePin(pin, [0, 0, 0]); });
       };
     }
-    const s = live.spheres.findIndex((sphere, k) => away(live.center(k)) < sphere.radius);
+    const s = live.spheres.findIndex((sphere, k) => sphere.radius < data.camera.reach && away(live.center(k)) < sphere.radius);
     if (s < 0) return null;
     const from = [...live.moved[s].to];
     return (now) => { if (now) live.moved[s].to = moved(from, now); };

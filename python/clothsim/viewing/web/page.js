@@ -91,7 +91,7 @@ async function start() {
     const ring = document.createElement("span");
     ring.className = "ring";
     canvas.after(ring);
-    return { run, canvas, ring, drawing: new Drawing(canvas, run), says: $(`says-${k}`) };
+    return { run, canvas, ring, drawing: new Drawing(canvas, run, camera), says: $(`says-${k}`) };
   });
   await inflated;
   // The run that lasts longest, of those the one with most frames, is the clock's.
