@@ -239,7 +239,7 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
         ({"t": RUN.t[::-1]}, "t must be increasing times"),
         ({"t": RUN.t[:, None]}, r"t must be float64 of shape \(frames,\)"),
         ({"report": "[]"}, "report must be a mapping"),
-        ({"report": "{}"}, "report lacks backend, chaotic,"),
+        ({"report": "{}"}, "report lacks as_printed, backend,"),
         ({"report": "[" * 100_000}, "recursion"),
         ({"scene": '{"schema": 2, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
         ({"scene": '{"schema": 2, "cloth": {"shape": [3, 3], "mass": 2.0}}'}, "final state is of another scene"),

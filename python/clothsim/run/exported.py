@@ -34,7 +34,7 @@ class ExportedRun:
             File to write, in a folder that exists. New files replace files of the same names once
             all are complete. A failed export changes nothing.
         fps : float, optional
-            Frames a second [1/s], > 0. The first frame is the start of the run. Cubic Hermite
+            Frames a second [1/s], > 0, at most 1e5. The first frame is the start of the run. Cubic Hermite
             interpolation of positions and velocities gives frames between stored frames.
             Default: the stored frames at their own times.
         z_up : bool, default False

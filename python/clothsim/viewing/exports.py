@@ -24,6 +24,7 @@ _FORMATS: dict[str, tuple[str, str | None]] = {
     ".pc2": ("caches", None),
 }
 SUFFIXES = tuple(_FORMATS)
+MOST_FPS = 1e5  # frames/s
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Target:
         if not path.parent.is_dir():
             raise ValueError(f"{name} must be in an existing folder, got {str(path)!r}")
         if fps is not None:
-            fps = check.number("fps", fps, minimum=0, exclusive=True)
+            fps = check.number("fps", fps, minimum=0, exclusive=True, maximum=MOST_FPS)
         z_up = check.boolean("z_up", z_up)
         if z_up and suffix == ".glb":
             raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
