@@ -184,7 +184,7 @@ cs.sweep(cs.scenes.paper_swing(), over, duration=0.1, metrics=["stable", "energy
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", [pytest.param(signal.SIGKILL, marks=pytest.mark.torture), signal.SIGINT])
 def test_a_sweep_that_is_stopped_half_way_goes_on(tmp_path, how):
     path = tmp_path / "s.zarr"
     command = [sys.executable, "-c", SCRIPT, str(path)]
