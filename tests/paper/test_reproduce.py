@@ -1,6 +1,5 @@
-"""The reproduction: its numbers, its pictures and its report folder."""
+"""The reproduction: its numbers, its findings and its report folder."""
 
-import itertools
 import json
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,22 +10,12 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from clothsim.paper import FULL, QUICK, Settings, reproduce
-from clothsim.paper.paper_settings import reductions
+from clothsim.paper import FULL, QUICK, Settings, reproduce, text
+from clothsim.paper.experiments import FRAMES, Passed
+from clothsim.paper.findings import findings, number
 from matplotlib.image import imread
 
-SMALL = Settings(
-    static_dt=2e-4,
-    moving_dt=4e-4,
-    study_dts=(1.6e-3,),
-    timing_dt=2e-4,
-    runs=2,
-    windows=2,
-    window_frames=5,
-    speedup_steps=20,
-    comparison_part=0.02,
-    picture_width=120,
-)
+SMALL = Settings((2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, windows=2, window_frames=5, speedup_steps=20, part=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -40,34 +29,17 @@ def folder(report):
 
 
 def cell(report, experiment, method, variant, frame):
-    (found,) = (
-        c
-        for c in report["experiments"][experiment]["cells"]
-        if (c["method"], c["variant"], c["frame"]) == (method, variant, frame)
-    )
+    key = method, variant, frame
+    cells = report["experiments"][experiment]["cells"]
+    (found,) = (c for c in cells if (c["method"], c["variant"], c["frame"]) == key)
     return found
 
 
 def test_full_run_takes_the_papers_frames_and_step():
-    assert (FULL.static_dt, FULL.moving_dt, FULL.timing_dt) == (5e-6, 5e-6, 5e-6)
-    assert (FULL.static_frames, FULL.moving_frames) == ((150, 500, 800), (200, 1300, 3100))
-    assert (FULL.runs, FULL.window_frames) == (10, 200)
-    assert reductions(FULL) == []
-    assert (QUICK.static_frames, QUICK.moving_frames) == (FULL.static_frames, FULL.moving_frames)
-
-
-def test_cells_are_those_of_the_papers_tables(report):
-    for experiment, frames in (("1", FULL.static_frames), ("2", FULL.moving_frames)):
-        cells = report["experiments"][experiment]["cells"]
-        keys = [(c["variant"], c["method"], c["frame"]) for c in cells]
-        assert sorted(keys) == sorted((v, m, f) for v in ("as printed", "corrected") for m in (1, 2) for f in frames)
-        for c in cells:
-            assert c["time"] == pytest.approx(1.6e-3 * c["frame"], rel=1e-12)
-            energy = c["energy"]
-            parts = energy["kinetic"] + energy["elastic"] + energy["gravity"]
-            assert energy["total"] == pytest.approx(parts, rel=1e-12)
-            assert 0 <= c["penetration"]["points"] <= c["penetration"]["triangles"]
-            assert c["penetration"]["triangles"] <= c["deepest_so_far"]["triangles"] <= 0.25
+    assert FULL.dt == (5e-6, 5e-6, 5e-6) and FULL.cuts() == []
+    assert FRAMES == {"1": (150, 500, 800), "2": (200, 1300, 3100)}
+    assert (FULL.runs, FULL.window_frames, FULL.steps_per_frame()) == (10, 200, 320)
+    assert len(QUICK.cuts()) == 8
 
 
 def test_a_cell_equals_the_stepped_scene(report):
@@ -79,40 +51,70 @@ def test_a_cell_equals_the_stepped_scene(report):
     assert measured["energy"]["kinetic"] == pytest.approx(kinetic, rel=1e-12)
     depth = cs.penetration(stepper.positions, scene.spheres[0])
     assert measured["penetration"] == pytest.approx(dict(depth), rel=1e-12)
+    assert measured["time"] == pytest.approx(0.24, rel=1e-12)
 
 
 def test_static_sphere_is_touched_at_all_frames_and_the_cloth_only_loses_energy(report):
-    start = cs.energy(cs.scenes.paper_static(), *[cs.scenes.paper_static().initial_position] * 2)["gravity"]
-    for method, frame in itertools.product((1, 2), FULL.static_frames):
-        found = cell(report, "1", method, "corrected", frame)
-        assert found["points_touching"] > 0
-        assert found["energy_gained"] == pytest.approx(found["energy"]["total"] - start, abs=1e-9)
-        assert found["energy_gained"] < -10
+    for method in (1, 2):
+        for frame in FRAMES["1"]:
+            found = cell(report, "1", method, "corrected", frame)
+            assert found["points_touching"] > 0 and found["energy_gained"] < -10
 
 
 def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
     assert cell(report, "2", 1, "as printed", 200)["penetration"]["points"] > 0.02
-    assert cell(report, "2", 1, "as printed", 1300)["penetration"]["points"] > 0.04
+    assert cell(report, "2", 1, "as printed", 3100)["points_passed"] > 40
     assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # out of nothing
     for method in (1, 2):
         last = cell(report, "2", method, "corrected", 3100)
-        assert last["deepest_so_far"]["triangles"] < 2.5e-3
-        assert last["energy_gained"] < 0
+        assert last["deepest_so_far"] < 2.5e-3
+        assert last["energy_gained"] < 0 == last["points_passed"]
 
 
 def test_one_step_a_frame_shows_the_papers_static_difference(report):
-    first, second = report["experiments"]["1"]["step_study"]
+    first, second = report["experiments"]["1"]["study"]
     assert (first["method"], second["method"]) == (1, 2)
     assert first["penetration"][0]["points"] > 1e-3
     assert all(depth["points"] == 0 for depth in second["penetration"])
 
 
+def test_points_that_leave_on_another_side_have_passed():
+    cloth = cs.Cloth((1, 3), springs=(), damping=0.0, pins=())
+    scene = cs.Scene(cloth, cs.Sphere((0, 0, 0), 1.0), position=[[[0, 2, 0], [0.5, 2, 0], [3, 2, 0]]])
+    passed, x = Passed(scene), scene.initial_position
+    for y in (0.5, -0.5, -2.0):  # the first two go through the sphere, the third beside it
+        passed.see(np.where([False, True, False], y, x), 0.0)
+    assert passed.count == 2
+    passed.see(np.where([False, True, False], -0.5, x), 0.0)
+    passed.see(np.where([False, True, False], -2.0, x), 0.0)  # out where they came in
+    assert passed.count == 2
+
+
+def test_findings_follow_the_numbers(report):
+    held = [f.held for f in findings(report["experiments"])]
+    assert held[:2] == ["no", "in part"] and set(held[2:4]) <= {"yes", "no"} and len(held) == 5
+    rows = [{"method": k, "window": "all", "frames_per_second": f} for k, f in ((1, 500.0), (2, 400.0))]
+    slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})
+    assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
+    cells = [
+        {"method": k, "variant": v, "frame": f, "penetration": {"triangles": 5e-3 if k == 1 else 0.0}}
+        for k in (1, 2) for v in ("as printed", "corrected") for f in FRAMES["1"]
+    ]  # fmt: skip
+    (static,) = findings({"1": {"cells": cells}})
+    assert static.held == "yes" and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
+
+
+def test_rounding_is_zero():
+    assert [number(v) for v in (5e-15, -2.25e-14, 0.0)] == ["0"] * 3
+    assert [number(v) for v in (-0.00123, 1234.5, 2.4e-5)] == ["-0.00123", "1,230", "2.40e-05"]
+
+
 def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder):
-    assert json.loads((folder / "report.json").read_text()) == report
-    assert report["schema"] == 1
+    stored = json.loads((folder / "report.json").read_text())
+    assert stored["experiments"].keys() == report["experiments"].keys() == set("12345")
+    assert stored["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
     assert report["provenance"]["build"]["version"] == cs.__version__
-    assert report["provenance"]["machine"]["cpu"]
-    assert report["settings"]["static_dt"] == 2e-4
+    assert (folder / "report.txt").read_text() == text(report)
 
 
 class Page(HTMLParser):
@@ -132,17 +134,22 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_is_whole_and_fetches_nothing(report, folder):
+def test_page_is_whole_and_fetches_nothing(folder):
     source = (folder / "index.html").read_text()
     page = Page()
     page.feed(source)
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
     links = [r for r in page.references if not r.startswith("data:image/png;base64,")]
-    assert links == ["live.html", "table3.html", "live_static.html", "table4.html", "live_moving.html"]
-    assert page.tags.count("a") == 5 and page.tags.count("img") == len(page.references) - 5 == 24 + 4 + 1
-    style = source[source.index("<style>") : source.index("</style>")]
-    assert "url(" not in style and "@import" not in style
+    assert {link.partition("#")[0] for link in links} == {
+        *("live.html", "report.txt", "report.json", "live_static.html", "live_moving.html"),
+        *("experiment1.html", "experiment2.html"),
+    }
+    assert "experiment2.html#t=2.08" in links
+    assert all((folder / link.partition("#")[0]).exists() for link in links)
+    assert page.tags.count("img") == 24 + 4
+    assert source.index("Did it hold?") < source.index("Experiment 1") < source.index("What this short form cuts")
+    assert source.count("<strong>Here:</strong>") == 5
 
 
 def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
@@ -155,28 +162,23 @@ def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
         assert "://" not in (folder / name).read_text()
 
 
-def test_pictures_decode_and_show_something(report, folder):
-    pictures = sorted(folder.rglob("*.png"))
-    assert len(pictures) == 24 + 2 * 2 + 2 + 1
-    for path in pictures:
-        pixels = imread(path)[..., :3]
-        assert min(pixels.shape[:2]) >= 40
-        assert len(np.unique(pixels[::2, ::2].reshape(-1, 3), axis=0)) > 50
-        assert 0.005 < np.mean((pixels < 0.95).any(axis=-1)) < 0.9
-    shown = {p.relative_to(folder).as_posix() for p in pictures}
-    cells = {c["picture"] for n in "12" for c in report["experiments"][n]["cells"]}
-    assert cells <= shown
-    for name in cells:
-        pixels = imread(folder / name)[..., :3]
-        ink = (pixels[: -round(pixels.shape[1] / 20)] < 0.95).any(axis=-1)  # without the strip
-        assert max(ink.any(axis=0).mean(), ink.any(axis=1).mean()) > 0.8, name  # the camera is that of the cell
+def test_pictures_show_something_and_those_of_a_frame_have_one_scale(report, folder):
+    for number_, frames in FRAMES.items():
+        for frame in frames:
+            paths = [c["picture"] for c in report["experiments"][number_]["cells"] if c["frame"] == frame]
+            shapes = {imread(folder / path).shape for path in paths}
+            assert len(paths) == 4 and len(shapes) == 1
+            for path in paths:
+                pixels = imread(folder / path)[..., :3]
+                assert 0.005 < np.mean((pixels < 0.95).any(axis=-1)) < 0.9
 
 
-def test_unstable_run_is_reported_not_hidden(tmp_path):
-    settings = Settings(static_dt=3.2e-3, frame_dt=3.2e-3, static_frames=(10, 150), study_dts=(3.2e-3,), picture_width=60)
+def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
+    monkeypatch.setitem(FRAMES, "1", (10, 150))
+    settings = Settings((3.2e-3,) * 3, frame_dt=3.2e-3, study_dts=(3.2e-3,), picture_width=60)
+    monkeypatch.setattr(Settings, "steps_per_frame", lambda self, dt=3.2e-3: 1)
     entry = reproduce(tmp_path, settings=settings, experiments=(1,))["experiments"]["1"]
-    assert all(h["failure"] for h in entry["histories"])
+    assert len(entry["failures"]) == 4
     assert {c["frame"] for c in entry["cells"]} == {10}
-    assert entry["step_study"] == []
+    assert entry["study"] == []
     assert "ended early" in (tmp_path / "report.txt").read_text()
-    assert "ended early" in (tmp_path / "index.html").read_text()

@@ -241,7 +241,9 @@ async function start() {
   theme();
   new ResizeObserver(() => { redraw(); curves.draw(); }).observe($("runs"));
   legend();
-  show(begin, true);
+  const asked = () => Number(new URLSearchParams(location.hash.slice(1)).get("t") ?? begin);  // page.html#t=0.8
+  addEventListener("hashchange", () => { pause(); show(asked()); });
+  show(asked(), true);
   for (const p of panels) p.canvas.classList.add("drawn");
   requestAnimationFrame(() => { document.body.dataset.ready = Math.round(performance.now()); });
 }
