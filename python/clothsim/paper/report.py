@@ -18,6 +18,7 @@ from clothsim.typing import Report
 from ..base.files import write_bytes
 from ..base.plots import BLUE, GREY, RED, figure, name_lines, save, style
 from ..base.table import aligned
+from ..viewing.camera import camera_for
 from .experiments import FRAMES, VARIANTS, Case
 from .findings import CLAIMS, findings, here, number
 
@@ -208,18 +209,15 @@ def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> 
     for frame in FRAMES[number]:
         reached = [case for case in cases if frame in case.states]
         direction = BACK if (number, frame) == ("2", 200) else FRONT
-        across = cs.Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()[:2]
-        seen = []
-        for case in reached:
-            x, t = case.states[frame]
-            sphere = case.scene.spheres[0]
-            outline = sphere.radius * across
-            seen += [np.clip(x.reshape(-1, 3), *STAGE), sphere.center_at(t) + outline, sphere.center_at(t) - outline]
+        if not reached:
+            continue
+        states = [case.states[frame] for case in reached]
+        seen = np.stack([np.clip(x, *STAGE) for x, _ in states])
+        camera = camera_for(direction, reached[0].scene, seen, [t for _, t in states])
         for case in reached:
             x, t = case.states[frame]
             cell = next(c for c in case.cells if c["frame"] == frame)
             cell["picture"] = f"experiment{number}/frame{frame}_{case.name.replace(', ', '_').replace(' ', '_')}.png"
-            camera = cs.Camera.around(direction, np.concatenate(seen))
             cs.picture(case.scene, x, t, camera=camera, width=width, label=width >= 320).save(folder / cell["picture"])
 
 
