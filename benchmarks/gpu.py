@@ -50,7 +50,7 @@ def main():
     parser.add_argument("--batches", type=int, nargs="*", default=[16, 256, 1024], help="numbers of cloths of 32 x 32")
     parser.add_argument("--seconds", type=float, default=0.5, help="of a window (default 0.5)")
     args = parser.parse_args()
-    threads = cs.build_config()["openmp_threads"]
+    threads = cs.build_config()["threads"]
     targets = [(f"core, {n} threads", nullcontext, {"threads": n}) for n in sorted({1, threads})]
     targets += [(a.name + " (a CPU)" * a.software, partial(using, a), {"backend": "gpu"}) for a in adapters()]
     print("side,cloths,by,us_per_step,ns_per_point_step")

@@ -123,14 +123,13 @@ py::object reported(const Outcome& outcome) {
     return result;
 }
 
-py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads, bool optional) {
+py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
     auto simulation = shared.use();
     threads = granted(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
-        outcome =
-            simulation->advance(steps, dt, threads, optional, [&] { return unlocked.signal_pending(); });
+        outcome = simulation->advance(steps, dt, threads, [&] { return unlocked.signal_pending(); });
     }
     return reported(outcome);
 }
@@ -153,7 +152,7 @@ bool can_hold(const Array<T>& out, const Array<U>& x) {
 // not finite, or if the results have no place.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
-                std::int64_t steps, double dt, int threads, bool optional, Array<T>& x_out, Array<T>& v_out) {
+                std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
     if (!shared.current() || !can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out))
         return py::bool_(false);
     auto simulation = shared.use();
@@ -168,8 +167,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
             member.rounding_of_arrays = std::numeric_limits<T>::epsilon();
             return member.load(from.x_of(i), from.v_of(i));
         };
-        outcome = simulation->call(time, load, steps, dt, threads, optional,
-                                   [&] { return unlocked.signal_pending(); });
+        outcome = simulation->call(time, load, steps, dt, threads, [&] { return unlocked.signal_pending(); });
         if (outcome && outcome->complete())
             simulation->each_member(
                 threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
@@ -211,7 +209,7 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
 
 py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps,
                           double tolerance_x, double tolerance_v, double longest, StepController& controller,
-                          int threads, bool optional) {
+                          int threads) {
     auto simulation = shared.use();
     if (simulation->size() != 1 || !simulation->member(0).adaptive())
         throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
@@ -219,9 +217,9 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     Simulation::AdaptiveOutcome outcome;
     {
         Unlocked unlocked;
-        outcome = simulation->advance_adaptive(
-            {until, end, steps, {tolerance_x, tolerance_v}, longest, threads, optional}, controller,
-            [&] { return unlocked.signal_pending(); });
+        outcome =
+            simulation->advance_adaptive({until, end, steps, {tolerance_x, tolerance_v}, longest, threads},
+                                         controller, [&] { return unlocked.signal_pending(); });
     }
     py::dict result;
     // Not thrown, so that the caller can count the steps that are done.
@@ -290,14 +288,6 @@ auto of_members(Get get) {
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
     const py::arg any, exact = py::arg().noconvert();  // an array of the very type
-    py::class_<TeamChoice>(m, "TeamChoice")
-        .def(py::init<bool>(), "team_first"_a)
-        .def_property_readonly("team", &TeamChoice::team)
-        .def("steps", &TeamChoice::steps, "wanted"_a)
-        .def("observe", &TeamChoice::observe, "steps"_a, "seconds"_a);
-    py::class_<Crowding>(m, "Crowding")
-        .def(py::init<>())
-        .def("observe", &Crowding::observe, "slept"_a, "seconds"_a);
     py::class_<StepController>(m, "StepController")
         .def(py::init<>())
         .def_property(
@@ -313,8 +303,8 @@ void bind_simulation(py::module_& m) {
         .def("load", &load<double>, exact, exact, py::arg() = py::none())
         .def("load", &load<float>, exact, exact, py::arg() = py::none())
         .def("set_scene", &S::set_scene)
-        .def("step", &step<double>, any, exact, exact, any, any, any, any, exact, exact)
-        .def("step", &step<float>, any, exact, exact, any, any, any, any, exact, exact)
+        .def("step", &step<double>, any, exact, exact, any, any, any, exact, exact)
+        .def("step", &step<float>, any, exact, exact, any, any, any, exact, exact)
         .def("store", &store<float>, exact, exact)
         .def("store", &store<double>, exact, exact)
         .def("advance", &advance)

@@ -44,7 +44,6 @@ py::dict build_facts() {
     facts["instruction_sets_supported"] = supported;
     facts["eigen"] = version(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
     facts["xsimd"] = version(XSIMD_VERSION_MAJOR, XSIMD_VERSION_MINOR, XSIMD_VERSION_PATCH);
-    facts["openmp"] = _OPENMP;
     return facts;
 }
 
@@ -94,9 +93,8 @@ int granted(int threads) {
         const std::string text = "threads: this process can start " + std::to_string(given) + " of " +
             std::to_string(threads) +
             " threads, and goes on with these; results are the same. The limit is the "
-            "user's (ulimit -u), the container's (pids), that of memory, or OMP_STACKSIZE; threads=1 needs "
-            "no "
-            "further thread";
+            "user's (ulimit -u), the container's (pids), or that of memory; threads=1 needs no further "
+            "thread";
         if (PyErr_WarnEx(PyExc_RuntimeWarning, text.c_str(), 1) != 0) throw py::error_already_set();
     }
     return given;
@@ -109,10 +107,8 @@ void bind_build(py::module_& m) {
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
     m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
-    m.def("available_threads", &available_threads);
     m.def("granted_threads", &granted, "threads"_a);
     m.attr("most_threads") = most_threads;
-    m.attr("least_points_per_thread") = least_points_per_thread;
     // Constants of the core that Python needs too.
     py::list kinds;
     for (const Neighbour& n : spring_kinds)

@@ -7,27 +7,19 @@
 // the whole path between the ends of the step. Their contacts begin within it, so steps end at frames
 // instead of being interpolated.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
 
 #include "driver/simulation.hpp"
-#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
-
-using std::chrono::steady_clock;
 
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
 constexpr std::int64_t steps_between_energies =
     EnergyWatch::steps_between_checks;  // accepted ones, which cost several of others
-
-double seconds_since(steady_clock::time_point start) {
-    return std::chrono::duration<double>(steady_clock::now() - start).count();
-}
 
 }  // namespace
 
@@ -45,11 +37,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     Poll poll(interrupted);
     while (t < request.until && outcome.steps < request.steps) {
-        const auto start = steady_clock::now();
         const StepController before = controller;
-        const bool choose = choosing(request.threads, request.optional);
-        const int team = this->team(request.threads, request.optional);
-        const std::int64_t slept_before = slept;
         const double wanted = std::min(controller.h, request.longest);
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
@@ -61,7 +49,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
                 Outcome::Unstable{0, watches_[0].fastest_free_point(engine), outcome.steps + 1, t};
             return outcome;
         }
-        const double error = adaptive.try_step(t, h, request.tolerance, team);
+        const double error = adaptive.try_step(t, h, request.tolerance, request.threads);
         bool accepted = controller.judge(h, error, adaptive.order());
         // Between the ends of a step that ends in contact there is no frame: the state there may be inside a
         // sphere.
@@ -79,7 +67,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         if (accepted) {
             const double next = h == left ? end : t + h;
             try {
-                engine.accept_in_contact(t, next, team, poll);
+                engine.accept_in_contact(t, next, request.threads, poll);
             } catch (const Poll::Interrupted&) {
                 controller = before;
                 outcome.interrupted = true;
@@ -115,8 +103,6 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         } else {
             outcome.rejected += 1;
         }
-        const double seconds = seconds_since(start);
-        judge_team(choose, 1, seconds, slept_before);
         if (outcome.grown) return outcome;
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) return outcome;

@@ -32,10 +32,6 @@ constexpr double most_seconds_of_whole_step = 0.08;
 // step.
 constexpr double most_seconds_undone = 2;
 
-// From so many mass points on, waking a team (some 50 us) takes less than it saves in a step. Half or twice
-// only concerns the first step of a run.
-constexpr std::int64_t least_points_per_team = 16384;
-
 }  // namespace
 
 Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
@@ -50,7 +46,6 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
     for (const Plan& plan : plans_) points_ += plan.cloth.points();
-    choice_ = TeamChoice(points_ >= least_points_per_team);
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -90,8 +85,7 @@ void Simulation::restart(std::size_t i) {
 }
 
 std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& load, std::int64_t steps,
-                                        double dt, int threads, bool optional,
-                                        const std::function<bool()>& interrupted) {
+                                        double dt, int threads, const std::function<bool()>& interrupted) {
     clock = {time, 0, clock.dt};
     set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
@@ -101,7 +95,7 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
         return finite;
     };
     std::atomic<bool> finite{true};
-    each_member(team(threads, optional), [&](std::size_t i, int team) {
+    each_member(threads, [&](std::size_t i, int team) {
         members_[i]->threads = team;
         members_[i]->begin_anew();
         if (!load_state(i)) finite = false;
@@ -109,7 +103,7 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
     for (const std::size_t i : all_) restart(i);
     if (!finite) return {};
     checkpoint_.take_input(load_state);
-    const Outcome outcome = advance(steps, dt, threads, optional, interrupted);
+    const Outcome outcome = advance(steps, dt, threads, interrupted);
     checkpoint_.drop();
     return outcome;
 }
@@ -133,11 +127,6 @@ void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
     checkpoint_.drop();
-}
-
-void Simulation::judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before) {
-    if (chosen) choice_.observe(steps, seconds);
-    else if (crowding_.observe(slept - slept_before, seconds)) choice_ = TeamChoice(true);
 }
 
 void Simulation::set_step(double dt) {
@@ -241,7 +230,7 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
     checkpoint_.drop();
 }
 
-Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool optional,
+Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
@@ -273,13 +262,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
             sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
         const std::int64_t to_inspection = std::min(
             {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
-        const bool choose = choosing(threads, optional);
-        const std::int64_t n = std::min(choose ? choice_.steps(chunk_) : chunk_, to_inspection);
-        const std::int64_t slept_before = slept;
+        const std::int64_t n = std::min(chunk_, to_inspection);
         const bool renew = checkpoint_.seconds() > renewal;
         const bool whole = checkpoint_.steps() > 0 && step_seconds_ < most_seconds_of_whole_step;
-        outcome.interrupted =
-            !run({n, n == to_inspection || renew, false, whole}, team(threads, optional), poll);
+        outcome.interrupted = !run({n, n == to_inspection || renew, false, whole}, threads, poll);
         if (outcome.interrupted) {
             undo(outcome, threads);
             checkpoint_.drop();
@@ -290,7 +276,6 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads, bool opt
         const double seconds = std::chrono::duration<double>(end - start).count();
         step_seconds_ = seconds / double(n);
         checkpoint_.spend(seconds);
-        judge_team(choose, n, seconds, slept_before);
         chunk_ = std::clamp(std::int64_t(longest / std::max(step_seconds_, 1e-9)), std::int64_t(1),
                             most_steps_unchecked);
         for (std::size_t i = 0; i < members_.size(); ++i) {

@@ -7,7 +7,6 @@
 #include "driver/checkpoint.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/members.hpp"
-#include "driver/team_choice.hpp"
 #include "memory/poll.hpp"
 
 namespace clothsim {
@@ -64,7 +63,7 @@ public:
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
     // member, and advance. None if `load` finds that a state is not finite.
     std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,
-                                int threads, bool optional, const std::function<bool()>& interrupted);
+                                int threads, const std::function<bool()>& interrupted);
 
     // Work for every member, shared among threads like steps.
     void each_member(int threads, const MemberWork& work) {
@@ -83,12 +82,10 @@ public:
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
-    // At most `threads` threads; one instead wherever that is measured to be faster, if they are `optional`
-    // or have waited long for each other. `interrupted` is asked about every 10 ms, of a batch every 50 ms.
+    // `interrupted` is asked about every 10 ms, of a batch every 50 ms.
     // Long steps of a batch or with faces ask in their middle too. A step that ends there is undone. So are
     // steps before it back to the checkpoint: 2 seconds of a batch, and 15 steps above the guaranteed step.
-    Outcome advance(std::int64_t steps, double dt, int threads, bool optional,
-                    const std::function<bool()>& interrupted);
+    Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
 
     // Error control, for one member whose integrator has it. It takes at most `steps` steps until `until` is
     // reached or passed. The last step ends at `end` at the latest.
@@ -98,7 +95,6 @@ public:
         Tolerance tolerance;
         double longest;  // step [s]
         int threads;
-        bool optional;  // the threads, see above
     };
     struct AdaptiveOutcome : Outcome {
         std::int64_t rejected = 0;  // steps tried in vain
@@ -135,14 +131,6 @@ private:
     // it.
     bool run(const Block& block, int threads, Poll& poll);
     void run_member(std::size_t i, const Block& block, bool copy, int threads, Poll& poll);
-    // Whether `choice_` decides, and how many threads take the next steps.
-    bool choosing(int threads, bool optional) const { return threads > 1 && (optional || crowding_.found()); }
-    int team(int threads, bool optional) const {
-        return choosing(threads, optional) && !choice_.team() ? 1 : threads;
-    }
-    // After steps that took so long. `chosen`: by `choice_`; else by a requested team, whose threads had
-    // slept for `slept_before` [ns] before.
-    void judge_team(bool chosen, std::int64_t steps, double seconds, std::int64_t slept_before);
     void set_step(double dt);
     bool above_stable_dt() const;
     // Whether Ctrl-C may end a step in its middle: with faces, and one of an implicit method.
@@ -168,8 +156,6 @@ private:
     // A state is bad: the steps since the checkpoint again one by one, up to the last good state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
-    TeamChoice choice_{false};
-    Crowding crowding_;  // of threads that are not optional
     std::int64_t chunk_ = 1;  // steps between two readings of the clock
     double step_seconds_ = 0;  // of the newest steps; 0: none yet
     std::vector<Plan> plans_;

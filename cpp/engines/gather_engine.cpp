@@ -159,10 +159,9 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
 template <class Real>
 void GatherEngine<Real>::accelerations(double* a, int threads) {
     const GatherArguments<Real> g = arguments(Stage::evaluate, 0);
-    const int team = std::min(threads, grid_.groups());
-#pragma omp parallel num_threads(team_for(team)) if (team > 1)
-    for_each_tile(grid_, omp_get_thread_num(), omp_get_num_threads(),
-                  [&](const Tile& tile) { kernel_(g, tile); });
+    in_team(std::min(threads, grid_.groups()), [&](int thread, int team) {
+        for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(g, tile); });
+    });
     for (int r = 0; r < rows(); ++r)
         for (int c = 0; c < columns(); ++c)
             for (int k = 0; k < 3; ++k) *a++ = double(first_acceleration_[layout_.at(r, c, k)]);

@@ -1,14 +1,16 @@
 #include "machine/limits.hpp"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <limits>
 #include <memory>
 #include <new>
+#include <numeric>
+#include <optional>
 #include <vector>
+
+#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
@@ -29,20 +31,22 @@ template <class Work>
 double best_rate(int threads, Work work) {
     double best = 0;
     for (int window = 0; window < windows; ++window) {
-        double rate = 0;
-#pragma omp parallel num_threads(threads) reduction(+ : rate)
-        {
-            work(omp_get_thread_num());  // touches the data and raises the clock
-#pragma omp barrier
-            const auto start = Clock::now();
-            double done = 0, seconds = 0;
-            do {
-                done += work(omp_get_thread_num());
-                seconds = seconds_since(start);
-            } while (seconds < window_seconds);
-            rate += done / seconds;
-        }
-        best = std::max(best, rate);
+        std::vector<double> rates(std::size_t(threads), 0);
+        std::optional<Barrier> barrier;
+        in_team(
+            threads, [&](int team) { barrier.emplace(team); },
+            [&](int thread, int) {
+                work(thread);  // touches the data and raises the clock
+                barrier->wait();
+                const auto start = Clock::now();
+                double done = 0, seconds = 0;
+                do {
+                    done += work(thread);
+                    seconds = seconds_since(start);
+                } while (seconds < window_seconds);
+                rates[std::size_t(thread)] = done / seconds;
+            });
+        best = std::max(best, std::accumulate(rates.begin(), rates.end(), 0.0));
     }
     return best;
 }
@@ -83,8 +87,7 @@ Bandwidth memory_bandwidth(const KernelTable& kernels, int threads, std::int64_t
     const std::ptrdiff_t n = std::max<std::ptrdiff_t>(1, bytes / threads / (3 * cache_line)) * line;
     std::vector<std::unique_ptr<Buffer<Real>>> buffers(threads);
     // First touched by the thread that uses them, so that they lie in its memory.
-#pragma omp parallel num_threads(threads)
-    buffers[omp_get_thread_num()] = std::make_unique<Buffer<Real>>(3 * n);
+    in_team(threads, [&](int thread, int) { buffers[thread] = std::make_unique<Buffer<Real>>(3 * n); });
     const auto triad = [&](int thread) {
         Real* const a = buffers[thread]->data();
         limits.triad(a, a + n, a + 2 * n, n);
@@ -105,12 +108,8 @@ double core_round_trip() {
     double best = std::numeric_limits<double>::infinity();
     for (int window = 0; window < windows; ++window) {
         ping.value = pong.value = 0;
-        int team = 0;
-#pragma omp parallel num_threads(2)
-        {
-#pragma omp single
-            team = omp_get_num_threads();
-            if (team == 2 && omp_get_thread_num() == 1) {
+        in_team(2, [&](int thread, int team) {
+            if (thread == 1) {
                 for (int i = 1; i <= trips; ++i) {
                     while (ping.value.load(std::memory_order_acquire) != i) {
                     }
@@ -125,7 +124,7 @@ double core_round_trip() {
                 }
                 best = std::min(best, seconds_since(start) / trips);
             }
-        }
+        });
     }
     return best;
 }

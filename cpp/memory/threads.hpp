@@ -1,49 +1,22 @@
-// Threads: how many are accepted and chosen, on which processors a team works, and how its threads wait for
-// each other.
+// Teams of threads. Each thread that calls the core has workers of its own, which wait for its next call.
 #pragma once
 
-#include <omp.h>
-
-#include <array>
 #include <atomic>
-#include <cstdint>
+#include <functional>
+#include <thread>
+
+#include "memory/poll.hpp"
 
 namespace clothsim {
 
-// libgomp ends the process for counts it cannot serve, so requests are bounded before they reach it.
 inline constexpr int most_threads = 256;
 
-// Processors this process may run on.
-int available_threads();
-
-// How many of `wanted` threads a team of this thread can have. OpenMP's runtime ends the process where it
-// cannot start a thread. So before a team that is larger than the last, as many threads are started and
-// ended.
+// How many threads a team of this thread has, at most `wanted`. Workers that it lacks are started; the system
+// may refuse some.
 int granted_threads(int wanted);
-// As granted_threads, for a parallel region that follows at once. OpenMP keeps the threads of the newest
-// team, and ends those that it has left over.
-int team_for(int wanted);
 
-// Lets a forked child use OpenMP although its parent has: the team is parked before the fork.
+// A child has none of its parent's workers: it starts its own.
 void install_fork_handler();
-
-// The processors of a team. Linux may wake a thread on the processor of the thread that wakes it, where the
-// other processors seem to be taken. A virtual machine's processors seem taken when they have slept too. The
-// two threads would then wait for each other, for milliseconds.
-class Processors {
-public:
-    Processors() { take(); }  // by the thread that calls the others
-    // By each of the others: away from a processor that another one has taken, if there is one left to which
-    // it may go.
-    void resolve();
-
-private:
-    // Takes the one this thread is on; whether it was free.
-    bool take();
-
-    static constexpr int most = 1024, bits = 64;
-    std::array<std::atomic<std::uint64_t>, most / bits> taken_{};
-};
 
 inline void pause_briefly() {
 #if defined(__x86_64__)
@@ -53,23 +26,21 @@ inline void pause_briefly() {
 #endif
 }
 
-// Nanoseconds that threads have slept in `wait_long`: many show that other processes have the processors.
-inline std::atomic<std::int64_t> slept{0};
-
-// Spins for a while longer, then sleeps until `wanted` is reached.
-void wait_long(const std::atomic<int>& reached, int wanted);
-
-// Neighbours respond within microseconds, unless another process has their processor.
-inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    constexpr int spins = 500;  // 5 to 20 us
-    for (int turn = 0; reached.load(std::memory_order_acquire) < wanted; ++turn) {
-        if (turn == spins) return wait_long(reached, wanted);
-        pause_briefly();
+// Spins for 5 to 20 us, then lets others have the processor.
+template <class Ready>
+void wait_until(Ready ready) {
+    constexpr int spins = 500;
+    for (int turn = 0; !ready(); ++turn) {
+        if (turn < spins) pause_briefly();
+        else std::this_thread::yield();
     }
+}
+inline void wait_for(const std::atomic<int>& reached, int wanted) {
+    wait_until([&] { return reached.load(std::memory_order_acquire) >= wanted; });
 }
 inline void signal(std::atomic<int>& reached, int now) { reached.store(now, std::memory_order_release); }
 
-// Where all threads of a team wait for the last of them. OpenMP's lets them sleep too soon.
+// Where all threads of a team wait for the last of them.
 class Barrier {
 public:
     explicit Barrier(int team) : team_(team) {}
@@ -88,23 +59,21 @@ private:
     alignas(64) std::atomic<int> opened_{0};
 };
 
-// `work(thread, team)` by a team of threads. `begin(team)` comes first: once, or twice if fewer threads are
-// given than asked for, since one that is not there would be waited for.
+// `work(thread)` by each of `team` granted threads, of which this one is 0. An exception of one is thrown
+// when all have ended. `poll` is asked meanwhile.
+void run_team(int team, const std::function<void(int)>& work, Poll* poll);
+
+// `work(thread, team)` by at most `wanted` threads, after `begin(team)`.
 template <class Begin, class Work>
-void in_team(int team, Begin begin, Work work) {
+void in_team(int wanted, Begin begin, Work work, Poll* poll = nullptr) {
+    const int team = wanted > 1 ? granted_threads(wanted) : 1;
     begin(team);
     if (team == 1) return work(0, 1);
-    Processors processors;
-#pragma omp parallel num_threads(team_for(team))
-    {
-        const int given = omp_get_num_threads(), thread = omp_get_thread_num();
-        if (thread > 0) processors.resolve();
-        if (given != team) {
-#pragma omp single
-            begin(given);
-        }
-        work(thread, given);
-    }
+    run_team(team, [&](int thread) { work(thread, team); }, poll);
+}
+template <class Work>
+void in_team(int wanted, Work work, Poll* poll = nullptr) {
+    in_team(wanted, [](int) {}, work, poll);
 }
 
 }  // namespace clothsim

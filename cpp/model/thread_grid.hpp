@@ -4,7 +4,7 @@
 //   index              = y * width + x          width = columns, height = rows
 //
 // A shape that is no multiple of 16 is covered by whole groups; threads outside it do nothing.
-// The kernels walk the same grid: SIMD lanes are neighbouring threads of a row, an OpenMP thread takes
+// The kernels walk the same grid: SIMD lanes are neighbouring threads of a row, a thread takes
 // whole groups.
 #pragma once
 

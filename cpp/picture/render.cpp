@@ -16,15 +16,10 @@ bool render(const Picture& picture, int threads, const std::function<bool()>& in
     std::vector<Tile> tiles;
     for (int thread = 0; thread < threads; ++thread) tiles.emplace_back(picture, bins, shadow);
     std::atomic<int> next{0};
-    const auto work = [&](Tile& tile) {
+    in_team(threads, [&](int thread, int) {
+        Tile& tile = tiles[std::size_t(thread)];
         for (int n = next++; n < bins.count() && tile.draw(n, poll, pixels); n = next++) continue;
-    };
-    if (threads == 1) {
-        work(tiles[0]);
-    } else {
-#pragma omp parallel for num_threads(team_for(threads)) schedule(static, 1)
-        for (int thread = 0; thread < threads; ++thread) work(tiles[std::size_t(thread)]);
-    }
+    });
     return !poll.stopped();
 }
 

@@ -1,9 +1,11 @@
 #include "reference/extrapolation.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
+#include "memory/threads.hpp"
 #include "reference/pins.hpp"
 
 namespace clothsim::reference {
@@ -151,12 +153,12 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
             const Real step = (target - t) / std::ceil((target - t) / H);
             drive(system, y, t, t + step / 2);
             accelerations(system, y, a0);
-// The longest first: what is left at the end is short.
-#pragma omp parallel for schedule(dynamic, 1) num_threads(settings.threads)
-            for (int i = 0; i < columns; ++i) {
-                const int k = columns - 1 - i;
-                midpoint(system, y, a0, t, step, 2 * (k + 1), room[k], table[k]);
-            }
+            // The longest first: what is left at the end is short.
+            std::atomic<int> next{columns};
+            in_team(settings.threads, [&](int, int) {
+                for (int k; (k = --next) >= 0;)
+                    midpoint(system, y, a0, t, step, 2 * (k + 1), room[k], table[k]);
+            });
             result.force_evaluations += 1 + columns * (columns + 1);
             neville(table, previous);
             const Real error = difference(table.back(), previous, step) / extent(y.x) / settings.tolerance;

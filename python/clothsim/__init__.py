@@ -11,7 +11,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 
 from typing import TYPE_CHECKING
 
-from .base import openmp as _openmp  # noqa: F401  # before the core is loaded
+from .base import core as _loaded  # noqa: F401  # says what to do where there is no core
 from . import errors as errors
 from . import scenes
 from . import typing as typing

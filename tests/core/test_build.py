@@ -92,8 +92,7 @@ def test_build_config():
     assert set(config["instruction_sets_supported"]) <= set(config["instruction_sets_built"])
     assert config["instruction_sets_built"] in (["avx512", "avx2", "sse2"], ["portable"])
     assert config["instruction_sets_built"][-1] in config["instruction_sets_supported"]
-    assert config["openmp_threads"] >= 1
-    assert int(config["openmp"]) >= 201511
+    assert config["threads"] >= 1
     for name in ("eigen", "xsimd", "python"):
         assert all(part.isdigit() for part in config[name].split(".")[:2])
     assert "-ffast-math" not in config["flags"] and "-ffp-contract=off" in config["flags"]
@@ -178,7 +177,6 @@ def test_the_module_exports_only_its_entry_point():
 def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
     package = Path(cs.__file__).parent
     shutil.copytree(package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__"))
-    for environment in ({}, {"OMP_WAIT_POLICY": "passive"}):
-        code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
-        said = printed(code, PYTHONPATH=str(tmp_path), **environment)
-        assert said.startswith("the core of clothsim is not built here: run `pip install .` in the clone")
+    code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
+    said = printed(code, PYTHONPATH=str(tmp_path))
+    assert said.startswith("the core of clothsim is not built here: run `pip install .` in the clone")

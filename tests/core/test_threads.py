@@ -60,7 +60,7 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
 @each("members", [3, 5, 7])
 def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
-    assert x[..., 0].size >= 4 * cs._core.least_points_per_thread
+    assert x[..., 0].size >= 4 * 512  # of cpp/driver/members.hpp
     xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
     expected = cs.step(scene, xs, vs, dt, 15, **variant.options)
     for threads in (2, 4):
@@ -79,20 +79,24 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
 
 
 @pytest.mark.parametrize(
-    "available, shape, members, threads",
+    "processors, limit, shape, members, threads",
     [
-        (16, (32, 32), 3, 3),
-        (16, (128, 128), 3, 16),
-        (16, (64, 64), 3, 8),
-        (2, (32, 32), 3, 2),
-        (16, (32, 32), 64, 16),
-        (16, (8, 8), 2, 2),
-        (16, (32, 32), 1, 8),
+        (16, None, (32, 32), 1, 1),
+        (16, None, (127, 129), 1, 1),
+        (16, None, (128, 128), 1, 16),
+        (16, None, (128, 128), 3, 16),
+        (16, None, (32, 32), 3, 3),
+        (2, None, (32, 32), 3, 2),
+        (16, "4,2", (128, 128), 1, 4),
+        (16, "many", (128, 128), 1, 16),
+        (2, "4", (32, 32), 64, 2),
     ],
 )
-def test_a_batch_chooses_threads_for_members_or_for_a_team(monkeypatch, available, shape, members, threads):
-    monkeypatch.setattr(cs._core, "available_threads", lambda: available)
+def test_without_a_number_the_size_decides(monkeypatch, processors, limit, shape, members, threads):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)), raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", limit) if limit else monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert Options().threads_for(shape, members) == threads
+    assert Options(threads=5).threads_for(shape, members) == 5
 
 
 def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):
@@ -229,3 +233,35 @@ def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):
         cs.step(scene, x, v, dt, 10**7, out=out)
     timer.join()
     assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
+
+
+_REFUSED = """
+import os, resource, warnings
+import clothsim as cs
+
+scene = cs.scenes.paper_swing()
+one = cs.simulate(scene, 0.01, 1e-4, threads=1)
+cs.reference(scene, 0.001, threads=1)
+if os.geteuid() == 0:
+    os.setuid(65534)  # the limit holds for no root
+resource.setrlimit(resource.RLIMIT_NPROC, (1, 1))
+with warnings.catch_warnings(record=True) as given:
+    warnings.simplefilter("always")
+    for threads in (2, 5):
+        run = cs.simulate(scene, 0.01, 1e-4, threads=threads)
+        assert run.report["threads"] == 1
+        assert (run.x == one.x).all() and (run.v == one.v).all(), threads
+    batch = cs.Stepper([scene] * 3, threads=3)
+    batch.advance(100, 1e-4)
+    assert (batch.positions[2] == one.x[-1]).all()
+    cs.reference(scene, 0.001, threads=8)
+print(*(warning.message for warning in given if issubclass(warning.category, RuntimeWarning)), sep="\\n")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_a_refused_thread_is_a_warning_and_one_thread_less():
+    run = python(_REFUSED)
+    assert run.returncode == 0, run.stderr
+    warnings = run.stdout.splitlines()
+    assert len(warnings) == 1 and warnings[0].startswith("threads: this process can start 1 of "), run.stdout

@@ -14,6 +14,7 @@ from .. import _core
 from ..base import Floats, check
 from ..base.clocks import Stopwatch
 from ..base.record import EqualByValue, frozen
+from ..base.threads import available_threads
 from ..engine.options import Options
 from ..engine.stepper import Stepper
 from ..methods.bound import stable_dt
@@ -200,7 +201,7 @@ def reference(scene: Scene, duration: float, every: float | None = None, *, thre
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)
         check.frame_count(duration, every)
-    threads = Options(threads=threads).threads_for(scene.cloth.shape)
+    threads = Options(threads=threads).threads or available_threads()
     return _assemble(scene, _compute(scene, _times(duration, every), threads))
 
 

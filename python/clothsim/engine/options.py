@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from .. import _core
 from ..base import check
+from ..base.threads import available_threads
 from ..methods.data import integrator_name
 from ..typing import Backend, Kernel, Precision
 
@@ -19,9 +20,8 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-# Mass points for each further thread of one cloth. With fewer, threads wait longer in each stage than they save. Found on
-# cloths of 8 x 8 to 32 x 32; half or twice costs up to a fifth of a step there.
-_POINTS_PER_THREAD = 128
+# Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the threads would take from others.
+_LEAST_POINTS_OF_TEAM = 16_384
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,8 @@ class Options:
         return self.kernel if self.kernel != "auto" else "gather" if self.strict or lacking else "edge"
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
-        """The number of threads: `threads`, or a choice by the size of the cloth or batch."""
+        """`threads`; None: all for large cloths, else one a member."""
         if self.threads is not None:
             return self.threads
-        rows, columns = shape
-        if members > 1:  # a thread each, or the whole team for a few large members
-            parts = max(members, rows * columns // _core.least_points_per_thread)
-        else:
-            parts = max(1, rows * columns // _POINTS_PER_THREAD)
-        return min(_core.available_threads(), parts)
+        most = _core.most_threads if shape[0] * shape[1] >= _LEAST_POINTS_OF_TEAM else members
+        return 1 if most == 1 else min(most, available_threads())

@@ -64,7 +64,7 @@ class State:
         start = Start.checked(scene, x, v, t, options.precision, inspect)
         self.batched, self.options, self.integrator = start.batched, options, options.integrator
         self.shape, self.dtype = start.x.shape, start.x.dtype
-        self.threads, self.threads_optional = 1, options.threads is None
+        self.threads = 1
         compiled = self._compiled(start.scenes, isinstance(scene, Scene))
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
@@ -149,7 +149,7 @@ class State:
         if self._may_lose_order:
             self.warn_of_order()
         try:
-            outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, self.threads_optional, *out)
+            outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, *out)
         except TypeError:  # of another dtype, or not contiguous
             return None
         if outcome is False:
@@ -178,7 +178,7 @@ class State:
         """Advance all members; see `Stepper.advance`."""
         steps, dt = self._checked(steps, dt, self.core.time)
         self.announce(steps, dt)
-        outcome = self.core.advance(steps, dt, self.threads, self.threads_optional)
+        outcome = self.core.advance(steps, dt, self.threads)
         if outcome:
             self._go_on(outcome, steps, dt)
 
@@ -214,7 +214,7 @@ class State:
             if "grown" not in outcome:
                 return
             done += outcome["steps"]
-            outcome = self.core.advance(steps - done, dt, self.threads, self.threads_optional)
+            outcome = self.core.advance(steps - done, dt, self.threads)
 
     def warn_of_order(self) -> None:
         """Give an `OrderWarning` for the first scene for which the integrator loses order."""

@@ -50,8 +50,7 @@ def waiting_engines(
         first, others = scene[0], tuple(map(id, scene))
     else:
         return None
-    processors = _core.available_threads() if threads is None else 0
-    key = (shape, dtype, integrator, precision, threads, kernel, strict, processors, others)
+    key = (shape, dtype, integrator, precision, threads, kernel, strict, others)
     try:
         waiting: Waiting | None = first.engines.get(key)
     except TypeError:  # an option that is no name
@@ -120,8 +119,8 @@ def step(
         Arithmetic. "single" computes in float32. A second float32 of each number keeps the rounding
         of x and v (compensated summation), so small steps do not stall.
     threads : int, optional
-        Threads used, 1 to 256. Default: chosen by the size of the cloth and by measured times of steps, so that one
-        thread works where it is faster. The result has the same bits for any number.
+        Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else the processors that
+        the process may use, at most `OMP_NUM_THREADS`. A batch takes one a member. The bits are the same for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"

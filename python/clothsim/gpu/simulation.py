@@ -246,7 +246,7 @@ class Simulation:
 
     # Stepping -------------------------------------------------------------------------------------
 
-    def advance(self, steps: int, dt: float, threads: int, optional: bool) -> dict[str, Any]:
+    def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
         """Take steps and return the outcome in the core's form: steps done, and the bad point if there is one."""
         with self._used(), Interrupts() as interrupts, self._all_or_nothing():
             self._set_step(dt)

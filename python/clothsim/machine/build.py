@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..base.threads import available_threads
 
 
 def build_config() -> dict[str, Any]:
@@ -19,8 +20,7 @@ def build_config() -> dict[str, Any]:
         "version", "compiler", "build_type", "flags", "kernel_flags" (per instruction set),
         "instruction_sets_built", "instruction_sets_supported" (of this processor),
         "instruction_set" (the one used; the environment variable CLOTHSIM_ISA overrides it),
-        "openmp" (date of the standard), "openmp_threads" (processors available), "eigen",
-        "xsimd", "python" and "numpy" (versions).
+        "threads" (available to this process), "eigen", "xsimd", "python" and "numpy" (versions).
 
     Raises
     ------
@@ -37,7 +37,7 @@ def build_config() -> dict[str, Any]:
     return {
         **_core.build_facts(),
         "instruction_set": _core.choose_instruction_set(""),
-        "openmp_threads": _core.available_threads(),
+        "threads": available_threads(),
         "python": platform.python_version(),
         "numpy": np.__version__,
     }

@@ -19,7 +19,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
         dispatch (x, y) = group (x, y) * 16 + thread (x, y)
         index           = dispatch y * width + dispatch x,    width = columns
 
-    The gather kernel of the core uses this mapping. SIMD lanes are neighbouring threads of a row, and an OpenMP thread
+    The gather kernel of the core uses this mapping. SIMD lanes are neighbouring threads of a row, and a thread
     takes whole groups. Where a side is no multiple of 16, whole groups cover it, and their surplus threads do nothing.
 
     Parameters

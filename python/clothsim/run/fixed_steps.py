@@ -205,9 +205,7 @@ def integrate(
                 grid.popleft()
             target = grid[0] if len(grid) > 1 else end
             controller.h = target - state.core.time if given else controller.h
-            outcome = run.advance_adaptive(
-                until, target, 1, unit, unit * rate, longest, controller, state.threads, state.threads_optional
-            )
+            outcome = run.advance_adaptive(until, target, 1, unit, unit * rate, longest, controller, state.threads)
             state.judge.outcome(outcome, controller.h)
             if not outcome["steps"]:
                 break  # what is left is rounding of the clock

@@ -13,6 +13,7 @@ from .. import _core
 from ..base import Floats, check
 from ..base.extras import check_installed, check_progress, needed
 from ..base.progress import ProgressBar
+from ..base.threads import available_threads
 from ..engine.options import Options
 from ..engine.stepper import SilentStepper
 from ..errors import UnstableError
@@ -141,7 +142,7 @@ def measure_map(
     steps = check.integer("steps", steps, minimum=1)
     check_progress(check.boolean("progress", progress))
     if threads is None:
-        threads = _core.available_threads()
+        threads = available_threads()
     threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
     scenes = [scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness]
     x, v = scene.initial_position, scene.initial_velocity

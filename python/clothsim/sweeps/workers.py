@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
+from ..base.threads import available_threads
 from ..methods.integration import warn_of_order
 from ..model.scene import Scene
 from .fields import RUN
@@ -88,7 +89,7 @@ class Workers:
         self.threads, self.own, self.client = threads, executor is None, None
         self._stop = threading.Event()
         if executor is None:
-            self.count = threads or _core.available_threads()
+            self.count = threads or available_threads()
             self.executor: Executor = ThreadPoolExecutor(self.count, "clothsim-sweep")
         elif isinstance(executor, Executor):
             self.executor = executor

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .. import _core
 from ..base import Floats, check, files
 from ..base.extras import needed
+from ..base.threads import available_threads
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from . import png
@@ -84,7 +84,7 @@ class Drawing:
             shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
             free = ~cloth.pinned
             balls += [Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])]
-        threads = _core.available_threads()
+        threads = available_threads()
         drawn = render(
             x, balls, self.camera, self.width, colors=colors, ground=self.ground, shadow=self.shadow, threads=threads
         )
