@@ -72,6 +72,7 @@ template <class T>
 void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std::optional<Array<T>>& v,
           std::optional<double> time) {
     auto simulation = shared.use();
+    const FlushSubnormals flushed;
     const std::size_t size = 3 * std::size_t(simulation->plan(0).cloth.points());
     std::vector<T> own_x(x ? 0 : size), own_v(v ? 0 : size);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
@@ -87,6 +88,7 @@ void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std:
 template <class T>
 void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Array<T>> v) {
     auto simulation = shared.use();
+    const FlushSubnormals flushed;
     const auto part = [&](std::optional<Array<T>>& array, std::size_t i) -> T* {
         return array ? array->mutable_data() + i * (std::size_t(array->size()) / simulation->size())
                      : nullptr;

@@ -1,10 +1,13 @@
-// The lock of the interpreter, released while the core works.
+// The lock of the interpreter, released while the core works. Subnormal numbers are zero there, and only
+// there.
 #pragma once
 
 #include <chrono>
+#include <optional>
 #include <thread>
 
 #include "bindings/bindings.hpp"
+#include "memory/subnormals.hpp"
 
 namespace clothsim {
 
@@ -23,11 +26,13 @@ public:
         lock();
         const bool pending = PyErr_CheckSignals() != 0;
         thread_ = PyEval_SaveThread();
+        flushed_.emplace();
         return pending;
     }
 
 private:
     void lock() noexcept {
+        flushed_.reset();
         try {
             PyEval_RestoreThread(thread_);
         } catch (...) {  // the unwinding; to leave this block is not allowed
@@ -36,6 +41,7 @@ private:
     }
 
     PyThreadState* thread_;
+    std::optional<FlushSubnormals> flushed_{std::in_place};
 };
 
 }  // namespace clothsim

@@ -10,6 +10,7 @@
 #include <pthread.h>
 #endif
 
+#include "memory/subnormals.hpp"
 
 namespace clothsim {
 namespace {
@@ -42,6 +43,7 @@ struct Worker {
 };
 
 void serve(const std::shared_ptr<Worker>& self, int thread) {
+    const FlushSubnormals flushed;
     // Some 50 us: what the next call or block of a series takes. Half: sleeps between them; twice: no faster.
     constexpr int spins = 2000;
     for (unsigned jobs = 0;; ++jobs) {
