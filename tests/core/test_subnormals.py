@@ -72,7 +72,7 @@ def test_the_setting_of_the_caller_comes_back():
         "positions": lambda: stepper.positions,
         "acceleration": lambda: cs.acceleration(scene, x, v),
         "error control": lambda: cs.simulate(scene, 0.01, rtol=1e-3, callback=lambda *_: seen.append(flushes())),
-        "reference": lambda: cs.reference(scene, 0.01, cache=False),
+        "reference": lambda: cs.reference(scene, 0.01),
         "picture": lambda: cs.simulate(scene, 0.01, dt=1e-3).picture(),
         "an error": lambda: cs.step(scene, x, np.full_like(v, np.nan), 1e-3),
         "unstable": lambda: cs.step(scene, x, v + 1e200 * np.sign(x), 1e-3, 20),
