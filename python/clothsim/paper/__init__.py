@@ -71,7 +71,7 @@ def reproduce(
     chosen = sorted(set(experiments))
     if not chosen or not set(chosen) <= set(EXPERIMENTS):
         raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
-    threads = int(cs.build_config()["openmp_threads"]) if threads is None else check.integer("threads", threads, minimum=1)
+    threads = int(cs.build_config()["threads"]) if threads is None else check.integer("threads", threads, minimum=1)
     needed("matplotlib", "the reproduction", "plot")
     settings = settings or (QUICK if quick else FULL)
     folder = check.folder("out", out).resolve()
