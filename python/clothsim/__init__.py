@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
-    from .sweeps.fields import sweepable
+    from .model.fields import sweepable
     from .sweeps.store import open_sweep
     from .viewing.camera import Camera
     from .viewing.page import compare
@@ -121,7 +121,7 @@ __getattr__, __dir__ = _on_demand(
         "stability_map": ".stability.map",
         "open_sweep": ".sweeps.store",
         "sweep": ".sweeps.api",
-        "sweepable": ".sweeps.fields",
+        "sweepable": ".model.fields",
         "Camera": ".viewing.camera",
         "Picture": ".viewing.picture",
         "picture": ".viewing.picture",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import clothsim as cs
-from clothsim.sweeps import fields
+from clothsim.model import fields
 
 READY: dict[str, Callable[..., cs.Scene]] = {
     name: function

@@ -15,9 +15,9 @@ from ..base.progress import ProgressBar
 from ..errors import warn_caller
 from ..machine.build import build_config
 from ..machine.origin import provenance
+from ..model.fields import RUN
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
-from .fields import RUN
 from .grid import Grid, make_grid, plain
 from .member import FAILED, PENDING, Member, SweepOptions
 from .metrics import DEFAULT_METRICS, choose_metrics, describe, listing

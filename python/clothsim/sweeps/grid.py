@@ -16,7 +16,7 @@ import numpy as np
 from ..base import check
 from ..base.record import Record
 from ..methods.data import integrator_name
-from .fields import NUMERICS, check_name, units
+from ..model.fields import NUMERICS, check_name, units
 
 _LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
 

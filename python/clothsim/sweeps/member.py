@@ -15,13 +15,13 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.data import integrator_name
 from ..model.as_core import core_cloth
+from ..model.fields import change_scene, split
 from ..model.scene import Scene
 from ..run.account import of_nothing, report
 from ..run.fixed_steps import RunOptions, Solution, checked_tolerances, force_evaluations
 from ..run.frames import checked_every
 from ..run.result import Run
 from ..stability.limit import max_stable_dt
-from .fields import change_scene, split
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 

@@ -14,8 +14,8 @@ from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.threads import available_threads
 from ..methods.integration import warn_of_order
+from ..model.fields import RUN
 from ..model.scene import Scene
-from .fields import RUN
 from .grid import Grid
 from .member import Member, Stopped, SweepOptions
 from .task import LARGEST_BATCH, Task, TaskResult, run_task

@@ -1,4 +1,4 @@
-"""Names to sweep: every argument of Cloth, Sphere, Scene and the run, and parts of them (docs/sweeps.md)."""
+"""Names of what can be swept or fitted: every argument of Cloth, Sphere, Scene and the run, and parts of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ..base import check
-from ..model.cloth import FAMILIES, Cloth
-from ..model.motion import MOTIONS, Linear, Reciprocate
-from ..model.scene import Scene
-from ..model.sphere import Sphere
-from ..model.wording import counted
+from ..base import Floats, check
+from .cloth import FAMILIES, Cloth
+from .motion import MOTIONS, Linear, Reciprocate
+from .scene import Scene
+from .sphere import Sphere
+from .wording import counted
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
 """Names that change how a cloth is computed, not which cloth."""
@@ -56,20 +56,23 @@ NAMES = (
     *_FAMILY_PARTS,
     *_SCENE,
     *(f"gravity_{c}" for c in _COMPONENTS),
+    *(f"pin0_{c}" for c in _COMPONENTS),
     *(f"sphere_{name}" for name in _SPHERE_PARTS),
     *RUN,
 )
-"""Every name that can be swept; those of one sphere of several ("sphere1_radius") come on top."""
+"""Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x") come on top."""
 
 _NOT_SWEPT = ("every", "frames", "threads", "backend", "metrics", "sampling", "store", "executor", "progress")
 
 _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
+_PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
 
 
 def check_name(name: Any) -> str:
     """`name` if it can be swept, else an error that suggests the nearest name."""
-    match = _SPHERE_NAME.fullmatch(name) if isinstance(name, str) else None
-    known = f"sphere_{match[2]}" if match else name
+    text = name if isinstance(name, str) else ""
+    sphere, pin = _SPHERE_NAME.fullmatch(text), _PIN_NAME.fullmatch(text)
+    known = f"sphere_{sphere[2]}" if sphere else f"pin0_{pin[2]}" if pin else name
     if isinstance(known, str) and known in NAMES:
         return str(name)
     if name in _NOT_SWEPT:
@@ -85,7 +88,7 @@ def sweepable() -> dict[str, str]:
     -------
     dict of str to str
         Units are "" where values have none. Each `sphere_` name also works with a sphere's index, for example
-        "sphere1_radius".
+        "sphere1_radius". "pin0_x" is the initial place of the first of the cloth's `pins`, "pin1_x" that of the next.
 
     Examples
     --------
@@ -99,6 +102,8 @@ def sweepable() -> dict[str, str]:
 
 def units(name: str) -> str:
     """The unit of a swept name; "" where its values have none."""
+    if _PIN_NAME.fullmatch(name):
+        return "m"
     match = _SPHERE_NAME.fullmatch(name)
     name = match[2] if match else name
     for part in (*FAMILIES, *_COMPONENTS):
@@ -128,13 +133,25 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     gravity = {c: values.pop(f"gravity_{c}") for c in _COMPONENTS if f"gravity_{c}" in values}
     if gravity:
         changes["gravity"] = _with_components(changes.get("gravity", scene.gravity), gravity)
+    pins = {name: values.pop(name) for name in [*values] if _PIN_NAME.fullmatch(name)}
     if values:
         changes["spheres"] = _change_spheres(scene.spheres, values)
     if parts:
         cloth |= _with_families(scene.cloth.replace(**cloth), parts)
     if cloth:
         changes["cloth"] = scene.cloth.replace(**cloth)
-    return scene.replace(**changes)
+    scene = scene.replace(**changes)
+    return scene.replace(position=_with_pins(scene, pins)) if pins else scene
+
+
+def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
+    position, pins = scene.initial_position.copy(), [*scene.cloth.pins]
+    for name, value in values.items():
+        index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # has passed check_name
+        if int(index) >= len(pins):
+            raise ValueError(f"{name} needs a pin with the index {index}; the cloth has {counted(len(pins), 'pin')}")
+        position[pins[int(index)]][_COMPONENTS[component]] = check.number(name, value)
+    return position
 
 
 def _with_components(vector: Any, components: Mapping[str, Any]) -> tuple[float, ...]:

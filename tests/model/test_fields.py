@@ -5,8 +5,8 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import fields
-from clothsim.sweeps.fields import change_scene
+from clothsim.model import fields
+from clothsim.model.fields import change_scene
 from clothsim.sweeps.grid import make_grid
 
 LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
@@ -26,6 +26,7 @@ CASES = [
     ("pins", ((1, 1),), lambda s: s.cloth.pins, ((1, 1),)),
     ("gravity", (1, 2, 3), lambda s: s.gravity, (1, 2, 3)),
     ("gravity_z", 3.0, lambda s: s.gravity, (0.0, -9.80665, 3.0)),
+    ("pin1_y", 0.3, lambda s: s.initial_position[-1, 0].tolist(), [0.0, 0.3, 1.0]),
     ("sphere_radius", 0.4, lambda s: [b.radius for b in s.spheres], [0.4, 0.4]),
     ("sphere1_radius", 0.4, lambda s: [b.radius for b in s.spheres], [0.3, 0.4]),
     ("sphere0_center_y", 9.0, lambda s: s.spheres[0].center, (0.0, 9.0, 0.0)),
