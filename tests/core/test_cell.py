@@ -66,6 +66,7 @@ def test_points_stand_off_by_their_cells(kernel, strict, precision):
     assert touching > 15
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 @pytest.mark.parametrize("integrator", cs.integrators())
 def test_no_triangle_inside_with_any_integrator(integrator):

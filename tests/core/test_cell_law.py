@@ -15,6 +15,7 @@ def draped(centre):
     return stepper.positions, stepper.velocities
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 def test_a_sphere_that_comes_and_goes_changes_no_bits(same_bits):
     """rho is kept from step to step where points touch; here rows begin and cease to touch."""
     cloth = cs.Cloth((24, 24), mass=0.3, stiffness=60.0, damping=0.02, pins=())
@@ -30,6 +31,7 @@ def test_a_sphere_that_comes_and_goes_changes_no_bits(same_bits):
     assert np.abs(whole.velocities).max() > 1
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("name", SCENES)
 def test_no_triangle_is_inside_at_any_step_of_a_drape(name):
     cloth, balls, speed, duration, dt = SCENES[name]

@@ -176,6 +176,7 @@ def test_after_16_contacts_in_a_step_a_point_is_stopped_where_it_is():
     np.testing.assert_allclose(v_after[0, 0], (100.0, 0, 0), rtol=0, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize(
     "start, speed, distance, left",
     [

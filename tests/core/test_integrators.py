@@ -30,6 +30,7 @@ def oscillation(t, stiffness, mass, amplitude, damping):
     return x, -decay * (u + g * g / u) * math.sin(u * t)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pairs(integrator=INTEGRATORS, damping=[0.0, 3.0], kernel=NAMED_KERNELS)
 def test_order(integrator, damping, kernel):
     method = cs.integrators()[integrator]
@@ -44,6 +45,7 @@ def test_order(integrator, damping, kernel):
     assert abs(order - method.order_of(scene)) < 0.15
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", [n for n in INTEGRATORS if n != "dop853"])
 def test_order_on_a_cloth(integrator, crumpled, oracle):
     """A cloth with every kind of spring, mass per point and damping, against another code."""
@@ -71,6 +73,7 @@ def test_dop853_on_a_cloth(model, kernel, crumpled, oracle):
     assert np.abs(result - exact).max() < 3e-13
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_the_amplification_matrix_is_that_of_a_step(integrator):
     """The oscillator's only spring lies along x, so a step of it is linear."""
@@ -108,6 +111,7 @@ def test_everything_below_the_guaranteed_step_is_stable(integrator):
         assert amplification(integrator, beyond[:, None] * omega * dt, beyond * delta * dt).max() > 1 + 1e-7
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", EXPLICIT)
 def test_single_does_not_stall(integrator):
     """Compensated: what is left is the rounding of the forces, 4e-8 here in every method."""
@@ -138,6 +142,7 @@ def test_symplectic_methods_keep_the_energy(integrator):
     assert worst[1] < 1.02 * worst[0] + 1e-10
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", [n for n in EXPLICIT if not METHODS[n].in_kernels])
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_evaluations_are_those_of_the_table(integrator, damping):
@@ -150,6 +155,7 @@ def test_evaluations_are_those_of_the_table(integrator, damping):
     assert after - before == 10 * method.evaluations_per_step(damping > 0)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_the_implicit_method_stands_huge_steps():
     """A hundred times the stable step of RK4: each step still solves the midpoint rule.
 
@@ -171,6 +177,7 @@ def test_the_implicit_method_stands_huge_steps():
         cs.step(scene, *state, dt, 50, integrator="rk4")
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", BOUNDED)
 def test_unstable_names_the_limit_of_the_integrator(integrator):
     scene = cs.scenes.paper_swing(bend=True)
@@ -183,6 +190,7 @@ def test_unstable_names_the_limit_of_the_integrator(integrator):
     assert np.abs(x).max() < 2
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize(
     ("alias", "name"),
     [

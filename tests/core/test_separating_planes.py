@@ -46,6 +46,7 @@ def test_the_reference_sees_the_same_contacts(variant):
     np.testing.assert_allclose(result[0], tested[0], rtol=0, atol=bound)
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 3], offset=["none", "face"])
 def test_guarded_steps_end_where_others_do(integrator, kernel, threads, offset):
     scene, x, v = drawn(SPHERE.replace(offset=offset))

@@ -46,6 +46,7 @@ def oracle_solution(scene, oracle, duration):
     return x
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", ORDERS)
 def test_every_method_keeps_its_order(integrator, kernel, crumpled, oracle):
     method = cs.integrators()[integrator]

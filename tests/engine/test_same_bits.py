@@ -55,7 +55,8 @@ def cases():
         yield functools.partial(forced, place=place), {"kernel": kernel, "precision": precision}
 
 
-@pytest.mark.parametrize("make, options", cases())
+@pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
+@pytest.mark.parametrize("make, options", list(cases()))
 def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
     scene, dt, steps = make(crumpled)
     if options.get("integrator") == "implicit_midpoint":  # at the price of its steps

@@ -42,6 +42,7 @@ def test_a_sphere_that_moves_keeps_its_contact_memory():
         np.testing.assert_array_equal(stepper.snapshot().core[name], memory[name])
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize(
     "spheres",
     [(), (BALL,), (BALL, OTHER, OTHER), (OTHER, BALL), (BALL.replace(offset="edge"), OTHER)],
@@ -120,6 +121,7 @@ CALLS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("name", CALLS)
 def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, same_bits):
     stepper = cs.Stepper(SHEET, threads=1)
