@@ -11,8 +11,7 @@ CORE = Path(__file__).parent.parent / "cpp"
 # Each folder may include the folders of its own entry and itself.
 BELOW = {"model": set[str]()}
 for room, *others in (
-    ("kernels", "model", "machine"),  # the limit loops are compiled per instruction set
-    ("machine", "kernels"),
+    ("kernels", "model"),
     ("memory", "kernels", "model"),
     ("measure", "memory", "kernels", "model"),
     ("contact", "measure", "memory", "kernels", "model"),

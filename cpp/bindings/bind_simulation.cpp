@@ -350,17 +350,6 @@ void bind_simulation(py::module_& m) {
         .def_property_readonly("watched", &watched)
         .def("snapshot", [](S& s) { return saved_fields(*s.use()); })
         .def("restore", [](S& s, const py::dict& fields) { restore_fields(*s.use(), fields); })
-        .def("set_track_contact_energy",
-             [](S& s, bool on) {
-                 auto simulation = s.use();
-                 for (std::size_t i = 0; i < simulation->size(); ++i) {
-                     simulation->member(i).track_contact_energy = on;
-                     simulation->restart(i);
-                 }
-             })
-        .def_property_readonly("contact_energy", of_members([](Simulation& s, std::size_t i) {
-                                   return s.member(i).contact_energy;
-                               }))
         .def_property(
             "time", [](S& s) { return s.use()->clock.now(); },
             [](S& s, double time) { s.use()->clock = {time, 0, 0}; });

@@ -17,7 +17,6 @@ using Array = py::array_t<T, py::array::c_style>;
 // As many of these threads as can be started; fewer with a warning, the first time.
 int granted(int threads);
 
-void bind_benchmark(py::module_& m);
 void bind_build(py::module_& m);
 void bind_model(py::module_& m);
 void bind_picture(py::module_& m);

@@ -1,8 +1,7 @@
-// The module; how it was built, and the limits of the processor.
+// The module, and how it was built.
 #include <algorithm>
 #include <cstdlib>
 #include <Eigen/Core>
-#include <limits>
 #include <string>
 #include <utility>
 #include <xsimd/config/xsimd_config.hpp>
@@ -15,8 +14,6 @@
 #include "driver/simulation.hpp"
 #include "kernels/dispatch.hpp"
 #include "kernels/edge/edge_legs.hpp"
-#include "machine/limits.hpp"
-#include "memory/caches.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -124,7 +121,6 @@ void bind_build(py::module_& m) {
                         [family](SpringKind kind) { return spring_kinds[kind].family == family; }))
             families.append(family_names[family]);
     m.attr("edge_families") = py::tuple(families);
-    m.attr("bytes_in_shared_cache") = bytes_in_shared_cache;
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("outer_epsilons") = outer_epsilons;
     m.attr("slop_epsilons") = slop_epsilons;
@@ -132,50 +128,11 @@ void bind_build(py::module_& m) {
     m.attr("cell_excess") = CellBand::excess;
 }
 
-namespace {
-
-double peak(const std::string& precision, int threads) {
-    const KernelTable& kernels = choose_instruction_set("");
-    threads = granted(threads);
-    const Unlocked unlocked;
-    return precision == "single" ? multiply_add_peak<float>(kernels, threads)
-                                 : multiply_add_peak<double>(kernels, threads);
-}
-
-py::dict bandwidth(int threads, std::int64_t bytes) {
-    threads = granted(threads);
-    Bandwidth measured{};
-    {
-        const KernelTable& kernels = choose_instruction_set("");
-        const Unlocked unlocked;
-        measured = memory_bandwidth<double>(kernels, threads, bytes);
-    }
-    py::dict result;
-    result["update"] = measured.update;
-    result["triad"] = measured.triad;
-    return result;
-}
-
-double round_trip() {
-    if (granted(2) < 2) return std::numeric_limits<double>::infinity();
-    const Unlocked unlocked;
-    return core_round_trip();
-}
-
-}  // namespace
-
-void bind_benchmark(py::module_& m) {
-    m.def("multiply_add_peak", &peak, "precision"_a, "threads"_a);
-    m.def("memory_bandwidth", &bandwidth, "threads"_a, "bytes"_a);
-    m.def("core_round_trip", &round_trip);
-}
-
 }  // namespace clothsim
 
 PYBIND11_MODULE(_core, m) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     clothsim::install_fork_handler();
-    clothsim::bind_benchmark(m);
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_picture(m);

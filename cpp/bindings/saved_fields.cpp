@@ -58,7 +58,7 @@ Vec3 vec3(const double* from) { return {from[0], from[1], from[2]}; }
 py::dict saved_fields(Simulation& simulation) {
     const Cloth& cloth = simulation.plan(0).cloth;
     const py::ssize_t members = py::ssize_t(simulation.size());
-    Values x, v, x_low, v_low, origin, energy, place, speed, impulses;
+    Values x, v, x_low, v_low, origin, place, speed, impulses;
     std::vector<std::int64_t> member, feature;
     std::vector<std::uint8_t> frozen;
     for (std::size_t i = 0; i < simulation.size(); ++i) {
@@ -68,7 +68,6 @@ py::dict saved_fields(Simulation& simulation) {
         x_low.add(state.x_low);
         v_low.add(state.v_low);
         origin.add(state.origin);
-        energy.all.push_back(state.contact_energy);
         frozen.push_back(simulation.frozen(i));
         impulses.add(state.impulses);
         for (const FacePass::PersistentContact& contact : state.contacts) {
@@ -88,7 +87,6 @@ py::dict saved_fields(Simulation& simulation) {
         fields["velocities_low"] = v_low.array(vectors);
     }
     fields["origins"] = origin.array({members, 3});
-    fields["contact_energy"] = energy.array({members});
     fields["contact_member"] = py::array_t<std::int64_t>(contacts, member.data());
     fields["contact_feature"] = py::array_t<std::int64_t>(contacts, feature.data());
     fields["contact_place"] = place.array({contacts, 3});
@@ -124,7 +122,6 @@ void restore_fields(Simulation& simulation, const py::dict& fields) {
         take("velocities_low", &SavedState::v_low);
     }
     const auto origin = field<double>(fields, "origins", {members, 3});
-    const auto energy = field<double>(fields, "contact_energy", {members});
     const auto frozen = field<std::uint8_t>(fields, "frozen", {members});
     const auto impulses = field<double>(fields, "impulses", shape_of_impulses(simulation));
     const double* sum = impulses.data();
@@ -133,7 +130,6 @@ void restore_fields(Simulation& simulation, const py::dict& fields) {
         states[i].impulses.assign(sum, sum + count);
         sum += count;
         states[i].origin = vec3(origin.data() + 3 * i);
-        states[i].contact_energy = energy.data()[i];
     }
     const auto member = field<std::int64_t>(fields, "contact_member", {any_length});
     const py::ssize_t contacts = member.size();

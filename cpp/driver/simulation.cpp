@@ -61,7 +61,6 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         members.push_back(make_engine(plans[i]));
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
-        member.track_contact_energy = members_[i]->track_contact_energy;
         member.watch_depths(sample_every_ > 0);
         SavedState state = members_[i]->saved_state();
         if (!keeps_persistent(plans_[i], plans[i], clock.now())) state.contacts.clear();

@@ -210,7 +210,7 @@ template <class Real>
 void EdgeEngine<Real>::step_band(Band& band, double t, bool inspect) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
-    if (!plan_.spheres.empty() && !this->track_contact_energy) {
+    if (!plan_.spheres.empty()) {
         band.place_spheres(t);
         band.stages[3].spheres = band.spheres.outlines.data();
         band.stages[3].sphere_count = int(band.spheres.outlines.size());
@@ -271,12 +271,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
         // threads need not wait for each other at each strip.
         for (int strip = 0; strip <= last; ++strip) {
             step_band(band(strip), clock.at(k), inspect && k == steps);
-            if (strip > 0 && !this->track_contact_energy) band(strip - 1).send_start();
-        }
-        if (this->track_contact_energy) {
-            this->collide_all(clock.at(k));
-            for (int strip = 0; strip <= last; ++strip) band(strip).exchange_halos();
-            for (int strip = 0; strip < last; ++strip) band(strip).send_start();
+            if (strip > 0) band(strip - 1).send_start();
         }
         if (last > 0) band(last).send_start();
     }
@@ -290,7 +285,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
         team_given = team;
         for (auto& band : bands(team)) band->begin_call();
     };
-    in_team(this->track_contact_energy ? 1 : RowBand::team(rows(), threads), begin,
+    in_team(RowBand::team(rows(), threads), begin,
             [&](int thread, int team) { run_bands(team, thread, steps, clock); });
     step_ += steps;
     this->state_known_ = true;

@@ -47,9 +47,7 @@ private:
     void build_coefficients();
     void apply_force() override;
     // Whether contacts change the state after the steps.
-    bool moved_after_steps() const {
-        return this->track_contact_energy || (this->has_continuous() && !this->planes_.up());
-    }
+    bool moved_after_steps() const { return this->has_continuous() && !this->planes_.up(); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);

@@ -31,9 +31,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         }
         keep_state();
         advance(1, now, threads);
-        const double before = track_contact_energy ? total_energy() : 0;
         const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads, poll);
-        if (track_contact_energy) contact_energy += total_energy() - before;
         watched.note_work(report.work, report.other_work);
         contact_report.note_pinned(report.pinned_inside);
         contact_report.note_capped(report.capped);
@@ -58,7 +56,6 @@ bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
     save_checkpoint();
     keep_state();
     bool touched = method.accept_step(t1, threads);
-    const double before = track_contact_energy ? total_energy() : 0;
     ContactReport report;
     try {
         report = respond_to_contacts(t0, t1, t1 - t0, threads, poll);
@@ -66,7 +63,6 @@ bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
         restore_checkpoint();
         throw;
     }
-    if (track_contact_energy) contact_energy += total_energy() - before;
     watched.note_work(report.work, report.other_work);
     contact_report.note_pinned(report.pinned_inside);
     contact_report.note_capped(report.capped);

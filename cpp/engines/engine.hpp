@@ -23,7 +23,6 @@ inline constexpr double extents_that_are_far = 8;
 // Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are taken back
 // leave no trace.
 struct Tally {
-    double contact_energy = 0;  // that the collision passes have added, where it is counted [J]
     Shared<std::int64_t> contact_responses{0};  // of the spheres to mass points
     Watched watched;  // depths only when asked for; the first contact always
     Impulses impulses;  // of all responses
@@ -66,7 +65,6 @@ public:
 
     // Counts begin again, before another state is loaded.
     void begin_anew() {
-        contact_energy = 0;
         contact_responses = 0;
         evaluations = 0;
         contact_report = {};
@@ -98,9 +96,6 @@ public:
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
-    // Whether `contact_energy` is counted; the pass is then done by one thread.
-    bool track_contact_energy = false;
-
     // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a step.
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
@@ -119,7 +114,6 @@ protected:
     // Before a step that may not be; after it.
     virtual void keep_state() = 0;
     virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads, Poll& poll) = 0;
-    virtual double total_energy() const = 0;
     // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
     virtual void note_depths(double t) = 0;
 

@@ -132,7 +132,6 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
     const GatherArguments<Real> stages[4] = {
         arguments(Stage::first, clock.dt), arguments(Stage::second, clock.dt),
         arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
-    const bool tracked = this->track_contact_energy;
 
     std::optional<Barrier> barrier;
     const auto begin = [&](int team) {
@@ -144,16 +143,15 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
                 // A point is moved by its own thread. No other thread reads it before the barrier.
-                if (stage.stage == Stage::fourth && !tracked && !plan_.spheres.empty())
+                if (stage.stage == Stage::fourth && !plan_.spheres.empty())
                     respond_to_spheres(clock.at(k), thread, team);
                 barrier->wait();
             }
-            if (tracked) this->collide_all(clock.at(k));
             this->watch(rows() * thread / team, rows() * (thread + 1) / team, clock.at(k));
         }
     };
 
-    in_team(tracked ? 1 : std::min(threads, grid_.groups()), begin, work);
+    in_team(std::min(threads, grid_.groups()), begin, work);
 }
 
 template <class Real>

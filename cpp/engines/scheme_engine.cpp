@@ -61,7 +61,7 @@ public:
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.at(k - 1), clock.dt);
                 this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(), this->memory_);
-                this->collide_all(clock.at(k));
+                this->collide_rows(0, this->rows(), this->contacts(clock.at(k)));
                 this->watch(0, this->rows(), clock.at(k));
             }
             return;
@@ -206,7 +206,7 @@ public:
 private:
     template <class Work>
     void in_bands(int threads, Work work) {
-        bands_.run(this->rows(), this->track_contact_energy ? 1 : threads, work);
+        bands_.run(this->rows(), threads, work);
     }
 
     Real* acceleration(int index) {
@@ -287,16 +287,14 @@ private:
         sweep(band, stages_[last & 1], last, finish);
     }
     void advance_explicit(FieldBand<Real>& band, double t0, double t) {
-        const bool tracked = this->track_contact_energy;
         std::vector<Contact> contacts;
-        if (!this->plan_.spheres.empty() && !tracked) contacts = this->contacts(t);
+        if (!this->plan_.spheres.empty()) contacts = this->contacts(t);
         run_stages(band, t0, false, [&](int begin, int end) {
             advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
             this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
             if (!contacts.empty()) this->collide_rows(begin, end, contacts);
             this->watch(begin, end, t);
         });
-        if (tracked) this->collide_all(t);
     }
     // `known`: the acceleration at the start is.
     void advance_splitting(FieldBand<Real>& band, double t, double h, bool known) {
@@ -331,10 +329,6 @@ private:
     // threads.
     bool collide(const FieldBand<Real>& band, double t, std::atomic<bool>& found) {
         if (this->plan_.spheres.empty()) return false;
-        if (this->track_contact_energy) {
-            this->collide_all(t);
-            return true;
-        }
         if (this->collide_rows(band.begin, band.end, this->contacts(t))) found = true;
         band.barrier();
         return found;

@@ -22,7 +22,7 @@ class StateEngine : public StateMemory<Real, Layout> {
     using Memory = StateMemory<Real, Layout>;
 
 public:
-    using Memory::contact_energy, Memory::contact_responses, Memory::impulses, Memory::watched;
+    using Memory::contact_responses, Memory::impulses, Memory::watched;
 
     void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
         plan_.spheres[sphere].center = center;
@@ -38,14 +38,12 @@ public:
     SavedState saved_state() const final {
         SavedState state;
         this->save_values(state);
-        state.contact_energy = contact_energy;
         state.contacts = contact_pass_.persistent();
         state.impulses = impulses.sums();
         return state;
     }
     void set_saved_state(const SavedState& state) final {
         this->set_values(state);
-        contact_energy = state.contact_energy;
         contact_pass_.set_persistent(state.contacts);
         impulses.go_on(state.impulses);
     }
@@ -73,7 +71,7 @@ public:
 
 protected:
     using Memory::columns, Memory::depths_watched_, Memory::kernels, Memory::layout_, Memory::memory_,
-        Memory::plan_, Memory::points_, Memory::rows, Memory::state_changed, Memory::track_contact_energy;
+        Memory::plan_, Memory::points_, Memory::rows, Memory::state_changed;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
         : Memory(plan, layout, size),
@@ -122,12 +120,6 @@ protected:
         return report;
     }
     void note_depths(double t) final { note_depths(0, rows(), t, 0, columns()); }
-    double total_energy() const final {
-        Points x(plan_.cloth.points(), 3), v(plan_.cloth.points(), 3);
-        this->store(x.data(), v.data());
-        const PointsView xs(x.data(), x.rows(), 3), vs(v.data(), v.rows(), 3);
-        return energy(plan_, xs, vs).total();
-    }
 
     void state_replaced() final {
         state_changed();
@@ -181,22 +173,7 @@ protected:
         const double mass = plan_.cloth.mass[point];
         impulses.give(std::size_t(&contact.sphere - plan_.spheres.data()), row, column,
                       mass*(after.velocity - before.velocity));
-        const double springs_before = track_contact_energy ? spring_energy(point) : 0;
         points_.set(memory_, point, after);
-        if (track_contact_energy) {
-            contact_energy += spring_energy(point) - springs_before +
-                mass *
-                    ((after.velocity.squaredNorm() - before.velocity.squaredNorm()) / 2 -
-                     plan_.field_at(point).dot(after.position - before.position));
-        }
-    }
-
-    // One point after the other, so that the energy of each move is known.
-    void collide_all(double t) {
-        for (const Contact& contact : contacts(t))
-            for (int r = 0; r < rows(); ++r)
-                for (int c = 0; c < columns(); ++c) respond_at(contact, r, c);
-        if (depths_watched_ && (planes_.up() || !has_continuous())) note_depths(t);
     }
 
     ContactPass<Real, Layout> contact_pass_;
@@ -226,11 +203,6 @@ private:
         for (int c = first_column; c < end_column; ++c)
             least = std::min(least, (points_.position(memory_, row * columns() + c) - center).squaredNorm());
         return least;
-    }
-
-    double spring_energy(int point) const {
-        const auto position = [this](int i) { return points_.position(memory_, i); };
-        return clothsim::spring_energy(plan_.cloth, point, position(point), position);
     }
 
     AlignedVector<Real> checkpoint_;

@@ -87,7 +87,7 @@ protected:
     // would end.
     int parts() const {
         constexpr std::int64_t least_points_per_thread = 2'000;  // half or twice: not measured
-        const int team = track_contact_energy ? 1 : RowBand::team(rows(), threads);
+        const int team = RowBand::team(rows(), threads);
         return plan_.cloth.points() >= least_points_per_thread * team ? team : 1;
     }
     // The values of the state in its saved form.

@@ -6,7 +6,6 @@
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
-#include "machine/limits_impl.hpp"
 
 namespace clothsim {
 namespace {
@@ -44,8 +43,7 @@ constexpr RealKernels<Real> real_kernels() {
             &component_extent<ThisArch, Real>,
             root_scale<Real, ThisArch>(),
             &fused_rest_length<ThisArch, Real>,
-            int(Lanes<Real, ThisArch>::size),
-            limit_kernels<ThisArch, Real>()};
+            int(Lanes<Real, ThisArch>::size)};
 }
 
 }  // namespace

@@ -9,7 +9,6 @@
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
 #include "kernels/instruction_set.hpp"
-#include "machine/limit_kernels.hpp"
 #include "model/thread_grid.hpp"
 
 namespace clothsim {
@@ -75,7 +74,6 @@ struct RealKernels {
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;
-    LimitKernels<Real> limits;
 
     // `damped_alike`: all families, or none of them.
     const EdgeKernels<Real>& edge(const Features& features, bool damped_alike) const {
