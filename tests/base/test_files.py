@@ -148,20 +148,6 @@ def test_odd_places_are_refused(tmp_path):
     assert cs.load_scene(cs.save_scene(SCENE, tmp_path / ("a" * 255))) == SCENE
 
 
-def test_a_text_that_no_file_can_hold_is_refused_before_the_file_is_touched(tmp_path):
-    path = RUN.to_html(tmp_path / "page.html")
-    before = path.read_bytes()
-    for write_page in (
-        lambda: RUN.to_html(path, title="a\ud800"),
-        lambda: cs.compare({"a\udfff": RUN}).to_html(path),
-        lambda: cs.Scene(SCENE.cloth).to_live_html(path, title="a\ud800"),
-        lambda: cs.compare({"a": RUN}).to_html(path, title="a\ud800"),
-    ):
-        with pytest.raises(ValueError, match="a text without lone surrogates"):
-            write_page()
-    assert path.read_bytes() == before
-
-
 # Writes of a module that go into a folder of `files`, or into memory.
 WITHIN = {
     "base/files.py": None,

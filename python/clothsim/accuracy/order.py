@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
-from ..base.record import EqualByValue
 from ..base.table import aligned
 from ..errors import UnstableError
 from ..methods.data import integrator_name
@@ -38,7 +37,7 @@ _STALLED = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Convergence(EqualByValue):
+class Convergence:
     """Errors of a method over time steps, the result of `convergence`.
 
     Attributes

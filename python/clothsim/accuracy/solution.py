@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check
 from ..base.clocks import Stopwatch
-from ..base.record import EqualByValue, frozen
+from ..base.record import frozen
 from ..base.threads import available_threads
 from ..engine.options import Options
 from ..engine.stepper import Stepper
@@ -62,7 +62,7 @@ METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, doubl
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reference(EqualByValue):
+class Reference:
     """A trusted solution, the result of `reference`.
 
     Attributes
@@ -200,7 +200,7 @@ def reference(scene: Scene, duration: float, every: float | None = None, *, thre
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)
-        check.frame_count(duration, every)
+        check.frame_count("every", every, duration / every)
     threads = Options(threads=threads).threads or available_threads()
     return _assemble(scene, _compute(scene, _times(duration, every), threads))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..base import check
-from ..base.extras import check_progress, needed
+from ..base.extras import needed
 from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
 from ..model.scene import Scene
@@ -98,7 +98,6 @@ def work_precision(
     (2, True)
     """
     xarray = needed("xarray", "work_precision")
-    check_progress(check.boolean("progress", progress))
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
     chosen = chosen_methods(scene, methods, precisions, threads)

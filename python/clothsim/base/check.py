@@ -1,8 +1,6 @@
-"""Argument checks shared by all modules.
+"""Argument checks: each returns the value in the form that the package uses, or raises an error that names the argument.
 
-Each check returns the value in the form that the package uses, or raises an error. The error names the argument, the
-accepted values and the given value. An object of a wrong type gives a ``TypeError``, a wrong value a ``ValueError``. A
-``bool`` does not count as a number, and a NumPy scalar does.
+A value of a wrong type is a ``TypeError``, a wrong value a ``ValueError``. A ``bool`` is no number, a NumPy scalar is one.
 """
 
 from __future__ import annotations
@@ -12,7 +10,6 @@ import math
 import numbers
 import os
 import reprlib
-import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
@@ -26,22 +23,15 @@ Name = TypeVar("Name", bound=str)
 INT64_MAX = 2**63 - 1
 """The largest count that the core can hold."""
 
+MOST_POINTS = 2**31 - 1
+"""The most mass points that a grid can have: the core numbers them in 32 bits."""
+
 
 def shown(value: Any) -> str:
     """`value` and its type as a short text for an error message."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
-    try:
-        text = reprlib.repr(value)
-    except ValueError:  # an int of more digits than Python prints
-        text = "a number of thousands of digits"
-    return f"{text} ({type(value).__name__})"
-
-
-def _failed(name: str, accepted: str, value: Any, error: Exception) -> Exception:
-    """The error to raise if the conversion of a value raised `error`."""
-    kind = ValueError if isinstance(error, ValueError) else TypeError
-    return kind(f"{_wrong(name, accepted, value)}: {type(error).__name__}: {error}")
+    return f"{reprlib.repr(value)} ({type(value).__name__})"
 
 
 def _wrong(name: str, accepted: str, value: Any) -> str:
@@ -49,35 +39,25 @@ def _wrong(name: str, accepted: str, value: Any) -> str:
 
 
 def _listed(options: Collection[str]) -> str:
-    return ", ".join(repr(option) for option in options) or "none"
+    return ", ".join(map(repr, options)) or "none"
 
 
-_LEAST_PART = 4  # characters of a name that suggest it; with fewer, too many names have them
-
-
-def _nearest(value: Any, options: Collection[str]) -> str:
+def nearest(value: Any, options: Collection[str]) -> str:
+    """A hint at the options that the wrong name `value` may mean; names shorter than four characters have too many."""
     value = str(value)
-    close = [one for one in options if len(value) >= _LEAST_PART and value in one]
+    close = [one for one in options if len(value) >= 4 and value in one]
     close = close or difflib.get_close_matches(value, options, n=1, cutoff=0.5)
     return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
 
 
-def _range(minimum: float | None, exclusive: bool, maximum: float | None) -> str:
-    low = "" if minimum is None else f" {'>' if exclusive else '>='} {minimum:g}"
-    high = "" if maximum is None else f" <= {maximum:g}"
-    return f"{low}{' and' if low and high else ''}{high}"
+def _range(what: str, minimum: float | None, exclusive: bool, maximum: float | None) -> str:
+    bounds = [f"{'>' if exclusive else '>='} {minimum:g}"] if minimum is not None else []
+    return " ".join([what, " and ".join([*bounds, *([f"<= {maximum:g}"] if maximum is not None else [])])]).rstrip()
 
 
 def is_iterable(value: Any) -> bool:
     """Whether `value` can be iterated over; an array without dimensions cannot."""
     return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)
-
-
-def is_masked(value: Any) -> bool:
-    """Whether `value` is a masked array or the constant ``numpy.ma.masked``."""
-    # No masked array exists before numpy.ma is imported. Another thread may be importing it now.
-    masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
-    return masked is not None and isinstance(value, masked)
 
 
 def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
@@ -90,7 +70,7 @@ def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
 def is_number(value: Any) -> bool:
     """Whether `value` is one real number. A 0-d array of a number counts; a bool or a string does not."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]  # of numpy.ma.masked it is that again, and no number
+        value = value[()]
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
@@ -99,41 +79,28 @@ def number(
 ) -> float:
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if not is_number(value):
-        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
-        raise TypeError(_wrong(name, accepted, value))
+        raise TypeError(_wrong(name, _range("a finite number", minimum, exclusive, maximum), value))
     try:
         result = float(value)
     except OverflowError:
         result = math.inf
-    except Exception as error:
-        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
-        raise _failed(name, accepted, value, error) from error
-    too_low = minimum is not None and (result <= minimum if exclusive else result < minimum)
-    too_high = maximum is not None and result > maximum
-    if not math.isfinite(result) or too_low or too_high:
-        accepted = f"a finite number{_range(minimum, exclusive, maximum)}"
-        raise ValueError(_wrong(name, accepted, value))
+    low = minimum is not None and (result <= minimum if exclusive else result < minimum)
+    if not math.isfinite(result) or low or (maximum is not None and result > maximum):
+        raise ValueError(_wrong(name, _range("a finite number", minimum, exclusive, maximum), value))
     return result
 
 
 def integer(name: str, value: Any, *, minimum: int | None = None, maximum: int = INT64_MAX) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
-    low = "" if minimum is None else f" >= {minimum}"
-    # The largest that the core holds goes without saying, unless it is what was passed.
-    high = f" <= {maximum}" if maximum != INT64_MAX else ""
-    accepted = f"an integer{low}{' and' if low and high else ''}{high}"
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
+    low = "" if minimum is None else f" >= {minimum}"
     if not isinstance(value, numbers.Integral) or isinstance(value, bool):
-        raise TypeError(_wrong(name, accepted, value))
-    try:
-        result = int(value)
-    except Exception as error:
-        raise _failed(name, accepted, value, error) from error
+        raise TypeError(_wrong(name, f"an integer{low}", value))
+    result = int(value)
     if (minimum is not None and result < minimum) or result > maximum:
-        if result > maximum and not high:
-            accepted = f"an integer{low}{' and' * bool(low)} <= {maximum}"
-        raise ValueError(_wrong(name, accepted, value))
+        high = f"{' and' * bool(low)} <= {maximum}" if result > maximum or maximum != INT64_MAX else ""
+        raise ValueError(_wrong(name, f"an integer{low}{high}", value))
     return result
 
 
@@ -145,17 +112,10 @@ def step_count(duration: float, dt: float) -> None:
         )
 
 
-MOST_FRAMES = 2**31 - 1
-"""The most frames of a run; the memory for their times alone is 16 GB."""
-
-
-def frame_count(duration: float, every: float) -> None:
-    """Raise a ValueError where `every`, in seconds, gives more frames than fit in memory."""
-    if not duration / every <= MOST_FRAMES:
-        raise ValueError(
-            f"every must be at least {duration / MOST_FRAMES:.3g} s, so that a run of duration = "
-            f"{duration:g} s has at most {MOST_FRAMES:,} frames, got {every:g}"
-        )
+def frame_count(name: str, value: float, frames: float) -> None:
+    """Raise a ValueError where the argument gives more frames than fit in memory: their times alone take 16 GB."""
+    if not frames < 2**31:
+        raise ValueError(f"{name} must give fewer than {2**31:,} frames, got {value:g}")
 
 
 def boolean(name: str, value: Any) -> bool:
@@ -169,8 +129,6 @@ def size(name: str, value: Any, accepted: str = "a sequence of finite numbers") 
     """The length of a value, checked to be a sequence or a one-dimensional array."""
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         raise TypeError(_wrong(name, accepted, value))
-    if is_masked(value):
-        as_array(name, value, accepted)
     if isinstance(value, np.ndarray) and value.ndim != 1:
         raise ValueError(_wrong(name, accepted, value))
     return len(value)
@@ -182,10 +140,6 @@ def items(name: str, value: Any, count: int, what: str) -> list[Any]:
     if size(name, value, accepted) != count:
         raise ValueError(_wrong(name, accepted, value))
     return list(value)
-
-
-MOST_POINTS = 2**31 - 1
-"""The most mass points that a grid can have: the core numbers them in 32 bits."""
 
 
 def shape(value: Any, least: int = 1) -> tuple[int, int]:
@@ -210,38 +164,21 @@ def vector(name: str, value: Any, length: int = 3) -> tuple[float, ...]:
 
 def choice(name: str, value: Any, options: Collection[Name]) -> Name:
     """`value` if it is one of the names in `options`."""
-    if isinstance(value, str):
-        for option in options:
-            if option == value:
-                return option
-    accepted = f"one of {_listed(options)}"
     if not isinstance(value, str):
-        raise TypeError(_wrong(name, accepted, value))
-    raise ValueError(f"{name} must be {accepted}, got {value!r}{_nearest(value, options)}")
-
-
-def text(name: str, value: Any) -> str:
-    """`value`, a str that UTF-8 can hold."""
-    if not isinstance(value, str):
-        raise TypeError(_wrong(name, "a text", value))
-    if any("\ud800" <= character <= "\udfff" for character in value):
-        raise ValueError(_wrong(name, "a text without lone surrogates, which no file can hold", value))
-    return value
+        raise TypeError(_wrong(name, f"one of {_listed(options)}", value))
+    for option in options:
+        if option == value:
+            return option
+    raise ValueError(f"{name} must be one of {_listed(options)}, got {value!r}{nearest(value, options)}")
 
 
 def path(name: str, value: Any, accepted: str = "a path") -> Path:
-    """`value` as a path: a str, or an object that `os.fspath` turns into a str."""
+    """`value` as a path."""
     if not isinstance(value, (str, os.PathLike)):
         raise TypeError(_wrong(name, accepted, value))
-    try:
-        text = os.fspath(value)
-    except Exception as error:
-        raise _failed(name, accepted, value, error) from error
-    if not isinstance(text, str):
-        raise TypeError(_wrong(name, f"{accepted} that is a str", value))
-    if "\0" in text or not text:
+    if not str(value) or "\0" in str(value):
         raise ValueError(_wrong(name, f"{accepted} without null characters, not empty", value))
-    return Path(text)
+    return Path(value)
 
 
 def folder(name: str, value: Any) -> Path:
@@ -259,32 +196,21 @@ def keys(name: str, value: Any, known: Collection[str], required: Collection[str
         raise TypeError(_wrong(name, f"a mapping with the keys {_listed(known)}", value))
     for key in value:
         if key not in known:
-            raise ValueError(f"{name} has the unknown key {key!r}{_nearest(key, known)}; accepted: {_listed(known)}")
-    missing = [key for key in required if key not in value]
-    if missing:
+            raise ValueError(f"{name} has the unknown key {key!r}{nearest(key, known)}; accepted: {_listed(known)}")
+    if missing := [key for key in required if key not in value]:
         lacks = f"the key{'s' * (len(missing) > 1)} {_listed(missing)}"
         raise ValueError(f"{name} lacks {lacks}; it has {_listed([*value])}, needed: {_listed(required)}")
     return dict(value)
 
 
 def as_array(name: str, value: Any, accepted: str) -> np.ndarray:
-    """`value` as a NumPy array. An error that its own ``__array__`` raises is passed on unchanged.
-
-    A masked array is refused: NumPy would drop the mask, and masked entries would count.
-    """
-    if is_masked(value) or (isinstance(value, (list, tuple)) and any(map(is_masked, value))):
-        raise TypeError(
-            f"{name} must be {accepted}, got a masked array, whose mask would be lost; "
-            "pass its .filled(value), or .data if nothing is masked"
-        )
+    """`value` as a NumPy array. An error that its own ``__array__`` raises is passed on unchanged."""
     try:
         return np.asarray(value)
-    except Exception as error:
+    except (ValueError, TypeError) as error:
         if hasattr(value, "__array__"):
             raise
-        if isinstance(error, ValueError):
-            raise ValueError(f"{name} must be {accepted}, got rows of different lengths") from None
-        raise _failed(name, accepted, value, error) from error
+        raise type(error)(_wrong(name, accepted, value)) from error
 
 
 def array(name: str, value: Any, shape: tuple[int, ...], what: str = "finite numbers") -> npt.NDArray[np.float64]:
@@ -292,12 +218,10 @@ def array(name: str, value: Any, shape: tuple[int, ...], what: str = "finite num
     accepted = f"an array of shape {shape} of {what}"
     given = as_array(name, value, accepted)
     if given.dtype.kind not in "iuf" and given.size:
-        of = "" if isinstance(value, np.ndarray) or not given.ndim else f" with entries of dtype {given.dtype}"
-        raise TypeError(_wrong(name, accepted, value) + of)
+        raise TypeError(f"{_wrong(name, accepted, value)} with entries of dtype {given.dtype}")
     if given.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    # Overflow on the way from a wider float gives inf, which the next check reports.
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # from a wider float: the next check reports it
         result = np.array(given, dtype=np.float64, order="C")
     check_all(name, result, np.isfinite(result), accepted)
     return result
@@ -315,8 +239,5 @@ def check_all(name: str, values: np.ndarray, good: np.ndarray, accepted: str, *,
 
 
 def points(name: str, value: Any, shape: tuple[int, int]) -> npt.NDArray[np.float64]:
-    """A C-contiguous float64 copy of one vector per mass point.
-
-    `shape` is the cloth's (rows, columns); `value` has shape (rows, columns, 3) and is finite.
-    """
+    """A C-contiguous float64 copy of one vector per mass point of a cloth of `shape`."""
     return array(name, value, (*shape, 3))

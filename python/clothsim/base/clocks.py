@@ -1,4 +1,4 @@
-"""A stopwatch, the time of a step, steps that end in time, and the order in which works take turns."""
+"""A stopwatch, the time of a step, and the order in which works take turns."""
 
 from __future__ import annotations
 
@@ -37,30 +37,6 @@ def seconds_per_step(advance: Callable[[int], object], window: float, rounds: in
         best = min(best, watch.seconds / steps)
         steps = min(max(8, int(min(window / best, most))), most)
     return best if math.isfinite(best) else 0.0
-
-
-class StepTimer:
-    """Times steps in short parts, so that a time limit is kept. `advance` is called with a number of steps to take."""
-
-    LONGEST_PART = 0.1  # s of steps between two readings of the clock
-
-    def __init__(self, advance: Callable[[int], object]) -> None:
-        self._advance, self._part = advance, 1
-
-    def timed(self, steps: int, seconds: float) -> tuple[int, float]:
-        """Steps done, at most `steps` and at least one, and how long they took [s].
-
-        After `seconds` it ends early.
-        """
-        start, done, elapsed = perf_counter(), 0, 0.0
-        while done < steps and (elapsed < seconds or done == 0):
-            part = min(self._part, steps - done)
-            begin = perf_counter()
-            self._advance(part)
-            took = perf_counter() - begin
-            done, elapsed = done + part, perf_counter() - start
-            self._part = max(1, min(2 * part, int(part * self.LONGEST_PART / max(took, 1e-9))))
-        return done, elapsed
 
 
 def turns(count: int, rounds: int) -> Iterator[int]:

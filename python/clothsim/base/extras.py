@@ -34,11 +34,5 @@ def check_installed(name: str, what: str, extra: str = "sweep") -> None:
         raise ImportError(_lacking(name, what, extra))
 
 
-def check_progress(progress: bool) -> None:
-    """Raise an ImportError where a progress bar is asked for and tqdm is missing."""
-    if progress:
-        check_installed("tqdm", "progress=True", "demo")
-
-
 def _lacking(name: str, what: str, extra: str) -> str:
     return f"{what} needs {name.partition('.')[0]}: {how_to_install(extra)}"

@@ -25,16 +25,6 @@ def _same(a: Any, b: Any) -> bool:
     return bool(a == b) or (a != a and b != b)
 
 
-def _hashable(value: Any) -> Any:
-    """A hashable form of a value; two forms are equal where `_same` holds."""
-    if isinstance(value, np.ndarray):
-        # 0.0 and -0.0 are equal and have other bytes: adding 0 leaves 0.0 of both.
-        return value.shape, (value + 0.0).tobytes()
-    if isinstance(value, Mapping):
-        return frozenset(value.items())
-    return value
-
-
 # Longer arrays, and tuples of more numbers or records, are shown by their shape or length.
 _SHOWN = 24
 _RECORDS_SHOWN = 4
@@ -88,32 +78,23 @@ class ReadOnly(Mapping[str, Value]):
         return len(self._entries)
 
 
-class EqualByValue:
-    """Base of dataclasses that are equal where all their fields are, arrays included."""
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        mine, theirs = self._values(), other._values()
-        return all(_same(mine[name], theirs[name]) for name in mine)
-
-    # Reports are dicts, which have no hash.
-    __hash__: Any = None
-
-    def _values(self) -> dict[str, Any]:
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        return {field.name: getattr(self, field.name) for field in fields}
-
-
-class Record(EqualByValue):
+class Record:
     """Base of the frozen dataclasses of the model: equal and hashed by value, arrays included."""
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, type(self)):
+            return NotImplemented
+        return all(_same(value, getattr(other, name)) for name, value in self._values().items())
+
     def __hash__(self) -> int:
-        # Kept, as arrays are long; `__reduce__` does not copy it, as other processes hash otherwise.
-        if "_hash" not in self.__dict__:
-            values = tuple(_hashable(value) for value in self._values().values())
-            self._set(_hash=hash((type(self).__name__, *values)))
-        return int(self.__dict__["_hash"])
+        forms = (
+            v.shape if isinstance(v, np.ndarray) else frozenset(v.items()) if isinstance(v, Mapping) else v
+            for v in self._values().values()
+        )
+        return hash((type(self).__name__, *forms))
+
+    def _values(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Through the constructor, so that a copy's arrays are read-only again.
@@ -134,21 +115,11 @@ class Record(EqualByValue):
             object.__setattr__(self, name, value)
 
     def replace(self: Self, **changes: Any) -> Self:
-        """A copy with the named arguments changed; the original stays as it is.
+        """A copy with the named arguments of the constructor changed; the original stays as it is.
 
         Parameters
         ----------
         **changes
-            Any argument of the constructor, by its name.
-
-        Returns
-        -------
-        same type as the original
-
-        Raises
-        ------
-        TypeError
-            For a name that the constructor does not have.
 
         Examples
         --------
@@ -159,13 +130,7 @@ class Record(EqualByValue):
         return type(self)(**{**self._open_values(), **changes})
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
-
-        Returns
-        -------
-        dict
-            One key per argument of the constructor. Arguments that are None are left out, because TOML has no None.
-            ``from_dict`` makes an equal object of it.
+        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None is left out.
 
         Examples
         --------
@@ -177,24 +142,12 @@ class Record(EqualByValue):
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The object that `data` (as from ``to_dict``) describes.
+        """The object that `data`, as from ``to_dict``, describes.
 
         Parameters
         ----------
         data : mapping
-            Arguments of the constructor; missing arguments take their defaults.
-
-        Returns
-        -------
-        instance of this class
-
-        Raises
-        ------
-        ValueError
-            If a key is unknown (the message suggests the nearest known key), if a required key is missing, or if the
-            constructor refuses a value.
-        TypeError
-            If `data` is no mapping.
+            Arguments of the constructor; missing ones take their defaults, unknown ones are a ValueError.
 
         Examples
         --------

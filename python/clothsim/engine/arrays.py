@@ -106,7 +106,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
     if type(array) is np.ndarray and array.dtype == dtype and array.shape == shape and array.flags.carray:
         return
     accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
-    if not isinstance(array, np.ndarray) or check.is_masked(array):
+    if not isinstance(array, np.ndarray):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")

@@ -100,7 +100,7 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
 
 def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
     rows, columns = scene.cloth.shape
-    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.text("title", title)
+    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.instance("title", title, str)
     guaranteed = max_stable_dt(scene)
     if dt is None:
         dt = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT

@@ -77,7 +77,7 @@ def check_name(name: Any) -> str:
         return str(name)
     if name in _NOT_SWEPT:
         raise ValueError(f"over must have names that can be swept, got {name!r}, which is the same for all members")
-    hint = check._nearest(known, NAMES)
+    hint = check.nearest(known, NAMES)
     raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
 
 

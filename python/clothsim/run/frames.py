@@ -96,17 +96,13 @@ def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) ->
         raise ValueError(f"at most one of every, times and fps can be given, got {listed}")
     if fps is not None:
         fps = check.number("fps", fps, minimum=0, exclusive=True)
-        if duration * fps > check.MOST_FRAMES:
-            raise ValueError(
-                f"fps must be at most {check.MOST_FRAMES / duration:.3g}, so that a run of duration "
-                f"= {duration:g} s has at most {check.MOST_FRAMES:,} frames, got {fps:g}"
-            )
+        check.frame_count("fps", fps, duration * fps)
         return Schedule(per_second=fps)
     if times is not None:
         return Schedule(times=_checked_times(times, start, duration))
     every = checked_every(every)
     if isinstance(every, float):
-        check.frame_count(duration, every)
+        check.frame_count("every", every, duration / every)
     return Schedule.of_every(every)
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import Floats, check
-from ..base.extras import check_installed, check_progress, needed
+from ..base.extras import check_installed, needed
 from ..base.progress import ProgressBar
 from ..base.threads import available_threads
 from ..engine.options import Options
@@ -140,7 +140,6 @@ def measure_map(
     integrator = Options(integrator, precision).integrator
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
-    check_progress(check.boolean("progress", progress))
     if threads is None:
         threads = available_threads()
     threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)

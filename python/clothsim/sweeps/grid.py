@@ -234,8 +234,6 @@ def _place(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _values(name: str, values: Any) -> list[Any]:
-    if check.is_masked(values):
-        check.as_array(name, values, "a sequence of values")
     if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
         raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
     result = [_scalar(value) for value in values]

@@ -107,7 +107,7 @@ class Member:
         Options(named, numerics["precision"], None, numerics["kernel"], numerics["strict"])
         duration = check.number("duration", run.get("duration", options.duration), minimum=0, exclusive=True)
         if isinstance(options.every, float):
-            check.frame_count(duration, options.every)
+            check.frame_count("every", options.every, duration / options.every)
         limit = float(max_stable_dt(scene, named) if dt is not None else usable_dt(core_cloth(scene.cloth), named))
         if automatic or rtol is not None or atol is not None:
             rtol, atol = checked_tolerances(dt, rtol, atol)

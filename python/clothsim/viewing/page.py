@@ -98,7 +98,7 @@ class Comparison:
             If an argument is not as above.
         """
         path = file_path("path", path)
-        title = " and ".join(self.runs) if title is None else check.text("title", title)
+        title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
         return self._write(path, title)
 
     def _write(self, path: Path, title: str, progress: bool = False) -> Path:
@@ -180,7 +180,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     for label, run in runs.items():
         if not isinstance(label, str) or not isinstance(run, Run):
             raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
-        check.text("a label of runs", label)
+        check.instance("a label of runs", label, str)
     if difference:
         _differences(runs)
     return Comparison(runs, difference)
@@ -210,7 +210,7 @@ def _title_of(run: Run) -> str:
 
 def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
     """`Run.to_html`; with `progress`, a bar counts frames."""
-    title = _title_of(run) if title is None else check.text("title", title)
+    title = _title_of(run) if title is None else check.instance("title", title, str)
     return Comparison({title: run})._write(file_path("path", path), title, progress)
 
 
