@@ -208,7 +208,7 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
     pytest.importorskip("matplotlib")
     import clothsim.paper as module
 
-    small = module.Settings(runs=2, speedup_steps=5, timing_dt=2e-4)
+    small = module.Settings(runs=2, speedup_steps=5, dt=(2e-4, 2e-4, 2e-4))
     monkeypatch.setattr(module, "QUICK", small)
     options = ["--json"] if as_json else []
     code, out, _ = run(capsys, "reproduce", "--quick", "--experiment", 4, "--threads", 1, "--out", tmp_path, *options)
