@@ -7,6 +7,8 @@
 namespace clothsim::picture {
 namespace {
 
+constexpr double least_facing = 0.05;  // cosine; at 0 the slack along the line of sight has no bound
+
 // Tangents of the angles between which the eye sees a circle of that radius, `ahead` of it and `aside`.
 std::pair<double, double> seen_between(double aside, double ahead, double radius) {
     const double away = std::sqrt(aside * aside + ahead * ahead);
@@ -28,7 +30,7 @@ Ray ray(const View& view, int column, int row) {
 }
 
 Disc::Disc(const View& view, const Triple& center, double radius)
-    : view_(view), center_(center), radius_(radius) {
+    : view_(view), center_(center), radius_(radius), slack_(view.slack()) {
     const double columns = view.columns(), rows = view.rows();
     x_ = columns / 2 + view.scale * center[0];
     y_ = rows / 2 - view.scale * center[1];
@@ -55,7 +57,7 @@ bool Disc::hit(int column, int row, double& found, Triple& normal) const {
     const double inside = 1.0 - u * u - v * v;
     if (!(inside > 0)) return false;
     const double half = std::sqrt(inside);
-    found = center_[2] + radius_ * half;
+    found = center_[2] + radius_ * half - slack_ / std::max(half, least_facing);
     normal = {u, v, half};
     return true;
 }
@@ -70,8 +72,9 @@ bool Disc::hit_in_perspective(int column, int row, double& found, Triple& normal
     if (!(root > 0)) return false;
     const double k = (-b - std::sqrt(root)) / a;
     if (!(k > 0)) return false;
-    found = 1 / (k * view_.distance);
     normal = (1 / radius_) * (from + k * way);
+    const double facing = std::max(-dot(normal, way), least_facing * std::sqrt(a));
+    found = 1 / ((k + slack_ / facing) * view_.distance);
     return true;
 }
 

@@ -28,7 +28,7 @@ private:
 
     const View& view_;
     const Triple center_;  // in the axes of the view
-    const double radius_;
+    const double radius_, slack_;
     double x_, y_, reach_;  // samples
 };
 

@@ -29,6 +29,9 @@ struct View {
     int columns() const { return width * samples; }
     int rows() const { return height * samples; }
     bool perspective() const { return distance > 0; }
+    // Cloth that lies on a sphere is up to rounding and chords of its cells below [m]: there it is drawn as
+    // lying on it.
+    double slack() const { return 1e-5 * columns() / scale; }
     Triple to_view(const Triple& p) const {
         const Triple way = p - target;
         return {dot(axes[0], way), dot(axes[1], way), dot(axes[2], way)};

@@ -190,8 +190,8 @@ double Tile::depth_below(const Ball& ball, const Disc& disc, int column, int row
     if (nearest_.facet[i] < 0 || nearest_.nearness[i] < disc.nearness) return 0;
     const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[i])];
     Triple way = blend(weights(facet, column, row), picture_.sheet.points, facet);
-    for (std::size_t k = 0; k < 3; ++k) way[k] = double(float(way[k])) - ball.center[k];
-    return ball.radius - std::sqrt(dot(way, way));
+    way = way - ball.center;
+    return ball.radius - std::sqrt(dot(way, way)) - picture_.view.slack();
 }
 
 void Tile::paint_ground() {
@@ -204,7 +204,7 @@ void Tile::paint_ground() {
             const Triple start = view.target + view.to_world({ray.x, ray.y, 0.0});
             const double way = (ground.height - start[1]) / ray.to_eye[1];
             const Triple point = start + way * ray.to_eye;
-            const double nearer = dot(view.axes[2], way * ray.to_eye);
+            const double nearer = dot(view.axes[2], way * ray.to_eye) - view.slack();
             const double nearness = perspective_ ? 1 / (view.distance - nearer) : nearer;
             const std::size_t i = at(column, row);
             if (perspective_ && nearness <= 0) continue;

@@ -38,7 +38,7 @@ def meta(path):
     return json.loads(path.read_text().split('id="meta">')[1].split("</script>")[0])
 
 
-@pytest.mark.parametrize("options", [{}, {"perspective": True}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"perspective": True}, {"shadow": True, "ground": True}], ids=str)
 @pytest.mark.parametrize("radius", RADII)
 def test_a_picture_shows_as_much_cloth_with_a_floor_as_without(runs, radius, options):
     ground = scene(radius)
@@ -47,6 +47,14 @@ def test_a_picture_shows_as_much_cloth_with_a_floor_as_without(runs, radius, opt
     for frame in (0, 5, 8):
         with_floor, without = (share(run.picture(frame, **options)) for run in runs[radius])
         assert without > 0.05 and with_floor == pytest.approx(without, rel=0.2)
+
+
+@pytest.mark.parametrize("radius", RADII[-2:])
+def test_cloth_that_lies_on_a_floor_is_drawn_as_without_it(runs, radius):
+    """Its points are at the radius up to rounding, which is no penetration."""
+    floor, bare = (np.asarray(run.picture()).astype(int) for run in runs[radius])
+    cloth = np.ptp(bare, axis=-1) > 25
+    assert np.abs(floor - bare)[cloth].max(axis=-1).mean() < 1
 
 
 def test_a_film_and_its_frames_move_over_a_floor(runs, tmp_path):

@@ -77,13 +77,14 @@ def traced(x, balls, camera, width, colors=None):
     line = (np.abs(cell - cell.round()) < raster.GRID_LINE).any(-1, keepdims=True)
     color = shaded(np.where(line, 0.72 * color, color), np.where(front, normal, -normal), direction)
     color[np.isinf(far)] = raster.BACKGROUND
-    place = blended(x.reshape(-1, 3)).astype(np.float32)
+    place, slack = blended(x.reshape(-1, 3)), 1e-5 * camera.width
     sheet, nearest = far.copy(), far
     for ball in balls:
         here = through_ball(start, direction, ball)
         with np.errstate(invalid="ignore"):
             normals = (start + here[:, None] * direction - ball.center) / ball.radius
-        under = ball.radius - np.linalg.norm(place - ball.center, axis=-1)
+            here = here + slack / np.maximum(-(normals * direction).sum(-1), 0.05)
+        under = ball.radius - np.linalg.norm(place - ball.center, axis=-1) - slack
         middle = (start - ball.center) @ camera.axes()[2]  # cloth in the far half is not painted
         middle = middle / -(direction @ camera.axes()[2])
         seen = np.isfinite(sheet) & (nearest <= middle) & ball.solid & (under > 0)
