@@ -27,7 +27,8 @@ from random_cloths import Case, draw, rms, truth
 
 STREAMS = {"tune": 1, "judge": 2, "judge2": 3, "judge3": 4, "judge4": 5}
 RATIO = 1.08  # between the steps that are searched
-NAMED = [name for name, one in cs.integrators().items() if one.explicit]
+# Explicit Euler has no stable step without damping.
+NAMED = [name for name, one in cs.integrators().items() if one.explicit and name != "explicit_euler"]
 AUTO, BY_NAME = 4, 2  # requests of a scene, beside the default call
 LOOSEST, TIGHTEST = 3, 10  # exponents of what is asked
 SURE = 10.0  # times more accurate than what is judged is the true solution

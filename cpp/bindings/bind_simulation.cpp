@@ -210,7 +210,7 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
 }
 
 py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps,
-                          double tolerance_x, double tolerance_v, double longest, StepController& controller,
+                          double tolerance_x, double tolerance_v, double near, StepController& controller,
                           int threads) {
     auto simulation = shared.use();
     if (simulation->size() != 1 || !simulation->member(0).adaptive())
@@ -219,9 +219,8 @@ py::dict advance_adaptive(SharedSimulation& shared, double until, double end, st
     Simulation::AdaptiveOutcome outcome;
     {
         Unlocked unlocked;
-        outcome =
-            simulation->advance_adaptive({until, end, steps, {tolerance_x, tolerance_v}, longest, threads},
-                                         controller, [&] { return unlocked.signal_pending(); });
+        outcome = simulation->advance_adaptive({until, end, steps, {tolerance_x, tolerance_v}, near, threads},
+                                               controller, [&] { return unlocked.signal_pending(); });
     }
     py::dict result;
     // Not thrown, so that the caller can count the steps that are done.

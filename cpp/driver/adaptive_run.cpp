@@ -3,7 +3,10 @@
 // Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step
 // methods. So a contact gets its response at the end of its step. To skip none,
 // AdaptiveEngine::contact_step bounds a step near the spheres. The bound takes the velocities before the
-// step, and after a trial those after it. A step that was too long is tried again. Continuous spheres test
+// step, and after a trial those after it. A step that was too long is tried again. Every trial comes to an
+// end: the velocities after an unstable step mean nothing, so they ask for no step below `near`. From there
+// on steps are stable, their velocities are bounded, and a bound of the way bounds the step from below.
+// Continuous spheres test
 // the whole path between the ends of the step. Their contacts begin within it, so steps end at frames
 // instead of being interpolated.
 #include <algorithm>
@@ -29,8 +32,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
     AdaptiveOutcome outcome;
-    const bool continuous = engine.has_continuous();
-    const double end = continuous ? request.until : request.end;
+    const double end = request.end;
     checkpoint_.drop();
     begin_watches();
     double t = clock.now();
@@ -38,11 +40,11 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     Poll poll(interrupted);
     while (t < request.until && outcome.steps < request.steps) {
         const StepController before = controller;
-        const double wanted = std::min(controller.h, request.longest);
+        const double wanted = controller.h;
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
         double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
-        h = adaptive.contact_step(t, h, false);
+        h = adaptive.contact_step(t, h, request.near, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
             outcome.unstable =
@@ -51,14 +53,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         const double error = adaptive.try_step(t, h, request.tolerance, request.threads);
         bool accepted = controller.judge(h, error, adaptive.order());
-        // Between the ends of a step that ends in contact there is no frame: the state there may be inside a
-        // sphere.
-        if (accepted && t + h > request.until && adaptive.step_touches(t + h)) {
-            controller.h = request.until - t;
-            outcome.rejected += 1;
-            continue;
-        }
-        const double bounded = accepted ? adaptive.contact_step(t, h, true) : h;
+        const double bounded = accepted ? adaptive.contact_step(t, h, request.near, true) : h;
         if (bounded < h) {
             // A hair less than allowed, as rounding may ask for the same step again.
             controller.h = std::min(controller.h, 0.99 * bounded);

@@ -93,7 +93,7 @@ public:
         double until, end;
         std::int64_t steps;
         Tolerance tolerance;
-        double longest;  // step [s]
+        double near;  // longest step in reach of a sphere [s], stable
         int threads;
     };
     struct AdaptiveOutcome : Outcome {

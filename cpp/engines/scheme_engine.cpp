@@ -119,7 +119,7 @@ public:
         in_bands(threads, [&](FieldBand<Real>& band) {
             run_stages(band, t, this->state_known_, [&](int begin, int end) {
                 advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
-                this->place_pins(PinTime::of_end(t + h, h), begin, end, result_);
+                this->place_pins(PinTime::of_stage(t, h, 1), begin, end, result_);
                 if (!m.error_needs_end) estimate(begin, end);
             });
             if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
@@ -141,44 +141,32 @@ public:
         this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
+        // From here on the velocity after a kink counts, and so another acceleration.
+        const double before = PinTime::of_stage(step_begin_, step_, 1).inside;
+        const PinTime after = PinTime::of_end(t, step_);
+        bool kink = false;
+        for (const Motion& motion : this->plan_.pin_motions)
+            kink |= motion.velocity_at(t, before) != motion.velocity_at(t, after.inside);
+        this->place_pins(after, 0, this->rows(), this->memory_);
         contact_[0] = false;
         if (!this->plan_.spheres.empty())
             in_bands(threads, [&](FieldBand<Real>& band) { collide(band, t, contact_[0]); });
         // The acceleration at the end is the first one of the next step, unless a contact has changed the
         // state since.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
-        this->state_known_ = explicit_->error_needs_end && !contact_[0];
+        this->state_known_ = explicit_->error_needs_end && !contact_[0] && !kink;
         return contact_[0];
     }
 
-    double contact_step(double t, double h, bool tried) override {
+    double contact_step(double t, double h, double near, bool tried) override {
         double allowed = h;
-        for (const Sphere& sphere : this->plan_.spheres) {
-            const Vec3 center = sphere.center_at(t);
-            const double least_gap = contact_fraction * sphere.contact_radius;
-            // The sphere's own way may depend on the step; a shorter step is checked again by the caller.
-            const Vec3 travel = (sphere.center_at(t + h) - center) / h;
-            const double sphere_speed = std::max(
-                {(sphere.velocity_at(t) - travel).norm(), (sphere.velocity_at(t + h) - travel).norm()});
-            for (int i = 0; i < this->plan_.cloth.points(); ++i) {
-                if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
-                const PointState point = this->points_.get(this->memory_, i);
-                double speed = (point.velocity - travel).norm();
-                if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
-                const double gap = (point.position - center).norm() - sphere.contact_radius;
-                const double way = (speed + sphere_speed) * allowed;
-                if (way > std::max(gap, least_gap)) allowed *= std::max(gap, least_gap) / way;
+        for (const Sphere& sphere : this->plan_.spheres)
+            // The sphere's own speed depends on the step.
+            for (double before = 2 * h; allowed < 0.9 * before;) {
+                before = allowed;
+                allowed = contact_step(sphere, t, before, near, tried);
             }
-        }
-        return allowed;
-    }
-
-    bool step_touches(double t) override {
-        for (const Contact& contact : this->contacts(t))
-            for (int i = 0; i < this->plan_.cloth.points(); ++i)
-                if (!this->plan_.cloth.pinned[std::size_t(i)] && touches(contact, vector_in(result_, i, 0)))
-                    return true;
-        return false;
+        return tried && h > near ? std::max(allowed, near) : allowed;
     }
 
     void dense(double part, double* x, double* v, int threads) override {
@@ -204,6 +192,30 @@ public:
     }
 
 private:
+    double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
+        const Vec3 center = sphere.center_at(t), travel = (sphere.center_at(t + h) - center) / h;
+        // Between kinks each component of the velocity is monotone, so it differs most from the mean at an
+        // end.
+        Vec3 most = Vec3::Zero();
+        for (const double part : {0.0, 1.0}) {
+            const PinTime end = PinTime::of_stage(t, h, part);
+            most = most.cwiseMax((sphere.motion.velocity_at(end.t, end.inside) - travel).cwiseAbs());
+        }
+        const double sphere_speed = most.norm(), least_gap = contact_fraction * sphere.contact_radius;
+        double allowed = h;
+        for (int i = 0; i < this->plan_.cloth.points(); ++i) {
+            if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
+            const PointState point = this->points_.get(this->memory_, i);
+            double speed = (point.velocity - travel).norm();
+            if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
+            speed += sphere_speed;
+            const double gap = std::max((point.position - center).norm() - sphere.reach(), 0.0);
+            if (speed * allowed > gap)
+                allowed = std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));
+        }
+        return allowed;
+    }
+
     template <class Work>
     void in_bands(int threads, Work work) {
         bands_.run(this->rows(), threads, work);

@@ -22,12 +22,11 @@ public:
     // Take the step that was tried, with the collision pass at its end, time `t`. Whether a point was in
     // contact.
     virtual bool accept_step(double t, int threads) = 0;
-    // The longest step from the state at time t, at most h. No point moves further than its distance from the
-    // spheres, or than a part of their contact radius where that is more. `tried`: also by the velocities at
-    // the end of the step that was tried.
-    virtual double contact_step(double t, double h, bool tried) = 0;
-    // Whether the step that was tried, from t - h to t, ends with a mass point inside a sphere.
-    virtual bool step_touches(double t) = 0;
+    // The longest step from the state at time t, at most h, within which no motion has a kink. No point moves
+    // further than its distance from the spheres, or, in a step of at most `near`, than a part of their
+    // contact radius. `tried`: also by the velocities at the end of the step that was tried; a trial above
+    // `near` asks for no shorter one.
+    virtual double contact_step(double t, double h, double near, bool tried) = 0;
     // The state at a part of the last accepted step, before its collision pass. It comes from the method's
     // interpolant or, without an interpolant, from a step of the method from the same start.
     virtual void dense(double part, double* x, double* v, int threads) = 0;

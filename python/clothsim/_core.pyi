@@ -149,7 +149,7 @@ class Simulation:
         steps: int,
         tolerance_x: float,
         tolerance_v: float,
-        longest: float,
+        near: float,
         controller: StepController,
         threads: int,
     ) -> dict[str, Any]: ...

@@ -135,8 +135,6 @@ class Report(TypedDict):
     estimate_evaluations: int
     estimate_wall_time: float
     tolerance: Tolerance
-    chaotic: bool
-    outcomes: dict[str, Any]
     energy: Energies
     penetration: Depths
     stretch: Stretch

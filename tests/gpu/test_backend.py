@@ -109,7 +109,6 @@ def test_simulate_reports_the_backend(device):
 def test_simulate_sees_contact():
     scene = cs.scenes.paper_static("reflect")
     runs = [cs.simulate(scene, t, dt=5e-4, backend="gpu", precision="single", estimate_error=True) for t in (0.01, 0.3)]
-    assert [run.report["chaotic"] for run in runs] == [False, True]
     assert [run.report["error_estimate"]["reason"][:8] for run in runs] == ["", "a sphere"]
     assert np.isnan(runs[1].report["penetration"]["points"]) and runs[1].report["penetration"]["reason"]
     assert np.isnan(runs[1].report["impulse"]).all() and runs[1].report["impulse_reason"]

@@ -166,7 +166,7 @@ TAKEN = {
     "steps": lambda n: isinstance(n, int) and n == 0,
     "t": lambda n: True,
     **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames"), bool),
-    **dict.fromkeys(("threads", "sampling", "max_evaluations", "executor", "snapshot", "group"), []),
+    **dict.fromkeys(("threads", "max_evaluations", "executor", "snapshot", "group"), []),
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), []),
     **dict.fromkeys(("position", "force", "offsets"), []),
     **dict.fromkeys(("center", "direction", "velocity", "gravity", "center0", "target"), [TRIPLE]),

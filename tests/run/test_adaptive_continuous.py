@@ -27,8 +27,7 @@ def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
     assert run.report["penetration"]["points"] < 1e-12
     if offset == "face":
         assert run.report["penetration"]["triangles"] < 1e-6
-    assert run.report["chaotic"] is True
-    first = run.report["outcomes"]["first_contact"]["value"]
+    first = run.report["first_contact"]["time"]
     assert abs(first - (1.0 - sphere.contact_radius(scene.cloth)) / 100.0) < 5e-4
 
 
@@ -45,7 +44,6 @@ def test_a_grazing_contact_within_a_step_gets_a_response(integrator):
     run = cs.simulate(scene, 0.2, rtol=1e-3, integrator=integrator)
     assert run.v[-1][0, 0, 1] > 0.05  # turned aside
     assert run.v[-1][0, 1].tolist() == [speed, 0.0, 0.0]
-    assert run.report["chaotic"] is True
 
 
 def test_a_point_bounces_as_it_does_at_fixed_steps():
@@ -60,10 +58,10 @@ def test_a_point_bounces_as_it_does_at_fixed_steps():
     height = 0.5 + g * fall * flight - g * flight**2 / 2
     # Within a step the way is taken as straight: a step of a tenth of the radius falls 2e-4 m short.
     assert abs(run.x[-1][0, 0, 1] - height) < 5e-4
-    assert run.report["outcomes"]["total_energy"]["value"] == pytest.approx(run.report["energy"]["start"]["total"], rel=1e-6)
+    assert run.report["energy"]["end"]["total"] == pytest.approx(run.report["energy"]["start"]["total"], rel=1e-6)
 
 
-def test_frames_are_ends_of_steps():
+def test_frames_within_steps():
     scene = cs.scenes.paper_static("continuous", bend=True)
     run = cs.simulate(scene, 0.4, rtol=1e-4, integrator="dop853", every=0.01)
     np.testing.assert_allclose(run.t, 0.01 * np.arange(41), rtol=0, atol=1e-12)

@@ -83,8 +83,7 @@ def test_step_doubling_near_the_limit_believed_itself_here():
     velocity[0, 0] = 0
     scene = cs.Scene(cloth, velocity=velocity)
     better = cs.simulate(scene, 1.0, rtol=1e-8)
-    run = cs.simulate(scene, 1.0)
-    assert run.report["integrator"] == "rk4"
+    run = cs.simulate(scene, 1.0, integrator="rk4")
     error = rms(run.x[-1] - better.x[-1])
     assert error <= 1e-3
     true_within(run, error)
@@ -218,24 +217,6 @@ def test_a_request_below_the_floor_of_a_long_run_ends():
     assert run.report["force_evaluations"] < 100_000
 
 
-@pytest.mark.parametrize("options", [{}, {"integrator": "rk4"}, {"integrator": "dopri5"}])
-def test_evaluations_are_limited(options):
-    scene = scene_of("swing with bend")
-    few = cs.simulate(scene, 0.5, rtol=1e-6, max_evaluations=500, **options)
-    assert few.report["stopped"] == "max_evaluations"
-    assert 0 < few.t[-1] < 0.5
-    assert few.report["force_evaluations"] <= 500 + 24
-    assert few.report["error_estimate"]["reason"] == "max_evaluations = 500 does not suffice"
-    assert math.isnan(few.report["error_estimate"]["rms"])
-    # The run comes to its end, but its estimate does not.
-    more = cs.simulate(scene, 0.5, rtol=1e-6, max_evaluations=3000, **options)
-    assert more.report["force_evaluations"] <= 3000 + 24
-    if not options:
-        assert more.t[-1] == 0.5 and more.report["stopped"] == ""
-        assert "does not suffice" in more.report["error_estimate"]["reason"]
-        assert rms(more.x[-1] - exact("swing with bend")) < 1e-6
-
-
 def test_an_interrupt_hands_over_the_run_that_is_whole():
     scene = scene_of("swing with bend")
     seen = []
@@ -264,10 +245,9 @@ def test_all_runs_are_counted():
 
 
 def test_the_better_run_is_no_better_than_needed():
-    """The default call costs about three times its solution, though its error is far below its rtol."""
-    run = cs.simulate(scene_of("swing with bend"), 0.5)
+    """A run of rk4 costs about three times its solution, though its error is far below its rtol."""
+    run = cs.simulate(scene_of("swing with bend"), 0.5, integrator="rk4")
     true_within(run, rms(run.x[-1] - exact("swing with bend")))
-    assert run.report["integrator"] == "rk4"
     assert run.report["estimate_evaluations"] < 3 * run.report["solution_evaluations"]
 
 
@@ -306,20 +286,16 @@ def test_no_contact_is_skipped(integrator):
     assert run.report["steps"] < 200
 
 
-def test_after_contact_outcomes_are_compared():
+def test_after_contact_no_error_is_told():
     scene = cs.scenes.paper_static(bend=True)
-    run = cs.simulate(scene, 0.4, rtol=1e-5, every=0.02)
-    report = run.report
-    assert report["chaotic"] is True
+    report = cs.simulate(scene, 0.4, rtol=1e-5, every=0.02).report
     assert math.isnan(report["error_estimate"]["max"])
     assert report["error_estimate"]["reason"].startswith("a sphere responded")
-    outcomes = report["outcomes"]
-    assert set(outcomes) == {"first_contact", "centre_of_mass", "kinetic_energy", "total_energy", "penetration"}
-    assert abs(outcomes["first_contact"]["value"] - 0.2258) < 0.004
-    assert 0 < outcomes["first_contact"]["difference"] < 0.004
-    before = cs.simulate(scene, 0.2, rtol=1e-5).report
-    assert before["chaotic"] is False and before["error_estimate"]["rms"] < 1e-5
+    assert report["estimate_evaluations"] < report["solution_evaluations"]
     fixed = cs.simulate(scene, 0.3, dt=1e-4).report
+    assert abs(report["first_contact"]["time"] - fixed["first_contact"]["time"]) < 5e-4
+    before = cs.simulate(scene, 0.2, rtol=1e-5).report
+    assert before["error_estimate"]["rms"] < 1e-5
     assert fixed["error_estimate"]["reason"] == "no estimate was asked for"
     assert report.keys() == before.keys() == fixed.keys()
     assert json.loads(json.dumps(report)).keys() == report.keys()
@@ -344,3 +320,9 @@ def test_a_state_that_cannot_be_integrated_is_an_error():
     assert raised.value.point == (0, 1)
     energy = raised.value.run.report["energy"]
     assert np.isnan(energy["end"]["total"]) and "finite" in energy["reason"]
+
+
+@pytest.mark.parametrize("name", ["sampling", "max_evaluations"])
+def test_arguments_that_left_are_unknown(name):
+    with pytest.raises(TypeError, match=f"argument '{name}'"):
+        cs.simulate(scene_of("oscillator"), 1.0, **{name: 9})

@@ -87,3 +87,16 @@ def test_only_times_that_both_have_stored_are_compared(run):
         assert found["max"].max() == 0
     with pytest.raises(ValueError, match=r"b must have a stored time of a.*fps= or times="):
         cs.difference(run[:1], other)
+
+
+def test_frames_pair_off_to_half_a_step(run):
+    """Times in float32 are those of the run; half a step later is another time, and frames without a partner are counted."""
+    rounded = cs.Run(run.scene, run.t.astype(np.float32).astype(float), run.x, run.v, {})
+    found = cs.difference(run, rounded)
+    assert len(found["t"]) == len(run) and found["unmatched"] == 0
+    step, times = run.report["dt"], run.t[3:7]
+    for shift, unmatched in ((0.4, 0), (0.6, 2 * len(times))):
+        other = cs.Run(run.scene, np.append(times + shift * step, 99.0), run.x[3:8], run.v[3:8], {})
+        fewer = cs.Run(run.scene, np.append(times, 99.0), run.x[3:8], run.v[3:8], run.report)
+        assert cs.difference(fewer, other)["unmatched"] == unmatched
+    assert cs.difference(run, run[2:4])["unmatched"] == len(run) - 2

@@ -78,7 +78,7 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
     scene = SCENES[name]
     options = {"integrator": integrator, "precision": precision}
     found, stretches, first = step_by_step(scene, **options)
-    report = cs.simulate(scene, STEPS * DT, DT, threads=1, sampling=STEPS, **options).report
+    report = cs.simulate(scene, STEPS * DT, DT, threads=1, every="step", **options).report
     depth = report["penetration"]
     exact = {"rel": 1e-12, "abs": 1e-15}
     assert depth["points"] == pytest.approx(found[:, 0].max(), **exact)
@@ -125,9 +125,6 @@ def test_adaptive_steps(name, integrator):
     assert extremes(runs[0])["first_contact"] == extremes(runs[1])["first_contact"]
     time = runs[0]["first_contact"]["time"]
     assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())
-    outcomes = runs[0]["outcomes"]
-    assert outcomes["first_contact"]["value"] == time
-    assert outcomes["penetration"]["value"] == runs[0]["penetration"]["triangles"]
 
 
 @pytest.mark.parametrize("offset", ["edge", "face"])
@@ -135,11 +132,12 @@ def test_a_continuous_sphere_that_is_never_touched_leaves_a_plain_error_estimate
     near = ball(response="continuous", offset=offset, center=(0.5, -0.35, 0.5))
     for options in ({"dt": 1e-3, "estimate_error": True}, {"rtol": 1e-6}):
         report = cs.simulate(cs.Scene(CLOTH, near), 0.1, **options).report
-        assert report["chaotic"] is False and 0 < report["error_estimate"]["rms"] < 1e-4
+        assert 0 < report["error_estimate"]["rms"] < 1e-4
         assert np.isnan(report["first_contact"]["time"])
         assert report["first_contact"]["reason"] == "no sphere responded"
         longer = cs.simulate(cs.Scene(CLOTH, near), 0.4, **options).report
-        assert longer["chaotic"] is True and longer["first_contact"]["reason"] == ""
+        assert longer["first_contact"]["reason"] == ""
+        assert longer["error_estimate"]["reason"].startswith("a sphere responded")
 
 
 def test_the_watch_changes_no_bit_and_a_stepper_has_none():

@@ -237,7 +237,6 @@ def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, counted, mon
         ({"over": {"dt": OVER["dt"]}}, ["over"]),
         ({"duration": 0.2}, ["settings.duration"]),
         ({"metrics": ["stable"]}, ["settings.metrics"]),
-        ({"sampling": 3}, ["settings.sampling"]),
         ({"strict": True}, ["settings.strict"]),
     ],
 )

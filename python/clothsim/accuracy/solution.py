@@ -224,9 +224,8 @@ def _compute(scene: Scene, times: tuple[float, ...], threads: int) -> dict[str, 
         )
     scene = scene.replace(spheres=())
     with Stopwatch() as watch:
-        # Steps end where the velocity of a pin jumps, so that both methods keep their orders.
-        kinks = {t for pins in scene.driven_pins for t in pins.motion.kinks(0.0, times[-1])}
-        every_time = sorted({*times, *kinks})
+        # Steps end at kinks of the pins' motions, so that both methods keep their orders.
+        every_time = sorted({*times, *scene.kinks(0.0, times[-1])})
         frames = np.searchsorted(every_time, times)
         x, v, evaluations = extrapolation(scene, every_time, **_TRUSTED, threads=threads)
         control, _, more = extrapolation(scene, every_time, **_CONTROL, threads=threads)

@@ -62,7 +62,7 @@ NAMES = (
 )
 """Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x") come on top."""
 
-_NOT_SWEPT = ("every", "frames", "threads", "backend", "metrics", "sampling", "store", "executor", "progress")
+_NOT_SWEPT = ("every", "frames", "threads", "backend", "metrics", "store", "executor", "progress")
 
 _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")

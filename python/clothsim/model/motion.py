@@ -155,6 +155,12 @@ class Reciprocate(BaseMotion):
 
     def kinks(self, begin: float, end: float) -> list[float]:
         first, last = (math.floor(2 * (t / self.period + self.phase)) for t in (begin, end))
+        if last - first > _MOST_KINKS:
+            least = 2 * (end - begin) / _MOST_KINKS
+            raise ValueError(
+                f"period must be at least {least:.3g} s, as error control ends a step at each turning point of "
+                f"{end - begin:g} s, got {self.period:g}: give dt"
+            )
         times = ((n / 2 - self.phase) * self.period for n in range(first, last + 1))
         return [t for t in times if begin < t < end]
 
@@ -271,6 +277,8 @@ class Keyframes(BaseMotion):
     def _velocity(self, t: Vectors) -> Vectors:
         return self._segment(t)[2]
 
+
+_MOST_KINKS = 1_000_000  # of a motion in a run, each of which costs a step
 
 Motion = Linear | Reciprocate | Keyframes
 MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate, Keyframes)}

@@ -74,7 +74,10 @@ class BaseMotion(Record):
         return self._velocity(_times(t))
 
     def kinks(self, begin: float, end: float) -> list[float]:
-        """Times at which the velocity jumps.
+        """Times at which the velocity jumps, or one of its components turns from rising to falling or back.
+
+        Steps of error control end there. Between two of them a step sees the whole motion: each component of the velocity
+        lies between its values at both ends.
 
         Parameters
         ----------

@@ -166,6 +166,18 @@ class Scene(Record):
             groups.append(DrivenPins(motion, rows, columns, places - begin))
         return groups
 
+    def kinks(self, begin: float, end: float) -> list[float]:
+        """Times between these two at which a pin or a sphere has a kink [s], increasing; see the motions' ``kinks``.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.scenes.paper_moving().kinks(0.0, 4.0)
+        [1.8, 3.6]
+        """
+        motions = {pins.motion for pins in self.driven_pins} | {one.motion for one in self.spheres if one.motion}
+        return sorted({t for motion in motions for t in motion.kinks(begin, end)})
+
     def explain(
         self,
         precision: Precision = "double",

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, cast
 
-import numpy as np
-
 from ..base import Floats
 from ..machine.build import build_config
 from ..measure.measures import energy
@@ -22,46 +20,20 @@ Account = dict[str, Any]
 
 def of_nothing(reason: str = NOT_ASKED) -> Account:
     """The entries of a run whose error was not estimated."""
-    return _account(Estimate.unknown(reason), {}, math.nan, 0, 0.0)
+    return _account(Estimate.unknown(reason), math.nan, 0, 0.0)
 
 
-def of_controlled(scene: Scene, found: Controlled, asked: float = math.nan) -> Account:
+def of_controlled(found: Controlled, asked: float = math.nan) -> Account:
     """The entries of a run whose error was estimated, with or without a tolerance."""
-    outcomes = {}
-    if found.better or found.solution.contacts:
-        outcomes = compared(scene, found.solution, found.better)
-    return _account(found.error, outcomes, asked, found.evaluations, found.wall_time)
+    return _account(found.error, asked, found.evaluations, found.wall_time)
 
 
-def _account(error: Estimate, outcomes: dict[str, Any], asked: float, evaluations: int, wall_time: float) -> Account:
+def _account(error: Estimate, asked: float, evaluations: int, wall_time: float) -> Account:
     return {
         "error_estimate": asdict(error),
         "estimate_evaluations": evaluations,
         "estimate_wall_time": wall_time,
         "tolerance": {"asked": asked, "reached": bool(error.rms <= asked)},
-        "chaotic": bool(outcomes),
-        "outcomes": outcomes,
-    }
-
-
-def compared(scene: Scene, solution: Solution, better: Solution | None) -> dict[str, Any]:
-    """Outcomes after a contact, with their differences from the better run; NaN without a better run."""
-    ours = _outcomes(scene, solution)
-    theirs = _outcomes(scene, better) if better else dict.fromkeys(ours, math.nan)
-    apart = {name: float(np.linalg.norm(np.subtract(value, theirs[name]))) for name, value in ours.items()}
-    return {name: {"value": value, "difference": apart[name]} for name, value in ours.items()}
-
-
-def _outcomes(scene: Scene, one: Solution) -> dict[str, Any]:
-    x, v = one.x[-1], one.v[-1]
-    mass = scene.cloth.mass_per_point[..., None]
-    energies = energy(scene, x, v)
-    return {
-        "first_contact": one.watched["first_contact"],
-        "centre_of_mass": ((mass * x).sum(axis=(0, 1)) / mass.sum()).tolist(),
-        "kinetic_energy": energies["kinetic"],
-        "total_energy": energies["total"],
-        "penetration": one.watched["triangle_depth"],
     }
 
 
@@ -127,5 +99,6 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     gained, reason = watched["energy_gained"], ""
     if math.isnan(gained):
         pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
-        reason = watched.get("reason", "") or pins or "a sphere responded, and responses change the energy"
+        contact = "a sphere responded, and responses change the energy" if watched["in_contact"] else "no step was taken"
+        reason = watched.get("reason", "") or pins or contact
     return {"gained": gained, "reason": reason}

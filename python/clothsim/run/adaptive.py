@@ -9,16 +9,14 @@ other steps, so it rounds otherwise, and the distance holds what rounding adds.
 `refined` is the algorithm for dop853 in double, which "auto" takes. `named` is the algorithm for all
 other methods.
 
-After a contact no error is estimated. Then the difference of two runs shows how far outcomes agree.
+After a contact no error is estimated.
 """
 
 from __future__ import annotations
 
-import math
-
 from ..base.interrupts import Interrupts
 from ..model.scene import Scene
-from .attempts import Attempts, Controlled, Estimate, Exhausted
+from .attempts import Attempts, Controlled
 from .fixed_steps import RunOptions, Solution
 from .frames import Schedule
 from .named import compared, estimated
@@ -27,15 +25,20 @@ from .refined import refined
 
 
 def solve(
-    scene: Scene, duration: float, asked: float, options: RunOptions, frames: Schedule, watch: Watch, most: float = math.inf
+    scene: Scene,
+    duration: float,
+    asked: float,
+    options: RunOptions,
+    frames: Schedule,
+    watch: Watch,
+    plain: RunOptions | None = None,
 ) -> Controlled:
-    """The run whose error is at most `asked` [m], rms, or the best one found."""
-    runs = Attempts(scene, duration, options, watch, most)
-    by_grids = options.integrator == "dop853" and options.precision == "double"
+    """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for `plain`."""
+    runs = Attempts(scene, duration, options, watch)
     try:
-        return (refined if by_grids else compared)(runs, asked, frames)
-    except Exhausted as exhausted:
-        return runs.close(exhausted.run, Estimate.unknown(runs.exhausted()))
+        if options.integrator == "dop853" and options.precision == "double":
+            return refined(runs, asked, frames, plain)
+        return compared(runs, asked, frames)
     except KeyboardInterrupt:
         with Interrupts():
             runs.hand_over()
@@ -44,4 +47,4 @@ def solve(
 
 def estimate_of(scene: Scene, duration: float, run: Solution) -> Controlled:
     """The error of a run that is done."""
-    return estimated(Attempts(scene, duration, run.options, Watch(), math.inf), run)
+    return estimated(Attempts(scene, duration, run.options, Watch()), run)

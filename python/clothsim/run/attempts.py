@@ -10,9 +10,11 @@ import numpy as np
 from ..base import Floats
 from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
+from ..methods.bound import usable_dt
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .fixed_steps import RunOptions, Solution, integrate, run_fixed, size_of
-from .frames import NEGLIGIBLE, Schedule
+from .frames import Schedule
 from .recording import Recording, Watch
 
 NOT_ASKED = "no estimate was asked for"
@@ -49,7 +51,6 @@ class Controlled:
 
     solution: Solution
     error: Estimate
-    better: Solution | None  # after a contact
     evaluations: int
     wall_time: float  # [s]
 
@@ -79,26 +80,21 @@ MOST = 3.0
 class Why:
     """Why an error is unknown, or larger than what was asked for."""
 
-    CONTACT = "a sphere responded: nearby trajectories part, and only outcomes can be compared"
-    LEAST = "runs with more steps come no closer to each other: rounding, magnified by the motion"
+    CONTACT = "a sphere responded: nearby trajectories part, and no error can be told"
+    MISSED = "this run misses a sphere that a better run meets: no error can be told"
+    LEAST = f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at the smallest tolerance"
     UNSTABLE = "runs with more steps are unstable"
     NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
     NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
 
 
-class Exhausted(Exception):
-    """The force evaluations that are left do not suffice; `run` is what they were enough for."""
-
-    def __init__(self, run: Solution) -> None:
-        self.run = run
-
-
 class Attempts:
-    """The runs of one call: what they cost, and how many force evaluations are left."""
+    """The runs of one call, and what they cost."""
 
-    def __init__(self, scene: Scene, duration: float, options: RunOptions, watch: Watch, most: float) -> None:
+    def __init__(self, scene: Scene, duration: float, options: RunOptions, watch: Watch) -> None:
         self.scene, self.duration, self.options = scene, duration, options
-        self._watch, self._most = watch, most
+        self._watch = watch
+        scene.kinks(options.start, options.start + duration)  # refuses too many
         self._done: list[Solution] = []
         self._finished: Recording | None = None
 
@@ -120,7 +116,7 @@ class Attempts:
         followed = frames, None if frames is None else self._watch
         while True:
             try:
-                run = integrate(self.scene, self.duration, tolerance, options, *followed, given=given, most=self._left)
+                run = integrate(self.scene, self.duration, tolerance, options, *followed, given=given)
                 return self._add(run)
             except UnstableError:
                 if given is not None or tolerance <= smallest:
@@ -135,7 +131,7 @@ class Attempts:
         """Steps of a run with error control, from the first part of it."""
         watch, tolerance = Watch(), max(tolerance, self.smallest(self.options))
         try:
-            run = integrate(self.scene, PILOT * self.duration, tolerance, self.options, watch=watch, most=self._left)
+            run = integrate(self.scene, PILOT * self.duration, tolerance, self.options, watch=watch)
         except UnstableError:
             return 0.0
         except KeyboardInterrupt:
@@ -144,14 +140,15 @@ class Attempts:
         self._done.append(run)
         return run.steps / PILOT
 
-    def fixed(self, dt: float, frames: Schedule, cost: int) -> Solution:
-        """A run at a time step that is not the caller's; each step takes `cost` evaluations."""
-        steps = math.ceil(self.duration / dt)
-        dt = self.duration / steps
-        enough = self._left >= steps * cost
-        duration = self.duration if enough else max(1, int(self._left / cost)) * dt
-        watch = self._watch if enough or not self._finished else None
-        return self._add(run_fixed(self.scene, duration, dt, self.options, frames, watch, own_step=True))
+    def longest_dt(self, integrator: str) -> float:
+        """The longest fixed step [s]: the guaranteed stable one, or half of it in a scene with spheres."""
+        stable = usable_dt(core_cloth(self.scene.cloth), integrator)
+        return min(stable / 2 if self.scene.spheres else stable, self.duration / 4)
+
+    def fixed(self, dt: float, frames: Schedule, options: RunOptions | None = None) -> Solution:
+        """A run at a time step that is not the caller's."""
+        dt, options = self.duration / math.ceil(self.duration / dt), options or self.options
+        return self._add(run_fixed(self.scene, self.duration, dt, options, frames, self._watch, own_step=True))
 
     def add(self, run: Solution) -> None:
         self._done.append(run)
@@ -161,14 +158,8 @@ class Attempts:
         """Force evaluations of the runs so far."""
         return sum(run.evaluations for run in self._done)
 
-    @property
-    def _left(self) -> float:
-        return self._most - self.spent
-
     def _add(self, run: Solution) -> Solution:
         self._done.append(run)
-        if run.t[-1] < self.options.start + self.duration * (1 - NEGLIGIBLE):
-            raise Exhausted(run)
         self._finished = self._watch.recording
         return run
 
@@ -177,11 +168,6 @@ class Attempts:
         if self._finished is not None:
             self._watch.recording = self._finished
 
-    def close(self, solution: Solution, error: Estimate, better: Solution | None = None) -> Controlled:
+    def close(self, solution: Solution, error: Estimate) -> Controlled:
         others = [run for run in self._done if run is not solution]
-        return Controlled(
-            solution, error, better, sum(run.evaluations for run in others), sum(run.wall_time for run in others)
-        )
-
-    def exhausted(self) -> str:
-        return f"max_evaluations = {self._most:g} does not suffice"
+        return Controlled(solution, error, sum(run.evaluations for run in others), sum(run.wall_time for run in others))

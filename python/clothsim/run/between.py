@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats
+from ..engine.arrays import put_driven_pins
 from ..engine.plan import in_cells, point_radius
 from ..model.cells import point_radii2
 from ..model.scene import Scene
@@ -20,7 +21,7 @@ class Ends:
     """One time step: the states at its two ends.
 
     Positions between them are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step
-    where no sphere responds. Velocities are its derivative, of order 3.
+    where no sphere responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them.
     """
 
     begin: float  # time of the scene [s]
@@ -39,6 +40,7 @@ class Ends:
         s = (t - self.begin) / h
         x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
         v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
+        put_driven_pins([scene], x, v, t)
         free = ~scene.cloth.pinned
         for sphere in scene.spheres:
             self._lift(x, free, sphere, point_radius(sphere, scene.cloth), t)

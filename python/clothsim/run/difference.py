@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from ..base import Floats, check
 from .frames import NEGLIGIBLE
 from .result import Run
 
 
-def difference(a: Run, b: Run) -> dict[str, Floats]:
+def difference(a: Run, b: Run) -> dict[str, Any]:
     """Distance of the mass points of two runs at equal times, as for one scene in two settings.
 
     Only times that both runs have stored are compared, because interpolation has an error of its own. Give `fps` or
-    `times` to `simulate` for equal times. Times are equal if they differ by less than 1e-9 of the longer run.
+    `times` to `simulate` for equal times. Times are equal if they differ by at most half a step of either run.
 
     Parameters
     ----------
@@ -23,8 +26,9 @@ def difference(a: Run, b: Run) -> dict[str, Floats]:
     Returns
     -------
     dict
-        "t" [s], the equal times, shape (times,); "distance" \\|x_a - x_b\\| [m], shape (times, rows, columns); its root
-        mean square "rms" and its largest "max" [m] over the mass points, shape (times,).
+        "t" [s], the times of `a` with an equal time in `b`, shape (times,); "distance" \\|x_a - x_b\\| [m], shape (times,
+        rows, columns); its root mean square "rms" and its largest "max" [m] over the mass points, shape (times,);
+        "unmatched", the number of frames of both runs that have no partner.
 
     Raises
     ------
@@ -43,11 +47,11 @@ def difference(a: Run, b: Run) -> dict[str, Floats]:
         check.instance(name, run, Run)
     if a.x.shape[1:] != b.x.shape[1:]:
         raise ValueError(f"b must be a run of a cloth of shape {a.scene.cloth.shape}, as a, got {b.scene.cloth.shape}")
-    near = NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0])
-    after = np.searchsorted(b.t, a.t).clip(max=len(b) - 1)
-    before = (after - 1).clip(min=0)
-    nearest = np.where(np.abs(b.t[before] - a.t) < np.abs(b.t[after] - a.t), before, after)
-    equal = np.abs(b.t[nearest] - a.t) <= near
+    steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
+    near = max(NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0]), min(steps, default=0.0) / 2)
+    nearest = _nearest(a.t, b.t)
+    back = _nearest(b.t, a.t)[nearest]
+    equal = (np.abs(b.t[nearest] - a.t) <= near) & (back == np.arange(len(a)))
     if not equal.any():
         raise ValueError(
             f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got {b.t[0]:g} to {b.t[-1]:g} s: "
@@ -55,4 +59,13 @@ def difference(a: Run, b: Run) -> dict[str, Floats]:
         )
     distance = np.array([np.linalg.norm(a.x[k] - b.x[nearest[k]], axis=-1) for k in np.flatnonzero(equal)])
     by_time = distance.reshape(len(distance), -1)
-    return {"t": a.t[equal], "distance": distance, "rms": np.sqrt((by_time**2).mean(axis=1)), "max": by_time.max(axis=1)}
+    rms, most = np.sqrt((by_time**2).mean(axis=1)), by_time.max(axis=1)
+    unmatched = len(a) + len(b) - 2 * len(distance)
+    return {"t": a.t[equal], "distance": distance, "rms": rms, "max": most, "unmatched": unmatched}
+
+
+def _nearest(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
+    """The index of the nearest of the other times, for each."""
+    after = np.searchsorted(others, times).clip(max=len(others) - 1)
+    before = (after - 1).clip(min=0)
+    return np.where(np.abs(others[before] - times) < np.abs(others[after] - times), before, after)

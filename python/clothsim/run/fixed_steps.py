@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..base import Floats, check
 from ..engine.options import Options
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
-from ..methods.bound import guaranteed_dt
+from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.data import METHODS
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
@@ -28,6 +29,9 @@ from .recording import Continuation, Control, Recording, Watch
 _VELOCITY_WEIGHT = 3.0
 
 _ROUNDING = 4e-16  # of a time over the step size, as part of it
+
+# A kink this near, over the time, is at the end of a step: above what the clock rounds.
+_ROUNDING_OF_KINKS = 1e-12
 
 _ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
 
@@ -56,24 +60,24 @@ def rms(difference: Floats) -> float:
 
 @dataclass(frozen=True)
 class RunOptions(Options):
-    """The options of the steps of a run, its sampling and its start."""
+    """The options of the steps of a run, and its start."""
 
-    sampling: int = 32  # states at which triangles and stretches are sampled, at least
     start: float = 0.0  # time of the initial state [s]
 
     def state(self, scene: Any, x: Any = None, v: Any = None, inspect: bool = True) -> State:
         return State(scene, x, v, self.start, self, inspect)
 
 
-# Between two states at which triangles and stretches are sampled. An adaptive method's steps are
-# several times as long.
+# States at which triangles and stretches are sampled, at least, and most steps between two of them. An adaptive method's
+# steps are several times as long.
+_SAMPLES = 32
 _MOST_STEPS_BETWEEN_SAMPLES = 128
 _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
 
 
-def sample_every(steps: float, sampling: int) -> int:
-    """Steps between two sampled states, so that a run of `steps` steps has at least `sampling` samples."""
-    return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // sampling)))
+def sample_every(steps: float) -> int:
+    """Steps between two sampled states of a run of `steps` steps."""
+    return int(max(1, min(_MOST_STEPS_BETWEEN_SAMPLES, steps // _SAMPLES)))
 
 
 @dataclass(frozen=True)
@@ -112,15 +116,17 @@ class Steps:
 
     tolerance: float = math.nan  # of a step [m], where the run has chosen them
     ends: list[float] = field(default_factory=list)  # times of the scene [s]
+    kinks: list[int] = field(default_factory=list)  # steps before each kink of a motion
     local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
 
     def refined(self, start: float, ratio: float) -> list[float]:
-        """Ends of a grid with `ratio` times as many steps. Time is interpolated over the step number."""
-        count = len(self.ends)
-        finer = max(count + 1, math.ceil(ratio * count - NEGLIGIBLE))
-        numbers = np.linspace(0, count, finer + 1)[1:]
-        ends = np.interp(numbers, np.arange(count + 1), [start, *self.ends])
-        return [float(end) for end in ends]
+        """Ends of a grid with `ratio` times as many steps between two kinks. Time is interpolated over the step number."""
+        ends, finer = [start, *self.ends], []
+        for first, last in pairwise([0, *self.kinks, len(self.ends)]):
+            count = last - first
+            numbers = np.linspace(0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1)[1:]
+            finer += np.interp(numbers, np.arange(count + 1), ends[first : last + 1]).tolist()
+        return finer
 
 
 def force_evaluations(options: Options, steps: int, counted: int) -> int:
@@ -172,40 +178,49 @@ def integrate(
     watch: Watch | None = None,
     resumed: Resumed | None = None,
     given: list[float] | None = None,
-    most: float = math.inf,
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
-    `frames`: frames that are counted in steps are ends of accepted steps; dense output gives other frames. `resumed`:
-    the run to continue, which sets the tolerance and the longest step. `given`: prescribed ends of the steps. `most`:
-    most force evaluations; the run ends early where they do not suffice.
+    Steps end at the kinks of the motions. In reach of a sphere they are at most half as long as is guaranteed to be stable
+    for this method and for rk4.
+    `frames`: frames that are counted in steps are ends of accepted steps. Dense output gives other frames until a sphere
+    responds, and from then on the polynomial of `Ends`. `resumed`:
+    the run to continue, which sets the tolerance. `given`: prescribed ends of the steps.
     """
     controller = _core.StepController()
     state, earlier = _begun(scene, options, resumed)
+    stable = guaranteed_dt(core_cloth(scene.cloth), options.integrator)
+    # The law of contact is of order 1 in the step, so a method that takes long steps is no better there.
+    near = min(stable, stable_dt(scene)) / 2
     if earlier.control is None:
-        longest = duration
         stiffness, _ = core_cloth(scene.cloth).mode_bounds
         rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / duration)
-        controller.h = min(duration, 0.9 * guaranteed_dt(core_cloth(scene.cloth), options.integrator))
+        controller.h = min(duration, 0.9 * stable)
     else:
-        tolerance, rate, longest, controller.state = earlier.control
+        tolerance, rate, controller.state = earlier.control
     state.judge.warned_of_growth = True  # the steps are the method's own
-    state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / options.sampling)
+    state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / _SAMPLES)
     frames = frames or Schedule()
     start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
-    control = Control(tolerance, rate, longest, controller)
+    control = Control(tolerance, rate, controller)
     run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
     end = start + (begin + duration)
     grid, steps = deque(given or ()), Steps(tolerance)
+    stops = deque([*scene.kinks(start + begin, end), end])
+    rounding = _ROUNDING_OF_KINKS * max(abs(start), abs(end))
     # Steps that are given are accepted at any finite error.
     unit = tolerance if given is None else _ANY_ERROR * tolerance
     for seconds, until in frames.moments(start, begin + duration, begin)[1:]:
-        while state.core.time < until and state.core.evaluations[0] < most:
-            while grid and grid[0] <= state.core.time:
+        while (now := state.core.time) < until:
+            while grid and grid[0] <= now:
                 grid.popleft()
-            target = grid[0] if len(grid) > 1 else end
-            controller.h = target - state.core.time if given else controller.h
-            outcome = run.advance_adaptive(until, target, 1, unit, unit * rate, longest, controller, state.threads)
+            while len(stops) > 1 and stops[0] <= now + rounding:
+                stops.popleft()
+                steps.kinks.append(len(steps.ends))
+            target = min(grid[0] if len(grid) > 1 else end, stops[0])
+            controller.h = target - now if given else controller.h
+            last, stop = now, min(until, stops[0])
+            outcome = run.advance_adaptive(stop, target, unit, unit * rate, near, controller, state.threads)
             state.judge.outcome(outcome, controller.h)
             if not outcome["steps"]:
                 break  # what is left is rounding of the clock
@@ -213,13 +228,13 @@ def integrate(
             steps.local_error += unit * outcome["error"]
             if count and state.core.time < until and (before + run.steps) % count == 0:
                 run.store(state.core.time - start, state.core.time)
-        if state.core.time < until and state.core.evaluations[0] >= most:
-            run.end_here()
-            break
-        if state.core.time > until:
+        if state.core.time <= until:
+            run.store(seconds, until)
+        elif not run.watched["in_contact"]:
             run.store_dense(seconds, until)
         else:
-            run.store(seconds, until)
+            ends = Ends(last, state.core.time - last, run.dense(last), run.arrays_now())
+            run.store_between(seconds, until, ends)
     return Solution.of(run, steps)
 
 
@@ -242,7 +257,7 @@ def run_fixed(
     """
     state, earlier = _begun(scene, options, resumed)
     state.judge.warned_of_dt = state.judge.warned_of_growth = own_step
-    state.core.set_watch(sample_every(duration / dt, options.sampling), 0.0)
+    state.core.set_watch(sample_every(duration / dt), 0.0)
     frames = (frames or Schedule()).in_seconds(dt)
     moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
     run = Recording(state, options, watch or Watch(), dt, frames, earlier)

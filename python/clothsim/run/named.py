@@ -15,10 +15,8 @@ from dataclasses import dataclass
 
 from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
-from ..methods.bound import usable_dt
 from ..methods.integration import integrators
-from ..model.as_core import core_cloth
-from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Exhausted, Why
+from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
 from .fixed_steps import Solution, rms, size_of
 from .frames import Schedule
 
@@ -27,20 +25,18 @@ def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
     """The run of the method whose error is at most `asked` [m], rms, or the best one found."""
     method = _method(runs, asked, frames)
     setting, better = method.first, _Better(runs, SMALL**2 * asked)
-    best, error, size = None, Estimate.unknown(runs.exhausted()), size_of(runs.scene)
+    best, error, size = None, Estimate.unknown(""), size_of(runs.scene)
     best_setting, stalls = setting, 0
     for number in range(RUNS):
         try:
             run = method.run(setting)
             if best is None:
                 best = run
-            if better.touched(run):
-                return runs.close(run, Estimate.unknown(Why.CONTACT), better.run)
+            if contact := better.contact(run):
+                return runs.close(run, Estimate.unknown(contact))
             found = better.error_of(run)
             if found.rms >= error.rms / 2 and better.tightened(asked / found.rms):
                 found = better.error_of(run)
-        except Exhausted as exhausted:
-            return runs.close(best or exhausted.run, error.because(runs.exhausted()))
         except UnstableError:
             if setting <= method.least or number == RUNS - 1:
                 if best is None:
@@ -77,8 +73,8 @@ def estimated(runs: Attempts, run: Solution) -> Controlled:
     """The error of a run that is done."""
     runs.add(run)
     better = _Better(runs, SMALL**6 * size_of(runs.scene))
-    if better.touched(run):
-        return runs.close(run, Estimate.unknown(Why.CONTACT), better.run)
+    if contact := better.contact(run):
+        return runs.close(run, Estimate.unknown(contact))
     return runs.close(run, better.error_of(run))
 
 
@@ -109,9 +105,11 @@ class _Better:
         left = self._tolerance / self._smallest
         return float(MOST * self.run.evaluations * left ** (1 / ORDER))
 
-    def touched(self, run: Solution) -> bool:
-        """Whether a sphere responded in one of the two runs."""
-        return bool(run.contacts or self.run.contacts)
+    def contact(self, run: Solution) -> str:
+        """Why a sphere that responded in one of the two runs leaves no estimate; "" without contact."""
+        if run.contacts:
+            return Why.CONTACT
+        return Why.MISSED if self.run.contacts else ""
 
     def error_of(self, run: Solution) -> Estimate:
         """The distance from a better run whose own error does not matter."""
@@ -158,9 +156,7 @@ def _method(runs: Attempts, asked: float, frames: Schedule) -> _Method:
         smallest = runs.smallest(runs.options)
         first = max(asked, smallest)
         return _Method(first, smallest, 1.0, lambda setting: runs.adaptive(setting, frames))
-    cloth = core_cloth(runs.scene.cloth)
     order = integrator.order_of(runs.scene)
-    cost = integrator.evaluations_per_step(runs.scene.cloth.damped)
-    first = min(usable_dt(cloth, runs.options.integrator), runs.duration / 4)
+    first = runs.longest_dt(integrator.name)
     least = min(runs.duration / MANY_STEPS, first / 4)
-    return _Method(first, least, order, lambda setting: runs.fixed(setting, frames, cost))
+    return _Method(first, least, order, lambda setting: runs.fixed(setting, frames))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from typing import Any, NoReturn
 
@@ -19,10 +20,12 @@ from .frames import Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
 Frame = tuple[Floats, Floats]  # positions and velocities
-ControlValues = tuple[float, float, float, tuple[float, float, bool]]
+ControlValues = tuple[float, float, tuple[float, float, bool]]
 
-_SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar
-_MOST_STEPS = 2**62
+# Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C does not reach.
+PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
+
+_SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar, and between two pauses
 _BYTES_AT_ONCE = 2**26
 
 
@@ -97,11 +100,11 @@ class Watch:
 class Control:
     """Values beside the state that determine the next steps of a run with error control.
 
-    The tolerance of a step [m], the weight `rate` of velocities in it [1/s], the longest step [s] and the core's controller.
+    The tolerance of a step [m], the weight `rate` of velocities in it [1/s] and the core's controller.
     """
 
-    def __init__(self, tolerance: float, rate: float, longest: float, controller: Any) -> None:
-        self._fixed, self._controller = (tolerance, rate, longest), controller
+    def __init__(self, tolerance: float, rate: float, controller: Any) -> None:
+        self._fixed, self._controller = (tolerance, rate), controller
 
     @property
     def values(self) -> ControlValues:
@@ -118,7 +121,6 @@ class Continuation:
     dt: float | None = None  # time step [s]; None with error control
     frames: Schedule = Schedule()
     control: ControlValues | None = None  # of `Control`, with error control
-    sampling: int = 32  # states at which triangles and stretches are sampled, at least
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -129,7 +131,7 @@ class Continuation:
         frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
         dt, control = data["dt"], data["control"]
         if control is not None:
-            control = (*map(float, control[:3]), (float(control[3][0]), float(control[3][1]), bool(control[3][2])))
+            control = (*map(float, control[:2]), (float(control[2][0]), float(control[2][1]), bool(control[2][2])))
         numbers = {"start": float(data["start"]), "seconds": float(data["seconds"]), "steps": int(data["steps"])}
         dt = None if dt is None else float(dt)
         return cls(**{**data, **numbers, "dt": dt, "frames": Schedule(**frames), "control": control})
@@ -191,15 +193,15 @@ class Recording:
         self._steps_at_frame = 0
         self._ahead = False  # the present state comes after the last frame, which is interpolated
         self._watched: Mapping[str, Any] = {}
-        self._chunk = 1
+        self._chunk, self._pause = 1, PAUSE.get()
         self.store(earlier.seconds, self._start + earlier.seconds)
 
     def advance(self, steps: int, dt: float) -> None:
         """Take `steps` steps of `dt`."""
         while steps > 0:
-            chunk = min(steps, self._chunk) if self._watch.shows else steps
+            chunk = min(steps, self._chunk) if self._watch.shows or self._pause else steps
             self._advance(chunk, dt)
-            self._watch.passed(self.state.core.time - self._start)
+            self._passed(self.state.core.time)
             steps -= chunk
 
     def _advance(self, steps: int, dt: float) -> None:
@@ -216,21 +218,23 @@ class Recording:
             self.steps += done
             self._count(done, begin)
 
-    def advance_adaptive(self, until: float, end: float, most: int | None, *arguments: Any) -> dict[str, Any]:
-        """Steps with error control until a time [s] is reached, at most so many; the outcome."""
-        most = _MOST_STEPS if most is None else most
-        if self._watch.shows:
-            most = min(most, self._chunk)
+    def advance_adaptive(self, until: float, end: float, *arguments: Any) -> dict[str, Any]:
+        """A step with error control towards a time [s], up to `end`; the outcome."""
         begin = time.perf_counter()
         self.state.judge.steps_before = self.steps
-        outcome = self.state.core.advance_adaptive(until, end, most, *arguments)
+        outcome = self.state.core.advance_adaptive(until, end, 1, *arguments)
         self.steps += outcome["steps"]
         self.rejected += outcome["rejected"]
         self._count(outcome["steps"], begin)
-        self._watch.passed(min(self.state.core.time, until) - self._start)
+        self._passed(min(self.state.core.time, until))
         if "interrupted" in outcome:
             raise outcome["interrupted"]
         return outcome
+
+    def _passed(self, t: float) -> None:
+        self._watch.passed(t - self._start)
+        if self._pause:
+            self._pause()
 
     def _count(self, steps: int, begin: float) -> None:
         seconds = time.perf_counter() - begin
@@ -255,12 +259,16 @@ class Recording:
         self._keep(seconds, t, *ends.at(t, self.state.scenes[0]), ahead=True)
 
     def store_dense(self, seconds: float, t: float) -> None:
-        """Store the state at a time `t` within the last step."""
+        """Store the state at a time `t` within the last step, before any contact."""
+        self._keep(seconds, t, *self.dense(t), ahead=True)
+
+    def dense(self, t: float) -> Frame:
+        """Positions and velocities at a time `t` within the last step, without responses at its end."""
         begin = time.perf_counter()
         x, v = np.empty(self.state.shape), np.empty(self.state.shape)
         self.state.core.dense(t, x, v, self.state.threads)
         self.wall_time += time.perf_counter() - begin
-        self._keep(seconds, t, x, v, ahead=True)
+        return x, v
 
     def _keep(self, seconds: float, t: float, x: Floats, v: Floats, ahead: bool) -> None:
         self._put(t, x, v)
@@ -300,7 +308,7 @@ class Recording:
         """The settings for a continuation from the last frame."""
         control = self._control.values if self._control else self._earlier.control
         steps = self._earlier.steps + self.steps
-        return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control, self.options.sampling)
+        return Continuation(self._start, self._seconds, steps, self.dt, self._frames, control)
 
     def arrays(self) -> Frame:
         """Positions and velocities of all frames, at the end of the run."""

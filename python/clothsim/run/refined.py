@@ -22,11 +22,12 @@ before it would cost more than `MOST` runs at the smallest tolerance.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
-from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Exhausted, Why
-from .fixed_steps import Solution, size_of
+from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
+from .fixed_steps import RunOptions, Solution, size_of
 from .frames import Schedule
 
 # As the constants of `attempts`, these are ratios, found in the same way.
@@ -44,10 +45,21 @@ _FALL = REFINEMENT**-ORDER
 _LEAST_FALL = SMALL**4
 
 
-def refined(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
-    """The run of dop853 whose error is at most `asked` [m], rms, or the best one found."""
+def refined(runs: Attempts, asked: float, frames: Schedule, plain: RunOptions | None = None) -> Controlled:
+    """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
+
+    `plain`: options of a fixed step that will do as well, at the longest that is stable. That costs less than a finer run.
+    """
     before = first = runs.adaptive(_first_tolerance(runs, asked), frames)
-    best, error, least = first, Estimate.unknown(runs.exhausted()), math.inf
+    if first.contacts:
+        return runs.close(first, Estimate.unknown(Why.CONTACT))
+    if plain is not None:
+        with suppress(UnstableError):
+            run = runs.fixed(runs.longest_dt(plain.integrator), frames, plain)
+            error = Estimate.of(run.x[-1], first.x[-1], MARGIN)
+            if error.rms <= asked and not run.contacts:
+                return runs.close(run, error)
+    best, error, least = first, Estimate.unknown(""), math.inf
     finer = _Finer(runs, first, frames)
     most = MOST * finer.evaluations_of_finest
     for number in range(1, RUNS):
@@ -55,15 +67,13 @@ def refined(runs: Attempts, asked: float, frames: Schedule) -> Controlled:
             return runs.close(best, error.because(Why.LEAST))
         try:
             after = finer.run()
-        except Exhausted:
-            return runs.close(best, error.because(runs.exhausted()))
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
                 return runs.close(best, error.because(Why.UNSTABLE))
             finer.refine(finer.fall * _FALL)
             continue
-        if before.contacts or after.contacts:
-            return runs.close(before, Estimate.unknown(Why.CONTACT), after)
+        if after.contacts:
+            return runs.close(after, Estimate.unknown(Why.CONTACT))
         pair = _Pair(before, after, finer.by_grid)
         if pair.before.rms <= asked:
             return runs.close(before, pair.before)

@@ -109,7 +109,7 @@ class Run(SelectedRun, DisplayedRun, ExportedRun):
         """Continue from the end of this run, with its settings.
 
         With a time step that divides the first duration, the result has the bits of one run of both durations. Else the
-        last step of the first run is shorter. The result continues the compensation of "single" and the sampling. `save`
+        last step of the first run is shorter. The result continues the compensation of "single". `save`
         and `load_run` keep all that is needed.
 
         With error control, the method, the tolerance of a step and the step size continue. If a callback or Ctrl-C

@@ -20,7 +20,7 @@ from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
 from .fixed_steps import Resumed, RunOptions, Solution, beginning, checked_tolerances, integrate, run_fixed, size_of
-from .frames import NEGLIGIBLE, schedule
+from .frames import schedule
 from .recording import Recording, StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
@@ -45,8 +45,6 @@ def simulate(
     strict: bool = False,
     backend: Backend = "cpu",
     estimate_error: bool | None = None,
-    sampling: int = 32,
-    max_evaluations: int | None = None,
 ) -> Run:
     """Run a scene from its initial state for `duration` and store frames.
 
@@ -59,13 +57,15 @@ def simulate(
         Time step [s]. Not together with `rtol` or `atol`.
     integrator : str, optional
         A name of `integrators`, or "auto": method, precision and step by the tolerance. Default:
-        "auto" with `rtol` or `atol`, else "rk4".
+        "rk4" with `dt` or the backend "gpu", else "auto". Without a tolerance too, "rk4" where its guaranteed stable step
+        meets rtol 1e-3, else "auto".
     precision : {"double", "single"}, default "double"
         As for `step`. The integrator "auto" chooses the precision itself.
     rtol, atol : float, optional
         Error control: bounds of the error of the last positions. The rms over the mass points is to be at most
         ``atol + rtol * max(scene.cloth.size)`` [m]. A missing value counts as 0. Without `dt`, `rtol` and `atol`, rtol
-        is 1e-3.
+        is 1e-3. Steps end at the ``kinks`` of every motion. In reach of a sphere no step is longer than half of
+        `max_stable_dt`, for this method and for rk4.
     every : int, float or "step", optional
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
         at each step. At most one of `every`, `times` and `fps` is given; by default only the
@@ -89,29 +89,20 @@ def simulate(
     estimate_error : bool, optional
         Whether a run with a given `dt` is compared with a better run. Default: no. Without `dt`
         the error is always estimated.
-    max_evaluations : int, optional
-        Most force evaluations of error control, >= 1. The last step may exceed this number. Where they do not suffice,
-        the best run so far is returned, with the reason in its report. Default: no limit. Not together with `dt`.
-    sampling : int, default 32
-        Least number of states at which depths of triangles and stretches are sampled. The samples
-        come after every n-th step, n = min(128, steps // sampling). A method with error control
-        samples after every 16th step, and where duration / sampling has passed since the last
-        sample. Stored frames are sampled too.
 
     Returns
     -------
     Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
-        shorter. Frames never change fixed steps. With error control and a sphere, steps may end at frames. A frame
-        between two fixed steps is interpolated (cubic Hermite polynomial of both states). Its free mass points go no
-        deeper into a sphere than in these states; triangles may. With error control, dense output of the method gives
-        the frames. ``run.report`` counts "steps", "rejected_steps" and
-        "force_evaluations"; the evaluations include the error estimate. "solution_evaluations", "wall_time" [s],
-        "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method. "integrator",
-        "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how the run was
-        computed; "as_printed", whether a sphere responds as printed in the paper. With the backend "gpu",
-        "instruction_set" is the adapter. "stopped" is "" for a whole run, else "callback", "interrupted", "unstable",
-        "contact" or "max_evaluations".
+        shorter. Frames never change steps. A frame between two steps is interpolated (cubic Hermite polynomial of
+        both states). Its free mass points go no deeper into a sphere than in these states; triangles may. With error
+        control, dense output of the method gives the frames until a sphere responds. ``run.report`` counts "steps",
+        "rejected_steps" and "force_evaluations"; the evaluations include the error estimate. "solution_evaluations",
+        "wall_time" [s], "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method.
+        "integrator", "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how
+        the run was computed; "as_printed", whether a sphere responds as printed in the paper. With the backend "gpu",
+        "instruction_set" is the adapter. "stopped" is "" for a whole run, else "callback", "interrupted", "unstable" or
+        "contact".
 
         The report also has extremes over the states of the run. A state is the initial state, or the
         state at the end of a step, after the responses. Each is a mapping with a "reason": "", or why a
@@ -119,8 +110,9 @@ def simulate(
 
         "penetration"
             "points" and "triangles" [m]: greatest depths over all spheres; see `penetration`. Mass points are measured
-            at every state, triangles at sampled states (`sampling`). The depth of triangles is at least the depth of
-            mass points.
+            at every state, triangles at stored frames and after every n-th step, n = min(128, steps // 32). A method with
+            error control samples after every 16th step, and where 1/32 of the duration has passed since the last sample.
+            The depth of triangles is at least the depth of mass points.
         "stretch"
             "largest", see `largest_stretch`; sampled.
         "first_contact"
@@ -140,16 +132,12 @@ def simulate(
             "max" and "rms" [m] of the last positions, over the mass points, and "reason". The
             estimate is the distance from a better run (docs/integrators.md). If it is unknown,
             both are NaN, and the reason is not empty. If it is larger than asked for, the reason says why error control
-            could not reduce it.
+            could not reduce it. After a contact, trajectories of nearby states part, and no error is known.
         "estimate_evaluations", "estimate_wall_time"
             Force evaluations and seconds of all runs that are not returned: better runs, and runs that were too coarse.
         "tolerance"
             "asked" [m, rms], NaN without error control, and "reached", whether the estimate is
             at most that.
-        "chaotic"
-            True if a run with error control had a contact. Trajectories of nearby states then part,
-            and only outcomes can be compared. "outcomes" gives them with their difference from the
-            better run; without contact it is empty.
 
     Raises
     ------
@@ -200,12 +188,12 @@ def simulate(
     _check_end(t, duration)
     asked = _asked_error(scene, dt, rtol, atol)
     frames = schedule(every, times, fps, t, duration)
+    plain = integrator is None and asked is None and dt is None and backend != "gpu"
     if integrator is None:
-        integrator = "auto" if asked is not None else "rk4"
+        integrator = "auto" if asked is not None or plain else "rk4"
     integrator = integrator_name(integrator, "auto")
     named = "rk4" if integrator == "auto" else integrator
-    sampling = check.integer("sampling", sampling, minimum=1)
-    options = RunOptions(named, precision, threads, kernel, strict, backend, sampling, t)
+    options = RunOptions(named, precision, threads, kernel, strict, backend, t)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
@@ -221,30 +209,25 @@ def simulate(
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
-    most = _checked_most(max_evaluations, dt)
 
-    if integrator == "auto":
-        options = options.replace(integrator="dop853", precision="double")
+    best = options.replace(integrator="dop853", precision="double") if integrator == "auto" else options
 
-    def compute(watch: Watch) -> tuple[Solution, Account, str]:
+    def compute(watch: Watch) -> tuple[Solution, Account]:
         if dt is not None:
             solution = run_fixed(scene, duration, dt, options, frames, watch)
             if not estimate_error:
-                return solution, of_nothing(), ""
-            found = estimate_of(scene, duration, solution)
-            return solution, of_controlled(scene, found), ""
+                return solution, of_nothing()
+            return solution, of_controlled(estimate_of(scene, duration, solution))
         error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
-        found = solve(scene, duration, error, options, frames, watch, most)
-        whole = found.solution.t[-1] >= t + duration * (1 - NEGLIGIBLE)
-        stopped = "" if whole else "max_evaluations"
-        return found.solution, of_controlled(scene, found, error), stopped
+        found = solve(scene, duration, error, best, frames, watch, options if plain else None)
+        return found.solution, of_controlled(found, error)
 
     with progress_bar(progress, duration) as bar:
-        return _followed(scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, options, dt, frames))
+        return _followed(scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, best, dt, frames))
 
 
 def _followed(
-    scene: Scene, compute: Callable[[Watch], tuple[Any, ...]], watch: Watch, begin: Callable[[], Recording]
+    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account]], watch: Watch, begin: Callable[[], Recording]
 ) -> Run:
     """The run that `compute` finds, or its part before an early end: after Ctrl-C at least its first frame."""
 
@@ -300,7 +283,7 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, callback
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     frames.check_memory(duration, before.dt, run.scene.cloth.rows * run.scene.cloth.columns)
     _check_callback(callback)
-    options = RunOptions(**vars(snapshot.options), sampling=before.sampling, start=before.start)
+    options = RunOptions(**vars(snapshot.options), start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
     def compute(watch: Watch) -> tuple[Solution, Account]:
@@ -332,16 +315,6 @@ def _check_end(t: float, duration: float) -> None:
             f"duration must be more than {_SHORTEST:g} of the time t = {t:g} s, whose rounding is "
             f"of that size, and t + duration finite, got duration = {duration:g} s"
         )
-
-
-def _checked_most(max_evaluations: int | None, dt: float | None) -> float:
-    if max_evaluations is None:
-        return math.inf
-    if dt is not None:
-        raise ValueError(
-            f"max_evaluations must be None with dt, which sets their number; got {check.shown(max_evaluations)}"
-        )
-    return check.integer("max_evaluations", max_evaluations, minimum=1)
 
 
 def _check_callback(callback: Any) -> None:

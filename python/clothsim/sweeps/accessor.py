@@ -104,7 +104,7 @@ class ClothsimAccessor:
         index = _index(grid, _selected(self._dataset, selection))
         member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), options)
         try:
-            return simulate(member.scene, member.duration, every=every, sampling=options.sampling, **member.settings)
+            return simulate(member.scene, member.duration, every=every, **member.settings)
         except (UnstableError, ContactError) as error:
             if not isinstance(error.run, Run):
                 raise

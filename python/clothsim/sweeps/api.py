@@ -50,7 +50,6 @@ def sweep(
     progress: bool = True,
     kernel: Kernel = "auto",
     strict: bool = False,
-    sampling: int = 32,
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
@@ -101,8 +100,6 @@ def sweep(
         Threads of this process; default: one per processor. With an executor: threads of each task; default: 1.
     progress : bool, default True
         Show a bar with members done, their rate and the time left, in a terminal or notebook.
-    sampling : int, default 32
-        Least number of states at which stretches and depths of triangles are sampled, as in `simulate`.
 
     Returns
     -------
@@ -146,7 +143,7 @@ def sweep(
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
     chosen = choose_metrics(metrics)
-    options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, sampling, chosen, rtol, atol)
+    options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, chosen, rtol, atol)
     _check_grid(grid, options)
     made = checked_members(scene, grid, options)
     workers = Workers(executor, threads)

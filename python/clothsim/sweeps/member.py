@@ -53,7 +53,6 @@ class SweepOptions:
     strict: bool = False
     every: Any = None  # checked: steps (int), seconds (float) or None
     frames: bool = False
-    sampling: int = 32
     metrics: tuple[Any, ...] = ()
     rtol: float | None = None
     atol: float | None = None
@@ -66,7 +65,6 @@ class SweepOptions:
             "strict": check.boolean("strict", self.strict),
             "every": checked_every(self.every),
             "frames": check.boolean("frames", self.frames),
-            "sampling": check.integer("sampling", self.sampling, minimum=1),
         }
         self.__dict__.update(checked)
 

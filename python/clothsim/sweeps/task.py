@@ -19,6 +19,7 @@ from ..model.scene import Scene
 from ..run.between import Ends
 from ..run.fixed_steps import pass_frames, sample_every
 from ..run.frames import Schedule, as_every
+from ..run.recording import PAUSE
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Outcome, Pause, Record, Stopped, SweepOptions, never
@@ -108,15 +109,17 @@ def _record(outcome: Outcome, options: SweepOptions) -> Record:
 
 
 def run_controlled(member: Member, options: SweepOptions, threads: int | None = 1, pause: Pause = never) -> Outcome:
-    """Run a member whose step is chosen by `rtol` and `atol`, alone. `pause` is called before the run, not during it."""
+    """Run a member whose step is chosen by `rtol` and `atol`, alone."""
     outcome = Outcome(member)
-    pause()
-    given = {**member.settings, "every": as_every(options.every), "threads": threads, "sampling": options.sampling}
+    paused = PAUSE.set(pause)
+    given = {**member.settings, "every": as_every(options.every), "threads": threads}
     try:
         run = simulate(member.scene, member.duration, **given)
     except (UnstableError, ContactError) as error:
         outcome.error = error
         return outcome
+    finally:
+        PAUSE.reset(paused)
     report = run.report
     limit = float(max_stable_dt(member.scene, report["integrator"]))
     outcome.member = dataclasses.replace(member, max_stable_dt=limit)
@@ -155,7 +158,7 @@ class Batch:
         judge.warned_of_dt = judge.warned_of_growth = True
         self.core = self.stepper._state.core
         if "watch" in options.needs:
-            self.core.set_watch(sample_every(first.duration / first.dt, options.sampling), 0.0)
+            self.core.set_watch(sample_every(first.duration / first.dt), 0.0)
         self.total = 0  # steps since the start
         self.chunk = _FIRST_STEPS
 

@@ -1,0 +1,215 @@
+"""Error control where pins and spheres move: no motion is stepped over, contact is as with short steps, every call ends."""
+
+import math
+from functools import partial
+
+import clothsim as cs
+import numpy as np
+import pytest
+from clothsim.sweeps.member import Member, Stopped, SweepOptions
+from clothsim.sweeps.task import run_controlled
+from random_cloths import draw, rms
+
+REQUESTS = [{"rtol": 1e-6}, {"rtol": 1e-9}, {"rtol": 1e-6, "integrator": "dopri5"}, {"rtol": 1e-5, "integrator": "rk4"}, {}]
+
+
+def side(rows):
+    return [(r, 0) for r in range(rows)]
+
+
+def pulsed():
+    """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten times as long."""
+    pull = cs.Keyframes([0, 0.5, 0.505, 0.51, 1], offsets=[(0, 0, 0)] * 2 + [(0.05, 0, 0)] + [(0, 0, 0)] * 2)
+    cloth = cs.Cloth((8, 8), (0.7, 0.7), mass=0.64, stiffness=1.0, damping=0.0, pins=dict.fromkeys(side(8), pull))
+    return cs.Scene(cloth, gravity=(0, 0, 0))
+
+
+def jump(start=0.5, response="continuous"):
+    """A sphere that comes up and goes back in 20 ms, from out of reach of a sheet at rest."""
+    low, up = (0.4, -0.3, 0.4), (0.4, -0.05, 0.4)
+    motion = cs.Keyframes([0, start, start + 0.01, start + 0.02, 1], [low, low, up, low, low])
+    cloth = cs.Cloth((9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (0, -1), (-1, 0), (-1, -1)))
+    return cs.Scene(cloth, cs.Sphere(low, 0.1, motion, response, "none"), gravity=(0, 0, 0))
+
+
+def rising():
+    """A sphere that meets a sheet at rest, whose steps before are as long as the run."""
+    sides = tuple((r, c) for r in (0, 8) for c in range(9))
+    cloth = cs.Cloth((9, 9), mass=0.3, stiffness=500.0, damping=0.02, pins=sides)
+    return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.15, cs.Linear((0, 0.5, 0))), gravity=(0, 0, 0))
+
+
+def honest(run, right, asked):
+    """The error is at most what was asked and the estimate is true, or the report says why not."""
+    error, bound = right.error_of(run.x[-1])["rms"], right.error_bound["rms"][-1]
+    told = run.report["error_estimate"]
+    assert told["reason"] or error <= asked + bound
+    assert told["rms"] >= 0.5 * (error - 10 * bound)
+    return told["reason"] == ""
+
+
+@pytest.mark.parametrize("options", REQUESTS, ids=str)
+def test_a_pulse_within_a_step_is_seen(options):
+    run = cs.simulate(pulsed(), 1.0, **options)
+    assert honest(run, cs.reference(pulsed(), 1.0), options.get("rtol", 1e-3) * 0.7)
+    if options.get("integrator") != "rk4":
+        assert {0.5, 0.505, 0.51} <= set(cs.simulate(pulsed(), 1.0, every="step", **options).t)
+        assert run.report["force_evaluations"] < 1500
+
+
+def random_scene(number):
+    """Pins with a pulse, a short reciprocation or both in turn; a cloth of random stiffness and damping."""
+    rng = np.random.default_rng([51, number])
+    rows = int(rng.integers(3, 7))
+    times = np.cumsum(
+        [0.0, *(part for _ in range(2) for part in (rng.uniform(0.05, 0.2), *[10 ** rng.uniform(-4, -2)] * 2))]
+    )
+    ways = rng.normal(size=(len(times), 3)) * 0.02 * (np.arange(len(times)) % 3 == 2)[:, None]
+    pulse = cs.Keyframes(times, offsets=ways)
+    shake = cs.Reciprocate(rng.normal(size=3), 2e-3, 10 ** rng.uniform(-2, -0.5), rng.choice([0.0, 5.0, 200.0]), 0.3)
+    motions = [(pulse, pulse), (shake, shake), (pulse, shake)][number % 3]
+    pins = {pin: motions[k % 2] for k, pin in enumerate(side(rows))}
+    springs = {"stiffness": 10 ** rng.uniform(0, 3.5), "damping": rng.choice([0.0, 0.02])}
+    return cs.Scene(
+        cs.Cloth((rows, 5), mass=0.02 * rows, pins=pins, **springs), gravity=(0, -9.80665 * rng.integers(0, 2), 0)
+    )
+
+
+@pytest.mark.parametrize("number", range(9))
+def test_random_motions_of_pins(number):
+    scene = random_scene(number)
+    right = cs.reference(scene, 0.5)
+    for options in ({"rtol": 1e-7}, {"rtol": 1e-4, "integrator": "dopri5"}, {}):
+        assert honest(cs.simulate(scene, 0.5, **options), right, options.get("rtol", 1e-3))
+
+
+def test_a_step_of_dopri5_to_a_kink_is_no_shorter():
+    """Its error has the acceleration at the end, with the velocity of a pin before the kink: dampers pull after it."""
+    turns = cs.Keyframes(np.arange(9) / 8, offsets=np.outer([0, 1] * 4 + [0], [0.02, 0, 0]))
+    cloth = cs.Cloth((5, 5), mass=0.25, stiffness=50.0, damping=0.2, pins=dict.fromkeys(side(5), turns))
+    scene = cs.Scene(cloth, gravity=(0, 0, 0))
+    run = cs.simulate(scene, 1.0, rtol=1e-6, integrator="dopri5")
+    assert honest(run, cs.reference(scene, 1.0), 1e-6)
+    assert run.report["rejected_steps"] < run.report["steps"] / 4
+
+
+@pytest.mark.parametrize("response", ["continuous", "ray"])
+@pytest.mark.parametrize(
+    "options", [{"rtol": 1e-6}, {"rtol": 1e-6, "fps": 30}, {"rtol": 1e-6, "integrator": "dopri5"}, {}], ids=str
+)
+def test_a_sphere_that_comes_and_goes_within_a_step_is_met(options, response):
+    short = cs.simulate(jump(response=response), 1.0, dt=1e-4).report
+    report = cs.simulate(jump(response=response), 1.0, **options).report
+    assert short["first_contact"]["time"] == pytest.approx(0.508)
+    assert report["first_contact"]["time"] == pytest.approx(0.508, abs=5e-4)
+    if response == "continuous":
+        assert report["energy"]["end"]["total"] == pytest.approx(short["energy"]["end"]["total"], rel=0.01)
+    assert report["force_evaluations"] < 6000
+
+
+@pytest.mark.parametrize("response", ["continuous", "reflect"])
+def test_frames_never_change_a_run_with_contact(response):
+    scene = rising().replace(spheres=rising().spheres[0].replace(response=response))
+    alone, often = (cs.simulate(scene, 0.4, rtol=1e-4, **frames) for frames in ({}, {"fps": 300}))
+    assert often.report["first_contact"]["time"] < 0.3
+    assert alone.x[-1].tobytes() == often.x[-1].tobytes()
+    assert often.penetration()["triangles"].max() <= 1.01 * often.report["penetration"]["triangles"]
+    assert len(often.t) == 121
+
+
+@pytest.mark.parametrize("period", [0.003, 0.05, 1.0])
+def test_a_sphere_that_goes_up_and_down_is_met(period):
+    """... by its way over the step: the speeds at two turning points say little of it."""
+    cloth = cs.Cloth((9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1)))
+    ball = cs.Sphere((0.4, -0.27, 0.4), 0.1, cs.Reciprocate((0, 1, 0), 0.4, period, 50.0), offset="none")
+    scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
+    small = cs.simulate(scene, 0.1, dt=2e-6 if period < 0.01 else 1e-4).report["first_contact"]["time"]
+    assert cs.simulate(scene, 0.1, rtol=1e-4).report["first_contact"]["time"] == pytest.approx(
+        small, abs=4e-3 * period + 1e-4
+    )
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-3}, *REQUESTS], ids=str)
+def test_a_run_ends_where_a_sphere_meets_a_still_sheet(options):
+    report = cs.simulate(rising(), 1.0, **options).report
+    assert report["steps"] < 5000
+    half = cs.max_stable_dt(rising(), report["integrator"]) / 2
+    assert report["first_contact"]["time"] == pytest.approx(0.2518, abs=half)
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-6}, {"rtol": 1e-6, "integrator": "dopri5"}, {}], ids=str)
+def test_a_drape_is_as_with_a_step(options):
+    """Contact comes within a step, half as long as is stable, and the mean height is within 1 mm of that by small steps."""
+    cloth = cs.Cloth((16, 16), mass=0.256, stiffness=100.0, damping=0.05, pins=())
+    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.36, 0.5), 0.25, offset="none"))
+    small, run = (cs.simulate(scene, 0.4, **one) for one in ({"dt": 5e-5}, options))
+    assert run.x[-1, ..., 1].mean() == pytest.approx(small.x[-1, ..., 1].mean(), abs=1e-3)
+    first, small_first = (one.report["first_contact"]["time"] for one in (run, small))
+    assert 0 <= first - small_first + 5e-5 <= cs.max_stable_dt(scene) / 2
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_the_default_call_costs_no_more_than_its_tolerance(number):
+    """It takes a stable step of rk4 where the first run of dop853 agrees with it, else what a tolerance takes."""
+    case = draw(1, number)
+    default, asked, right = (cs.simulate(case.scene, case.duration, **one) for one in ({}, {"rtol": 1e-3}, {"rtol": 1e-8}))
+    error, told = rms(default.x[-1] - right.x[-1]), default.report["error_estimate"]
+    assert 0.5 * error <= told["rms"] <= 1e-3 * max(case.scene.cloth.size) and told["reason"] == ""
+    assert default.report["force_evaluations"] < 1.4 * asked.report["force_evaluations"]
+    if default.report["integrator"] == "rk4":
+        assert default.report["dt"] <= cs.max_stable_dt(case.scene)
+    else:
+        assert default.x.tobytes() == asked.x.tobytes()
+
+
+def test_reasons_of_one_report_agree():
+    """Steps of Verlet pass over the sphere, which the better run meets."""
+    run = cs.simulate(jump(0.5031), 1.0, rtol=0.3, integrator="velocity_verlet")
+    assert run.report["first_contact"]["reason"] == "no sphere responded"
+    assert run.report["error_estimate"]["reason"].startswith("this run misses a sphere")
+
+
+def test_kinks_of_a_scene_are_those_of_all_motions():
+    pins = {(0, 0): cs.Keyframes([0, 0.3, 0.5], offsets=np.zeros((3, 3))), (-1, 0): cs.Linear((1, 0, 0))}
+    ball = cs.Sphere((9, 9, 9), motion=cs.Reciprocate((1, 0, 0), period=0.6))
+    assert cs.Scene(cs.Cloth((3, 3), pins=pins), ball).kinks(0.0, 1.0) == [0.3, 0.5, pytest.approx(0.6), pytest.approx(0.9)]
+
+
+def test_more_kinks_than_steps_are_refused():
+    scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): cs.Reciprocate((1, 0, 0), 1e-3, 1e-7)}))
+    with pytest.raises(ValueError, match="period must be at least 2e-06 s.* got 1e-07: give dt"):
+        cs.simulate(scene, 1.0, rtol=1e-3)
+
+
+def test_a_sweep_ends_in_the_middle_of_a_run_with_a_tolerance():
+    """Its runs are on threads, which Ctrl-C does not reach."""
+    options = SweepOptions(duration=0.5, rtol=1e-6)
+    member, calls = Member.make(0, pulsed(), {}, options), []
+
+    def pause(most):
+        calls.append(most)
+        if len(calls) == most:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        run_controlled(member, options, pause=partial(pause, most=5))
+    assert len(calls) == 5
+    assert run_controlled(member, options, pause=partial(pause, most=math.inf)).error is None
+
+
+def test_frames_between_steps_have_driven_pins_where_they_are():
+    scene = pulsed()
+    run = cs.simulate(scene, 1.0, dt=0.02, times=[0.503, 0.505, 0.507])
+    (pins,) = scene.driven_pins
+    for k, t in enumerate(run.t[1:-1], 1):
+        assert np.array_equal(run.x[k, :, 0], pins.places_at(t))
+        assert np.array_equal(run.v[k, 0, 0], pins.motion.velocity_at(t))
+
+
+def test_resumed_at_a_kink_and_elsewhere(same_bits):
+    scene = random_scene(2)
+    right = cs.reference(scene, 0.5)
+    kink = scene.kinks(0.0, 0.5)[3]
+    for first in (kink, kink + 0.0013):
+        run = cs.simulate(scene, first, rtol=1e-7).resume(0.5 - first)
+        assert rms(run.x[-1] - right.x[-1]) < 1e-6
